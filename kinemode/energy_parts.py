@@ -36,9 +36,9 @@ class EnergyPart:
 class Case(NamedTuple):
     """A hypothesis and all that its energy is computed from.
 
-    before: where the body was, from where flow is followed; None where there is no past, or it is not known. paid:
-    whether the change since then is. dt [s]: since then. predicted: where its velocity would carry the parent, which
-    the flow is looked for from. assigned: where the pictures' features are assigned.
+    before: where the body was, from where flow is followed; None where there is no past, or it is not known.
+    has_transition: whether the change since then is. dt [s]: since then. predicted: where its velocity would carry the
+    parent, which the flow is looked for from. assigned: where the pictures' features are assigned.
     """
 
     search: ModeSearch
@@ -46,7 +46,7 @@ class Case(NamedTuple):
     association: str
     posed: PosedBody
     before: PosedBody | None
-    paid: bool
+    has_transition: bool
     dt: float
     predicted: PosedBody | None
     assigned: PosedBody
@@ -60,7 +60,7 @@ def energy_parts(case: Case) -> Iterator[EnergyPart]:
         yield _keypoints(case, c, camera.name)
     if case.association == EXCHANGED:
         yield EnergyPart("left and right exchanged", "", search.model.settings.exchange_penalty)
-    q_previous = case.before.q if case.before is not None and case.paid else None
+    q_previous = case.before.q if case.before is not None and case.has_transition else None
     keypoints = search.term(observation, case.association)
     for term in search.model.cost(keypoints, q_previous, case.dt).terms:
         if term is not keypoints:  # told camera by camera already

@@ -173,7 +173,7 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
         association=result.association[k],
         posed=posed,
         before=None if previous is None else body.at(previous.q),
-        paid=origin.transition_from is not None,
+        has_transition=origin.transition_from is not None,
         dt=dt,
         predicted=None if previous is None else _posed(body, previous.q_predicted),
         assigned=_posed(body, origin.q_assigned) or posed,

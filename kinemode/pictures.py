@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.trackers.initialisation import enough_keypoints
-from estimator.tracking.idle_settings import Idle
+from estimator.tracking.unused_settings import UnusedSetting
 from estimator.vision.likelihood.reader import CueReader, ReadAhead, persons_before
 from estimator.vision.likelihood.registry import CUES, cues_of
 from estimator.vision.likelihood.settings import CueSettings
@@ -68,7 +68,7 @@ def chosen_cues(
             remedy = "name a pair of cameras with --stereo or a folder of depth pictures with --depth"
             raise InputError("cues", f"{name} needs depth, and none is given", remedy=remedy)
         if name not in names_of(settings):
-            raise Idle(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
+            raise UnusedSetting(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
     return settings.using(choice) if choice else None
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.runs.run_file import Run
-from estimator.tracking.idle_settings import changed_values
+from estimator.tracking.unused_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
 from humanoid.subject.subject import BUILT_IN, load_subject
 from kinemode.explain import run_settings

@@ -9,14 +9,6 @@ from typing import Any, cast
 
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.search.cost_terms import without_prior
-from estimator.tracking.idle_settings import (
-    Idle,
-    changed_names,
-    fit_settings,
-    idle_settings,
-    idle_with_input,
-    without,
-)
 from estimator.tracking.registry import (
     DEFAULT,
     TRACKERS,
@@ -26,6 +18,14 @@ from estimator.tracking.registry import (
     settings_for,
 )
 from estimator.tracking.settings import Settings
+from estimator.tracking.unused_settings import (
+    UnusedSetting,
+    changed_names,
+    fit_settings,
+    unused_settings,
+    unused_with_input,
+    without,
+)
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
@@ -48,21 +48,21 @@ class Chosen:
 
     @property
     def for_fit(self) -> Settings:
-        """What a fit of the subject uses, see `estimator.tracking.idle_settings.fit_settings`."""
+        """What a fit of the subject uses, see `estimator.tracking.unused_settings.fit_settings`."""
         return fit_settings(self.tracker, self.settings, self.changes)
 
-    def idle(self, fits: bool) -> list[Idle]:
+    def unused(self, fits: bool) -> list[UnusedSetting]:
         """What was changed without effect. fits: whether the subject is fitted first."""
-        return idle_settings(self.tracker, self.settings, self.changes, fits=fits)
+        return unused_settings(self.tracker, self.settings, self.changes, fits=fits)
 
     def check(self, fits: bool) -> None:
         """Raise InputError where something was changed without effect."""
-        for idle in self.idle(fits):
-            raise idle.refused(self.source)
+        for unused in self.unused(fits):
+            raise unused.refused(self.source)
 
     def used(self, fits: bool) -> dict[str, Any]:
         """The changes without those that have no effect."""
-        return without(self.changes, [idle.name for idle in self.idle(fits)])
+        return without(self.changes, [unused.name for unused in self.unused(fits)])
 
     def notes_on_body(self, body: Body) -> list[str]:
         """A share that was given to the pose prior, where the body goes without."""
@@ -76,13 +76,16 @@ class Chosen:
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
         """What has no effect on this input, and former names. cues: those that are looked at, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
-        idle = idle_with_input(
+        unused = unused_with_input(
             self.tracker, settings, self.changes, fits=fits, pictures=cues is not None, cameras=cameras
         )
-        why = dict.fromkeys(i.because for i in idle)
+        why = dict.fromkeys(i.because for i in unused)
         return [
             *self.former,
-            *(f"settings without effect here: {', '.join(i.name for i in idle if i.because == b)} ({b})" for b in why),
+            *(
+                f"settings without effect here: {', '.join(i.name for i in unused if i.because == b)} ({b})"
+                for b in why
+            ),
         ]
 
 
@@ -150,13 +153,13 @@ def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike
 
 def _check_each_acts(chosen: Sequence[Chosen], fits: bool) -> None:
     """Raise InputError where a change has no effect on any of several trackers, the first of which may fit."""
-    idle: list[Idle] = []
+    unused: list[UnusedSetting] = []
     acting: set[str] = set()
     for c in chosen:
-        own = c.idle(fits and c is chosen[0])
+        own = c.unused(fits and c is chosen[0])
         acting |= set(changed_names(c.tracker, c.settings)) - {i.name for i in own}
-        idle += own
-    for i in idle:
+        unused += own
+    for i in unused:
         if i.name not in acting:
             raise i.refused(chosen[0].source)
 

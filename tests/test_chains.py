@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.papers_dual_chain import chains, chains_toy
 from benchmarks.papers_dual_chain.chains import exactness
-from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
+from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Joint, ParticleWalk, Walk, WeightedStates, seen
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
@@ -37,10 +37,10 @@ def test_messages_are_exact_inference(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_chain_does_not_hear_itself() -> None:
     """What goes to each is phi times what the others expect, of three chains."""
     expected = [gaussian(POINT, np.full((1, 2), float(k)), (k + 1.0) * np.eye(2)) for k in range(3)]
-    told = messages(expected, seen(np.array([0.3, 0.1])), PRINTED)
+    received = messages(expected, seen(np.array([0.3, 0.1])), PRINTED)
     phi = seen(np.array([0.3, 0.1])).density
     points = np.random.default_rng(0).normal(size=(10, 1, 2))
-    for i, message in enumerate(told):
+    for i, message in enumerate(received):
         others = sum(d.log_density(points) for k, d in enumerate(expected) if k != i)
         np.testing.assert_allclose(message.evidence.log_density(points), phi.log_density(points) + others, atol=1e-9)
 
@@ -61,14 +61,14 @@ def test_in_the_dark(exchange: str) -> None:
     """As printed a chain becomes surer of what nobody sees; gated it is as sure as alone, and knows where to look."""
     states = [START, START]
     for _ in range(15):
-        states, told = step([Walk(), Walk()], states, seen(None), 1.0, exchange)
+        states, received = step([Walk(), Walk()], states, seen(None), 1.0, exchange)
     alone = START.variance + 15 * 0.25
     if exchange == PRINTED:
         assert states[0].variance < 0.5 * alone
     else:
         assert states[0].variance == pytest.approx(alone)
-    assert bool(told[0].guide.known.any()) == (exchange != APART)
-    assert bool(told[1].guide.known.any()) == (exchange in (GATED, PRINTED))
+    assert bool(received[0].guide.known.any()) == (exchange != APART)
+    assert bool(received[1].guide.known.any()) == (exchange in (GATED, PRINTED))
 
 
 def test_seen_again_gated_is_as_printed() -> None:
@@ -84,8 +84,8 @@ def test_seen_again_gated_is_as_printed() -> None:
 def test_samples_agree_with_the_closed_form() -> None:
     rng = np.random.default_rng(0)
     chains: list[Any] = [ParticleWalk(rng), Walk()]
-    crowd = Crowd(rng.standard_normal((20_000, 2)), np.full(20_000, 1.0 / 20_000))
-    after, _ = step(chains, [crowd, START], seen(np.array([0.7, -0.2])), 1.0)
+    weighted_states = WeightedStates(rng.standard_normal((20_000, 2)), np.full(20_000, 1.0 / 20_000))
+    after, _ = step(chains, [weighted_states, START], seen(np.array([0.7, -0.2])), 1.0)
     truth, _ = step([Walk(), Walk()], [START, START], seen(np.array([0.7, -0.2])), 1.0)
     error = np.sqrt(truth[0].variance / 20_000)
     np.testing.assert_allclose(after[0].mean, truth[0].mean, atol=4.0 * error)
@@ -142,9 +142,9 @@ def test_a_chain_that_has_hands_the_wrong_way_round_is_told_of_the_other() -> No
     evidence = evidence_of(detections, EvidenceSettings(), wrong)
     points = np.array([[[100, 50], [60, 200], [140, 200]], [[100, 50], [140, 200], [60, 200]]], float)
     chain = PointChain(HANDS, 400.0, PointSettings(), ((1, 2),))
-    theirs = chain.features(chain.begun(points[1], 4.0 * np.eye(6)))
-    told = messages([wrong, theirs], evidence)[0].evidence.log_density(points)
-    assert told[1] - told[0] == pytest.approx(np.log((1.0 - 0.1 - 0.03) / 0.1), abs=0.01)
+    theirs = chain.features(chain.initial_state(points[1], 4.0 * np.eye(6)))
+    received = messages([wrong, theirs], evidence)[0].evidence.log_density(points)
+    assert received[1] - received[0] == pytest.approx(np.log((1.0 - 0.1 - 0.03) / 0.1), abs=0.01)
 
 
 def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
@@ -180,7 +180,7 @@ def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: s
     """What another feature hides is in that one's detection. The other chain's message changes nothing of this."""
     detections, prior = blobs((100, 50), (60, 200)), expected_at((100, 50), (60, 200), (101, 52))
     evidence = evidence_of(detections, EvidenceSettings(), prior)
-    told = messages([prior, prior], evidence, exchange)[0].evidence.reduced(1, expected=prior)
+    received = messages([prior, prior], evidence, exchange)[0].evidence.reduced(1, expected=prior)
     for way, sharers in (((0, 1, 0), [2, 1, 2]), ((0, 1, -1), [1, 1, 0])):
         (row,) = np.flatnonzero((evidence.detection == way).all(axis=1))
         density = evidence.density.of(np.array([row]))
@@ -188,8 +188,8 @@ def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: s
         np.testing.assert_array_equal(density.sharers[0], sharers)
         more = density.if_hidden(np.array([False, True, True]), -2.0, 1.0).log_weight - density.log_weight
         assert more[0] == pytest.approx(-2.0 + (way[2] < 0))
-    assert told.sharers is not None
-    assert told.sharers[0, 1] == 1
+    assert received.sharers is not None
+    assert received.sharers[0, 1] == 1
 
 
 def test_far_detections_are_clutter() -> None:
@@ -224,8 +224,8 @@ def test_what_chains_are_told_does_not_depend_on_the_unit(exchange: str) -> None
             HANDS, scale * np.array([[8.0, 0.0], [88.0, 9.0], [40.0, 70.0]]), (scale * 6.0) ** 2 * np.eye(6)
         )
         evidence = evidence_of(seen, EvidenceSettings(clutter=0.5 / scale**2), own)
-        told = messages([own, other], evidence, exchange)[0].evidence
-        both = own.times(told)
+        received = messages([own, other], evidence, exchange)[0].evidence
+        both = own.times(received)
         shares.append(both.weights[np.lexsort((both.mean[:, 1, 0], *both.known.T))])
     np.testing.assert_allclose(shares[0], shares[1], rtol=1e-6)
 
@@ -235,11 +235,11 @@ def test_which_is_no_evidence_of_where() -> None:
     seen = blobs((0.0, 0.0), (100.0, 0.0))
     seen = replace(seen, names=HANDS[1:2], suits=seen.suits[:, 1:2])
     own, other = (gaussian(HANDS[1:2], np.array([[x, 0.0]]), 900.0 * np.eye(2)) for x in (50.0, 95.0))
-    told = messages([own, other], evidence_of(seen, EvidenceSettings()), WHICH)[0].evidence
-    best = int(np.argmax(told.log_weight))
-    np.testing.assert_allclose(told.mean[best, 0], [100.0, 0.0])
-    np.testing.assert_allclose(told.covariance[best], seen.covariance[1])
-    assert told.weights[best] > 0.9
+    received = messages([own, other], evidence_of(seen, EvidenceSettings()), WHICH)[0].evidence
+    best = int(np.argmax(received.log_weight))
+    np.testing.assert_allclose(received.mean[best, 0], [100.0, 0.0])
+    np.testing.assert_allclose(received.covariance[best], seen.covariance[1])
+    assert received.weights[best] > 0.9
 
 
 def test_many_keypoints_keep_the_likeliest_ways() -> None:
@@ -276,13 +276,13 @@ def test_nothing_detected_says_nothing() -> None:
 CHAIN = PointChain(HANDS, 100.0)
 
 
-def begun() -> PointStates:
-    return CHAIN.begun(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 9.0 * np.eye(6))
+def initial_state() -> PointStates:
+    return CHAIN.initial_state(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 9.0 * np.eye(6))
 
 
 def test_points_are_moved_in_steps_as_in_one() -> None:
     """The noise of two half steps is that of one whole one: an exact discretisation."""
-    state = begun()
+    state = initial_state()
     once = CHAIN.predict(state, 0.08)
     twice = CHAIN.predict(CHAIN.predict(state, 0.04), 0.04)
     np.testing.assert_allclose(once.mean, twice.mean, atol=1e-9)
@@ -292,7 +292,7 @@ def test_points_are_moved_in_steps_as_in_one() -> None:
 def test_a_moving_point_is_followed_with_its_velocity() -> None:
     """Within the noise, also over gaps; its velocity fades where nothing is seen."""
     rng = np.random.default_rng(0)
-    state, errors = begun(), []
+    state, errors = initial_state(), []
     for t in range(1, 60):
         truth = np.array([[100.0, 50.0], [60.0 + 4.0 * t, 200.0], [140.0, 200.0 - 3.0 * t]])
         places = [tuple(p) for p in truth + 2.0 * rng.normal(size=(3, 2))]
@@ -300,8 +300,8 @@ def test_a_moving_point_is_followed_with_its_velocity() -> None:
         detections = blobs(*(places[:1] if missing else places))
         prior = CHAIN.predict(state, 1 / 25)
         phi = evidence_of(detections, EvidenceSettings(), CHAIN.features(prior))
-        told = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
-        state, _ = CHAIN.update(prior, told[0])
+        received = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
+        state, _ = CHAIN.update(prior, received[0])
         if t > 10 and not missing:
             errors.append(np.abs(state.mean[:, :2] - truth).max())
     assert max(errors) < 8.0
@@ -324,19 +324,19 @@ def test_a_detection_of_several_points_hardly_tells_each_more_than_once() -> Non
     """However often it is told, a hand before the face is somewhere in its blob, one with a blob of its own is there.
     Of what was known before a tenth is news, and of the weight nothing is lost."""
     region = np.array([[900.0, 300.0], [300.0, 400.0]])
-    told = {n: Message(shared({1: (75.0, 210.0)}, region, n), uniform(HANDS)) for n in (1, 2)}
+    received = {n: Message(shared({1: (75.0, 210.0)}, region, n), uniform(HANDS)) for n in (1, 2)}
     place = np.ix_([4, 5], [4, 5])
-    wide = CHAIN.begun(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 1e9 * np.eye(6))
+    wide = CHAIN.initial_state(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 1e9 * np.eye(6))
     for n, much in ((1, 11.0), (2, 2.0)):
         state = wide
         for _ in range(11):
-            state = CHAIN.update(state, told[n])[0]
+            state = CHAIN.update(state, received[n])[0]
         np.testing.assert_allclose(state.covariance[place], region / much, rtol=1e-3)
-    narrow = begun()
-    after, weight = CHAIN.update(narrow, told[2])
+    narrow = initial_state()
+    after, weight = CHAIN.update(narrow, received[2])
     precision = np.linalg.inv(narrow.covariance[place]) + 0.1 * np.linalg.inv(region)
     np.testing.assert_allclose(np.linalg.inv(after.covariance[place]), precision, rtol=1e-9)
-    assert weight == pytest.approx(CHAIN.update(narrow, told[1])[1])
+    assert weight == pytest.approx(CHAIN.update(narrow, received[1])[1])
 
 
 def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
@@ -346,12 +346,12 @@ def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
     covariance = np.array([900.0, 16.0, 16.0])[:, None, None] * np.eye(2)
     last = Detections(HANDS, np.array([face, right, left]), covariance, suits, np.array([True, False, False]))
     blob = Detections(HANDS, last.mean[:2], covariance[:2], suits[:2], last.merged[:2])
-    state = PointStates(np.array([[*face, 0, 0], [95.0, 60.0, 0, 0], [*right, 0, 0]]), begun().covariance)
+    state = PointStates(np.array([[*face, 0, 0], [95.0, 60.0, 0, 0], [*right, 0, 0]]), initial_state().covariance)
     for detections in [blob] * 12 + [last]:
         prior = CHAIN.predict(state, 1 / 25)
         phi = evidence_of(detections, EvidenceSettings(), CHAIN.features(prior))
-        told = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
-        state, _ = CHAIN.update(prior, told[0])
+        received = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
+        state, _ = CHAIN.update(prior, received[0])
     np.testing.assert_allclose(state.mean[1, :2], left, atol=10.0)
 
 
@@ -360,7 +360,7 @@ def uniform_like(prior: PointStates) -> FeatureDensity:
 
 
 def test_points_are_stored_to_the_bit() -> None:
-    state = CHAIN.predict(begun(), 0.04)
+    state = CHAIN.predict(initial_state(), 0.04)
     again = PointStates.from_arrays(state.arrays())
     np.testing.assert_array_equal(again.mean, state.mean)
     np.testing.assert_array_equal(again.covariance, state.covariance)
@@ -374,7 +374,7 @@ def test_a_point_that_follows_clutter_is_put_right() -> None:
     after = {}
     for lost in (0.0, 0.03):
         chain = PointChain(HANDS, 100.0, PointSettings(lost=lost), ((1, 2),))
-        state = begun()
+        state = initial_state()
         state.mean[1, :2] = 110.0, 55.0
         for _ in range(3):
             prior = chain.predict(state, 0.04)
@@ -389,7 +389,7 @@ def test_points_taken_for_each_other_are_put_right() -> None:
     """A chain of points that has both hands exchanged listens to another that has them right, once it knows that they
     look alike; one that is not told so does not."""
     right = np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]])
-    wrong = begun()
+    wrong = initial_state()
     wrong = PointStates(wrong.mean[[0, 2, 1]], wrong.covariance)
     phi = evidence_of(blobs(*(tuple(p) for p in right)), EvidenceSettings())
     pose = gaussian(HANDS, right, 400.0 * np.eye(6))
@@ -397,8 +397,8 @@ def test_points_taken_for_each_other_are_put_right() -> None:
     for alike in ((), ((1, 2),)):
         chain = PointChain(HANDS, 100.0, PointSettings(), alike)
         prior = chain.predict(wrong, 0.04)
-        told = messages([pose, chain.features(prior)], phi, GATED)
-        after[alike] = chain.update(prior, told[1])[0].mean[:, :2]
+        received = messages([pose, chain.features(prior)], phi, GATED)
+        after[alike] = chain.update(prior, received[1])[0].mean[:, :2]
         assert np.exp(chain.features(prior).log_weight).sum() == pytest.approx(1.0)
     np.testing.assert_allclose(after[((1, 2),)], right, atol=10.0)
     assert np.abs(after[()] - right).max() > 40.0

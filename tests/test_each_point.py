@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.inference.chains.each_point import Normals, told_each, updated_each
+from estimator.inference.chains.each_point import Normals, messages_each, updated_each
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import EXCHANGES, messages
 from estimator.inference.chains.feature_density import gaussian
@@ -31,8 +31,8 @@ def test_many_points_at_once_are_each_alone(exchange: str) -> None:
         mean[:, None, :2] + 10.0 * rng.standard_normal((POINTS, 2, 2)), np.tile(16.0 * np.eye(2), (POINTS, 2, 1, 1))
     )
     suits = np.array([[1.0, 0.02], [1.0, 0.0], [0.0, 0.0]])[np.arange(POINTS) % 3]
-    told = told_each(detected, suits, other, SETTINGS, exchange)
-    after, spread = updated_each(mean, covariance, told)
+    received = messages_each(detected, suits, other, SETTINGS, exchange)
+    after, spread = updated_each(mean, covariance, received)
     for k in range(POINTS):
         seen = suits[k] > 0.0
         detections = Detections(
@@ -55,8 +55,8 @@ def test_who_is_told_nothing_stays() -> None:
     mean, covariance = rng.standard_normal((POINTS, 4)), positive(rng, 4, 1.0)
     nothing = Normals(np.full((POINTS, 2), np.nan), np.full((POINTS, 2, 2), np.nan))
     detected = Normals(np.full((POINTS, 2, 2), np.nan), np.tile(np.eye(2), (POINTS, 2, 1, 1)))
-    told = told_each(detected, np.zeros((POINTS, 2)), nothing, SETTINGS, "gated")
-    after, spread = updated_each(mean, covariance, told)
+    received = messages_each(detected, np.zeros((POINTS, 2)), nothing, SETTINGS, "gated")
+    after, spread = updated_each(mean, covariance, received)
     np.testing.assert_allclose(after, mean)
     np.testing.assert_allclose(spread, covariance)
 

@@ -21,7 +21,7 @@ from estimator.data.observation import Observation
 from estimator.inference.mixture import Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
-from estimator.search.examples.lookup import Looked, either_way
+from estimator.search.examples.lookup import Lookup, either_way
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_starts, without_silhouette
 from estimator.search.hypothesis import Hypothesis
@@ -155,7 +155,7 @@ def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interru
 
 
 def test_pieces_of_another_index_are_not_taken(tmp_path: Path) -> None:
-    own, other = (training._Kept(tmp_path, what) for what in ("one", "another"))
+    own, other = (training._PieceStore(tmp_path, what) for what in ("one", "another"))
     own.put("pairs", 0, {"a": np.arange(3)})
     piece = own.of("pairs", 0)
     assert piece is not None
@@ -338,13 +338,13 @@ def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -
         assert isinstance(tracker, Elmo)
         return tracker, observation
 
-    def looked(count: int, **own: Any) -> list[list[int]]:
+    def lookups(count: int, **own: Any) -> list[list[int]]:
         tracker, observation = seen_by(count, **own)
-        return [look.neighbours.numbers.tolist() for look in tracker.looked(observation)]
+        return [lookup.neighbours.numbers.tolist() for lookup in tracker.lookups(observation)]
 
-    (alone,) = looked(1)
-    assert looked(2) == [alone, []]
-    assert looked(2, votes=False) == [alone, alone]
+    (alone,) = lookups(1)
+    assert lookups(2) == [alone, []]
+    assert lookups(2, votes=False) == [alone, alone]
     tracker, observation = seen_by(2)
     _, result = tracker.init(np.random.default_rng(0), observation)
     assert result.extra["searches_example"] == 8
@@ -497,18 +497,18 @@ def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:
     facing[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", np.pi), np.zeros(3)))
     poses, nothing = np.array([facing, body.neutral]), np.zeros((SIDE, SIDE), np.uint8)
     none = index.nearest(np.zeros(bin_count(), np.uint16), 2)
-    look = Looked(0, ViewFrame(np.zeros(3), np.eye(3)), nothing, nothing > 0, none, poses)
-    assert [h.prior_score for h in example_starts(body, [look], 3.0)] == [0.0, -3.0]
-    assert [h.prior_score for h in example_starts(body, [look, look], 3.0)] == [0.0] * 4
+    lookup = Lookup(0, ViewFrame(np.zeros(3), np.eye(3)), nothing, nothing > 0, none, poses)
+    assert [h.prior_score for h in example_starts(body, [lookup], 3.0)] == [0.0, -3.0]
+    assert [h.prior_score for h in example_starts(body, [lookup, lookup], 3.0)] == [0.0] * 4
     arm = body_of("arm8")  # whose root is fixed
-    assert [h.prior_score for h in example_starts(arm, [look._replace(q=arm.neutral[None])], 3.0)] == [0.0]
+    assert [h.prior_score for h in example_starts(arm, [lookup._replace(q=arm.neutral[None])], 3.0)] == [0.0]
 
 
 def test_both_ways_to_turn_are_looked_at_in_the_order_of_likeness(index: ExampleIndex) -> None:
     none = index.nearest(np.zeros(bin_count(), np.uint16), 8)
-    look = Looked(0, ViewFrame(np.zeros(3), np.eye(3)), np.zeros(0), np.zeros(0), none, np.arange(8.0)[:, None])
+    lookup = Lookup(0, ViewFrame(np.zeros(3), np.eye(3)), np.zeros(0), np.zeros(0), none, np.arange(8.0)[:, None])
     away = np.array([True, True, True, True, True, False, True, False])
-    assert either_way(look, away, 4).q[:, 0].tolist() == [0.0, 1.0, 5.0, 7.0]
-    assert either_way(look, away, 6).q[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0]  # as far as there are
-    assert either_way(look, ~away & False, 3).q[:, 0].tolist() == [0.0, 1.0, 2.0]
-    assert either_way(look, away, 4).neighbours.numbers.tolist() == none.numbers[[0, 1, 5, 7]].tolist()
+    assert either_way(lookup, away, 4).q[:, 0].tolist() == [0.0, 1.0, 5.0, 7.0]
+    assert either_way(lookup, away, 6).q[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0]  # as far as there are
+    assert either_way(lookup, ~away & False, 3).q[:, 0].tolist() == [0.0, 1.0, 2.0]
+    assert either_way(lookup, away, 4).neighbours.numbers.tolist() == none.numbers[[0, 1, 5, 7]].tolist()

@@ -10,7 +10,7 @@ from builders import body_of
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import HashTables, drawn_keys, packed
+from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
 from estimator.search.examples.person_seen import PersonView
 from estimator.search.examples.votes import Votes
@@ -50,7 +50,7 @@ def votes_on(poses: np.ndarray, looks: np.ndarray) -> Votes:
     """Of an index of these poses that look like this."""
     body, rates = body_of("human34"), np.ones(BITS)
     bits = Bits(np.arange(BITS, dtype=np.int32), np.ones(BITS, np.uint16), rates, rates)
-    tables = HashTables(packed(bits.of(looks)), drawn_keys(BITS, np.random.default_rng(0), 4, 4))
+    tables = HashTables(packed(bits.of(looks)), random_keys(BITS, np.random.default_rng(0), 4, 4))
     return Votes(ExampleIndex(IndexRecipe(headings=120.0), body.q_names, 2.0, poses, bits, tables), body)
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimator.search.examples.bits import Bits, learned_bits
-from estimator.search.examples.hashing import HashTables, drawn_keys, packed, unpacked
+from estimator.search.examples.hashing import HashTables, packed, random_keys, unpacked
 from estimator.vision.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
 
 
 def hashed(values: np.ndarray, seed: int = 0) -> HashTables:
-    return HashTables(packed(values), drawn_keys(values.shape[1], np.random.default_rng(seed)))
+    return HashTables(packed(values), random_keys(values.shape[1], np.random.default_rng(seed)))
 
 
 def stripes(angle: float, period: float = 16.0) -> np.ndarray:
@@ -139,7 +139,7 @@ def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
         differing = (values ^ query).sum(axis=1)
         np.testing.assert_array_equal(near.distance, differing[near.numbers])
         assert not near.fell_back
-        assert near.looked_at < 0.2 * len(values)
+        assert near.comparisons < 0.2 * len(values)
         exact += set(near.numbers) == set(np.lexsort((np.arange(len(values)), differing))[:10])
     assert exact >= 18
 
@@ -152,7 +152,7 @@ def test_all_are_compared_and_equals_keep_their_order(count: int) -> None:
         near, differing = tables.nearest_of_all(query, count), (values ^ query).sum(axis=1)
         np.testing.assert_array_equal(near.numbers, np.lexsort((np.arange(300), differing))[:count])
         np.testing.assert_array_equal(near.distance, differing[near.numbers])
-        assert near.looked_at == len(values)
+        assert near.comparisons == len(values)
 
 
 def test_empty_buckets_fall_back_to_all_examples() -> None:
@@ -160,7 +160,7 @@ def test_empty_buckets_fall_back_to_all_examples() -> None:
     near = hashed(values).nearest(~values[0], 5)
     differing = (values ^ ~values[0]).sum(axis=1)
     assert near.fell_back
-    assert near.looked_at == len(values)
+    assert near.comparisons == len(values)
     np.testing.assert_array_equal(near.numbers, np.lexsort((np.arange(len(values)), differing))[:5])
 
 
@@ -174,7 +174,7 @@ def test_the_same_seed_gives_the_same_neighbours() -> None:
 
 def test_keys_need_as_many_bits() -> None:
     with pytest.raises(ValueError, match="12 bits"):
-        drawn_keys(12, np.random.default_rng(0))
+        random_keys(12, np.random.default_rng(0))
 
 
 def test_packing_keeps_every_bit() -> None:

@@ -19,9 +19,9 @@ from benchmarks.papers_css.failure_table import PAPER, in_markdown, order, summe
 from benchmarks.papers_css.failures import BY_ONE_CAMERA
 from benchmarks.papers_css.runs_plot import write_differences, write_runs
 from benchmarks.papers_css.sequences import FPS, Task
-from benchmarks.papers_css.summaries import gain, judged, paired, spread_of
+from benchmarks.papers_css.summaries import gain, paired, spread_of, track_statistics
 from benchmarks.support.common import CUES
-from benchmarks.support.kept_runs import INTERRUPTED, Figures, Kept, all_done
+from benchmarks.support.result_store import INTERRUPTED, Figures, ResultStore, all_done
 from benchmarks.support.scores import TRAJECTORIES, Outcome, TrackErrors
 from estimator.trackers.css.budget import Source, allocated
 from estimator.tracking.registry import TRACKERS
@@ -115,14 +115,14 @@ def test_differences_are_those_of_pairs() -> None:
     assert not noisy.shown(0.1)  # one standard error
 
 
-def test_runs_are_judged() -> None:
+def test_runs_have_track_statistics() -> None:
     runs = [errors_of(10.0, None, 0.4), errors_of(20.0, 7, 1.5), errors_of(60.0, 3, math.inf)]
-    j = judged(runs, ["a", "b", "c"])
+    j = track_statistics(runs, ["a", "b", "c"])
     assert (j.error.mean, j.lost, j.runs, j.lost_at) == (30.0, 2, 3, 5.0)
     assert j.of_limits == pytest.approx(0.95)
     assert j.worst_of_limits == math.inf
     assert j.doubled == 0
-    assert judged([replace(runs[0], pixels=30.1), replace(runs[0], worst=math.nan)], "ab").doubled == 2
+    assert track_statistics([replace(runs[0], pixels=30.1), replace(runs[0], worst=math.nan)], "ab").doubled == 2
 
 
 KEYS = {(clip, seed): 30.0 + clip + 0.1 * seed for clip in (1, 2, 3) for seed in (0, 1, 2)}
@@ -200,7 +200,7 @@ class Doubled:
     def what(self) -> dict[str, Any]:
         return {"number": self.number}
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         if (self.folder / f"stop_{self.number}").exists():
             raise KeyboardInterrupt
         with (self.folder / "worked").open("a") as file:
@@ -210,32 +210,32 @@ class Doubled:
 
 def test_an_interrupted_measure_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pieces = [Doubled(number, tmp_path) for number in range(5)]
-    whole = all_done("whole", Kept(tmp_path / "whole"), pieces, 1)
+    whole = all_done("whole", ResultStore(tmp_path / "whole"), pieces, 1)
     (tmp_path / "worked").unlink()
     (tmp_path / "stop_3").touch()
-    kept = Kept(tmp_path / "kept")
+    store = ResultStore(tmp_path / "kept")
     with pytest.raises(SystemExit) as stop:
-        all_done("interrupted", kept, pieces, 1)
+        all_done("interrupted", store, pieces, 1)
     assert stop.value.code == INTERRUPTED
     (tmp_path / "stop_3").unlink()
     capsys.readouterr()
-    assert all_done("again", kept, pieces, 1) == whole
+    assert all_done("again", store, pieces, 1) == whole
     assert "3 of 5 are kept" in capsys.readouterr().err
     assert (tmp_path / "worked").read_text().split() == ["0", "1", "2", "3", "4"]  # none twice
-    assert len(kept.codes(pieces)) == 1
-    other = kept.path(pieces[0])
+    assert len(store.codes(pieces)) == 1
+    other = store.path(pieces[0])
     other.write_text(json.dumps(json.loads(other.read_text()) | {"code": "another"}))
-    assert len(kept.codes(pieces)) == 2
+    assert len(store.codes(pieces)) == 2
 
 
 def test_the_ablation_shares_the_runs_of_css(tmp_path: Path) -> None:
     how = {"cues": ",".join(CUES), "modes": 7, "settings": {}}
     ours = Tracking(Task("arm", 2, None, False, tmp_path, how), CSS, 1)
     wanted = Wanted(tmp_path, None, ("arm",), (1, 2), (0, 1), None, {})
-    kept = Kept(tmp_path)
+    store = ResultStore(tmp_path)
     by_row = {name: parts(STAND_INS, name, changes, wanted) for name, changes in ablation.ROWS.items()}
-    assert kept.path(ours) in [kept.path(part.piece) for part in by_row[ablation.WHOLE]]
-    paths = {kept.path(part.piece) for of in by_row.values() for part in of}
+    assert store.path(ours) in [store.path(part.piece) for part in by_row[ablation.WHOLE]]
+    paths = {store.path(part.piece) for of in by_row.values() for part in of}
     assert len(paths) == 4 * len(ablation.ROWS)  # every row is another setting
 
 
@@ -266,19 +266,19 @@ def test_what_the_ablation_says(tmp_path: Path) -> None:
 
 def test_a_short_race(tmp_path: Path) -> None:
     how = {"cues": "off", "modes": 2, "settings": {"css": {"samples": 2, "jumps": 0}}}
-    task, kept = Task("arm", 1, 0.24, False, tmp_path, how, detected=True), Kept(tmp_path)
+    task, store = Task("arm", 1, 0.24, False, tmp_path, how, detected=True), ResultStore(tmp_path)
     runs = [Tracking(task, CSS, 0), Tracking(task, "single-mode", 0)]
-    css, single = (Attempt.of(result) for result in all_done("short", kept, runs, 1))
+    css, single = (Attempt.of(result) for result in all_done("short", store, runs, 1))
     assert css.frames == single.frames == 6
     assert css.smooths
     assert single.smooths
     filtered, smoothed = (single.outcome.errors[name].mean for name in ("filtered", "smoothed"))
     assert filtered != smoothed  # a baseline is smoothed too
     assert max(filtered, smoothed) < 250.0
-    assert asdict(Attempt.of(kept.of(runs[0]))) == asdict(css)
+    assert asdict(Attempt.of(store.of(runs[0]))) == asdict(css)
     sized = Sizing(Tracking(task, "condensation", 0), (runs[0],), 4)
-    (size,) = (result["size"] for result in all_done("size", kept, [sized], 1))
-    rival = Attempt.of(kept.of(Tracking(task, "condensation", 0, size)))
+    (size,) = (result["size"] for result in all_done("size", store, [sized], 1))
+    rival = Attempt.of(store.of(Tracking(task, "condensation", 0, size)))
     assert rival.size == size
     assert rival.outcome.errors["filtered"].mean < 250.0
     assert not list((tmp_path / "scratch").iterdir())

@@ -15,7 +15,7 @@ from benchmarks.robustness import fuzz, fuzz_commands
 from benchmarks.robustness.fuzz_cases import MOST_SECONDS, Verdict, peak_memory
 from benchmarks.robustness.fuzz_cases import Case as Damaged
 from benchmarks.robustness.fuzz_corpus import Files
-from benchmarks.robustness.fuzz_judge import judge, judged_message, prepare, timed, write
+from benchmarks.robustness.fuzz_judge import classify_message, judge, prepare, timed, write
 from benchmarks.robustness.fuzz_readers import CORPUS_OF, READERS
 from benchmarks.robustness.fuzz_workers import verdicts
 from humanoid.support.errors import LONGEST, InputError, shown
@@ -66,18 +66,18 @@ def test_what_cannot_be_shown_is_described() -> None:
 
 def test_bad_messages_are_recognised(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    assert judged_message(f"{path}: is empty", path)[0] == "refused"
-    assert judged_message(f"{path}: is damaged: {path}: is empty", path)[0] == "wrapped twice"
-    assert judged_message("x" * 501, path)[0] == "long message"
-    assert judged_message("two\nlines", path)[0] == "message of several lines"
-    judged = fuzz_commands.judged_output
-    assert judged(0, "note: all is well\n")[0] == "read"
-    assert judged(2, "tracking: 1/3\nerror: a: is empty\n")[0] == "refused"
-    assert judged(2, "error: a\nerror: b\n")[0] == "not one line"
-    assert judged(2, "error: " + "x" * 501)[0] == "long message"
-    assert judged(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
-    assert judged(0, "note: " + "x" * 600)[0] == "long message"
-    assert judged(0, "note: overflow encountered in multiply")[0] == "warned"
+    assert classify_message(f"{path}: is empty", path)[0] == "refused"
+    assert classify_message(f"{path}: is damaged: {path}: is empty", path)[0] == "wrapped twice"
+    assert classify_message("x" * 501, path)[0] == "long message"
+    assert classify_message("two\nlines", path)[0] == "message of several lines"
+    classify = fuzz_commands.classify_output
+    assert classify(0, "note: all is well\n")[0] == "read"
+    assert classify(2, "tracking: 1/3\nerror: a: is empty\n")[0] == "refused"
+    assert classify(2, "error: a\nerror: b\n")[0] == "not one line"
+    assert classify(2, "error: " + "x" * 501)[0] == "long message"
+    assert classify(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
+    assert classify(0, "note: " + "x" * 600)[0] == "long message"
+    assert classify(0, "note: overflow encountered in multiply")[0] == "warned"
     held = peak_memory()  # by the tests before, which is none of this
     assert timed("read", "", MOST_SECONDS, held).outcome == "read"
     assert timed("read", "", MOST_SECONDS + 0.1, held).outcome == "slow"
@@ -124,7 +124,7 @@ def test_valid_files_are_read(
 
 def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]]) -> None:
     cases = fuzz.cases(_SLICE, 7)
-    judged = list(verdicts(partial(fuzz.judge_case, most_seconds=inf), dict(valid), cases, 1, patience=DEADLINE))
-    assert len(judged) == len(cases)
+    outcomes = list(verdicts(partial(fuzz.judge_case, most_seconds=inf), dict(valid), cases, 1, patience=DEADLINE))
+    assert len(outcomes) == len(cases)
     assert {case.reader for case in cases} == set(READERS)
-    assert not [(str(case), verdict) for case, verdict in judged if not verdict.good]
+    assert not [(str(case), verdict) for case, verdict in outcomes if not verdict.good]

@@ -13,7 +13,7 @@ from benchmarks.papers_elmo.index_libraries import library_searches
 from benchmarks.papers_elmo.index_pictures import Asked
 from benchmarks.papers_elmo.index_searches import Search, searched
 from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import HashTables, drawn_keys, packed
+from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
 from humanoid.support.errors import InputError
 
@@ -24,7 +24,7 @@ WHOLE = Made(N, KEY_BITS, TABLES, 20)
 @pytest.fixture(scope="module")
 def index() -> ExampleIndex:
     rng = np.random.default_rng(0)
-    tables = HashTables(packed(rng.random((N, M)) < 0.5), drawn_keys(M, rng, TABLES, KEY_BITS))
+    tables = HashTables(packed(rng.random((N, M)) < 0.5), random_keys(M, rng, TABLES, KEY_BITS))
     bits = Bits(np.arange(M, dtype=np.int32), np.ones(M, np.uint16), np.ones(M), np.zeros(M))
     return ExampleIndex(IndexRecipe(N), ("q",), 2.0, np.zeros((N, 1)), bits, tables)
 
@@ -72,9 +72,9 @@ def test_all_examples_hold_the_nearest_and_more_are_never_worse(index: ExampleIn
     assert rows[-1].fell_back == 1.0
     few = curves.row(WHOLE._replace(examples=100))
     assert few.nearest > rows[0].nearest
-    looked = [curves.row(WHOLE._replace(tables=tables)).looked_at for tables in (4, TABLES, 16)]
-    assert looked == sorted(looked)
-    assert looked[0] < looked[-1] < 1.0
+    shares = [curves.row(WHOLE._replace(tables=tables)).looked_at for tables in (4, TABLES, 16)]
+    assert shares == sorted(shares)
+    assert shares[0] < shares[-1] < 1.0
 
 
 def test_what_cannot_be_made_is_told() -> None:

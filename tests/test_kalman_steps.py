@@ -21,7 +21,7 @@ def linear() -> tuple[np.ndarray, np.ndarray]:
     return np.einsum("fcd,nd->nfc", H, CENTRES), np.tile(H, (2, 1, 1, 1))
 
 
-def told(spread: float = 5.0) -> FeatureDensity:
+def received_features(spread: float = 5.0) -> FeatureDensity:
     """Two ways: both features, or the hand alone, which leaves the head unknown."""
     both = gaussian(NAMES, np.array([[10.0, 0.0], [-20.0, 5.0]]), spread**2 * np.eye(4))
     known = np.array([[True, True], [False, True]])
@@ -31,8 +31,8 @@ def told(spread: float = 5.0) -> FeatureDensity:
 
 def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
     predicted, jacobian = linear()
-    density = told()
-    led = kalman_steps(CENTRES, [Length(1.0, STD)], density, predicted, jacobian)
+    density = received_features()
+    updated = kalman_steps(CENTRES, [Length(1.0, STD)], density, predicted, jacobian)
     for n, centre in enumerate(CENTRES):
         log_weights = []
         for k in range(2):
@@ -42,22 +42,25 @@ def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
             off = density.mean[k].ravel()[dims] - predicted[n].ravel()[dims]
             precision = np.diag(STD**-2) + H.T @ np.linalg.solve(R, H)
             C = np.linalg.inv(precision)
-            np.testing.assert_allclose(led.mean[n, k], centre + C @ H.T @ np.linalg.solve(R, off), atol=1e-9)
-            np.testing.assert_allclose(led.root[n, k] @ led.root[n, k].T, precision, rtol=1e-9)
+            np.testing.assert_allclose(updated.mean[n, k], centre + C @ H.T @ np.linalg.solve(R, off), atol=1e-9)
+            np.testing.assert_allclose(updated.root[n, k] @ updated.root[n, k].T, precision, rtol=1e-9)
             surprise = multivariate_normal(np.zeros(len(dims)), H @ np.diag(STD**2) @ H.T + R).logpdf(off)
             log_weights.append(density.log_weight[k] + surprise)
-        np.testing.assert_allclose(led.log_weight[n], log_weights - np.logaddexp(*log_weights), atol=1e-9)
+        np.testing.assert_allclose(updated.log_weight[n], log_weights - np.logaddexp(*log_weights), atol=1e-9)
 
 
 def test_the_density_is_that_of_what_is_drawn() -> None:
     """One over the density, as an average over what is drawn inside of a box, is the volume of the box."""
     predicted, jacobian = linear()
-    led = kalman_steps(CENTRES, [Length(1.0, STD)], told(20.0), predicted, jacobian)
-    drawn = led.sample(np.random.default_rng(1), 200_000)
-    log_density = led.log_density(drawn)
+    updated = kalman_steps(CENTRES, [Length(1.0, STD)], received_features(20.0), predicted, jacobian)
+    drawn = updated.sample(np.random.default_rng(1), 200_000)
+    log_density = updated.log_density(drawn)
     for n in range(2):
-        heavy = int(np.argmax(led.log_weight[n]))
-        middle, scale = led.mean[n, heavy], np.sqrt(np.diag(np.linalg.inv(led.root[n, heavy] @ led.root[n, heavy].T)))
+        heavy = int(np.argmax(updated.log_weight[n]))
+        middle, scale = (
+            updated.mean[n, heavy],
+            np.sqrt(np.diag(np.linalg.inv(updated.root[n, heavy] @ updated.root[n, heavy].T))),
+        )
         inside = (np.abs(drawn[n] - middle) < scale).all(axis=1)
         volume = np.where(inside, np.exp(-log_density[n]), 0.0).mean()
         assert volume == pytest.approx(np.prod(2.0 * scale), rel=0.05)
@@ -66,7 +69,7 @@ def test_the_density_is_that_of_what_is_drawn() -> None:
 def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
     predicted, jacobian = linear()
     plain = kalman_steps(CENTRES, [Length(1.0, STD)], uniform(NAMES), predicted, jacobian)
-    unseen = kalman_steps(CENTRES, [Length(1.0, STD)], told(), np.full_like(predicted, np.nan), jacobian)
+    unseen = kalman_steps(CENTRES, [Length(1.0, STD)], received_features(), np.full_like(predicted, np.nan), jacobian)
     np.testing.assert_allclose(plain.mean[:, 0], CENTRES)
     np.testing.assert_allclose(unseen.mean, np.repeat(CENTRES[:, None], 2, axis=1), atol=1e-12)
     for root in (plain.root[:, 0], unseen.root[:, 1]):
@@ -76,8 +79,8 @@ def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
 def test_a_long_step_is_led_where_a_short_one_does_not_reach() -> None:
     predicted, jacobian = linear()
     lengths = [Length(0.9, 1e-3 * STD), Length(0.1, STD)]
-    led = kalman_steps(CENTRES, lengths, told(), predicted, jacobian)
-    assert led.mean.shape == (2, 4, 3)  # of both lengths and both ways
-    alone = kalman_steps(CENTRES, lengths[1:], told(), predicted, jacobian)
-    np.testing.assert_allclose(led.mean[:, 2:], alone.mean)
-    assert (np.exp(led.log_weight[:, 2:]).sum(axis=1) > 0.99).all()
+    updated = kalman_steps(CENTRES, lengths, received_features(), predicted, jacobian)
+    assert updated.mean.shape == (2, 4, 3)  # of both lengths and both ways
+    alone = kalman_steps(CENTRES, lengths[1:], received_features(), predicted, jacobian)
+    np.testing.assert_allclose(updated.mean[:, 2:], alone.mean)
+    assert (np.exp(updated.log_weight[:, 2:]).sum(axis=1) > 0.99).all()

@@ -100,13 +100,13 @@ def test_limbs_lie_where_the_body_does(seed: int, body: Body, limbs: Limbs) -> N
     for corners in np.round(camera.project(points_in_world(posed, surface.joint, surface.local)))[surface.faces]:
         cv2.fillConvexPoly(truth, corners.astype(np.int32), 1)
     pixels, seen = camera.project(body.landmarks(posed)), np.ones(len(body.landmark_names), bool)
-    core, about, reach = (limbs.drawn(pixels, seen, camera.image_size, w) for w in (0.3, 1.0, 1.8))
+    core, about, reach = (limbs.mask(pixels, seen, camera.image_size, w) for w in (0.3, 1.0, 1.8))
     assert truth[core].mean() > 0.93
     assert about[truth > 0].mean() > 0.9
     assert reach[truth > 0].mean() > 0.995
     assert reach.sum() < 4.0 * truth.sum()
     seen[[body.landmark_names.index(name) for name in ("left_knee", "neck", "right_elbow")]] = False
-    assert limbs.drawn(np.where(seen[:, None], pixels, np.nan), seen, camera.image_size, 1.8)[truth > 0].mean() > 0.95
+    assert limbs.mask(np.where(seen[:, None], pixels, np.nan), seen, camera.image_size, 1.8)[truth > 0].mean() > 0.95
 
 
 def test_a_fitted_body_is_looked_for_as_the_one_it_was_fitted_from(limbs: Limbs) -> None:

@@ -55,17 +55,17 @@ def test_an_end_is_where_it_was_asked_for_and_no_limit_is_left(name: str) -> Non
     """From the end and swivel of a pose inside the limits, that pose is among the ways back, each as likely."""
     ik = ik_of(body_of(name), LIMBS[name])
     angles = some_angles(ik, 400)
-    ends, before = ik.looked_at(angles)
+    ends, before = ik.forward(angles)
     assert before.ok.mean() > 0.8
     swivels = swivels_of(ik, angles)
     nearest = np.full(len(ends), np.inf)
     for level in np.arange(0.5 / 12, 1.0, 1.0 / 12):  # twelfths meet each of one to four ways
         again = ik.solved(ends, swivels, np.full(len(ends), level))
-        there, looked = ik.looked_at(again.angles)
+        there, forward_arms = ik.forward(again.angles)
         assert np.abs(there - ends)[again.ok].max() < 1e-9
         assert (again.angles >= ik.low + ik.rest - 1e-15).all()
         assert (again.angles <= ik.high + ik.rest + 1e-15).all()
-        np.testing.assert_allclose(looked.log_density[again.ok], again.log_density[again.ok], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(forward_arms.log_density[again.ok], again.log_density[again.ok], rtol=0.0, atol=1e-6)
         nearest = np.minimum(nearest, np.where(again.ok, np.abs(again.angles - angles).max(axis=1), np.inf))
     assert (nearest[before.ok] < 1e-6).all()
 
@@ -116,7 +116,7 @@ def parent_of(ik: LimbIK, body: Body) -> np.ndarray:
 
 def in_world(ik: LimbIK, angles: np.ndarray, body: Body) -> np.ndarray:
     M = parent_of(ik, body)[0]
-    return np.asarray(ik.looked_at(angles)[0] @ M[:9].reshape(3, 3) + M[9:])
+    return np.asarray(ik.forward(angles)[0] @ M[:9].reshape(3, 3) + M[9:])
 
 
 def trunks(body: Body, count: int) -> PlacedBodies:
@@ -130,7 +130,7 @@ def test_the_density_of_an_arm_in_closed_form() -> None:
     ik = made.ik
     angles = some_angles(ik, 300, seed=2)
     dense = made.log_density(angles, trunks(body, 300))
-    ends, arms = ik.looked_at(angles)
+    ends, arms = ik.forward(angles)
     assert (np.isfinite(dense) == arms.ok).all()
     lengths = np.linalg.norm(np.diff(ik.points, axis=0), axis=1)
     reach = ends - ik.points[0]
@@ -167,12 +167,12 @@ def test_drawn_and_looked_at_have_one_density_whose_integral_is_the_share_that_w
     q = np.tile(body.neutral, (count, 1))
     q[:, body.bounded_q] += 0.05 * rng.standard_normal((count, len(body.bounded_q)))
     some = body.placed(q)
-    arms = made.drawn(np.random.default_rng(6), some)
+    arms = made.sample(np.random.default_rng(6), some)
     assert 0.1 < arms.ok.mean() < 0.9
     np.testing.assert_allclose(made.log_density(arms.angles, some)[arms.ok], arms.log_density[arms.ok], atol=1e-6)
     assert np.isfinite(arms.angles).all()
     pixels = made.seen.sample(np.random.default_rng(6), count)[0][:, 0]
-    ends = ik.looked_at(arms.angles)[0]
+    ends = ik.forward(arms.angles)[0]
     M = some.placements[:, ik.parent]
     seen = made.camera.project(np.einsum("nki,nk->ni", M[:, :9].reshape(-1, 3, 3), ends) + M[:, 9:])
     assert np.abs(seen - pixels)[arms.ok].max() < 1e-9 * made.camera.K[0, 0] / 3.0 * 10.0
@@ -187,10 +187,10 @@ def test_weighed_by_one_over_the_density_arms_are_uniform_and_not_without_the_vo
     body, count = body_of("upper13"), 60_000
     ik = ik_of(body, 0)
     made = proposal(body, ik, cameras()["perspective"])
-    arms = made.drawn(np.random.default_rng(3), trunks(body, count))
+    arms = made.sample(np.random.default_rng(3), trunks(body, count))
     assert p_value(made, arms, arms.log_density, body, np.random.default_rng(4)).p > 0.01
-    looked = ik.looked_at(arms.angles)[1].log_density
-    without = arms.log_density - np.where(arms.ok, looked, 0.0)
+    density = ik.forward(arms.angles)[1].log_density
+    without = arms.log_density - np.where(arms.ok, density, 0.0)
     assert p_value(made, arms, without, body, np.random.default_rng(4)).p < 1e-6
 
 
@@ -202,7 +202,7 @@ def test_places_without_an_arm_have_none_and_nothing_is_nan() -> None:
     for level in (0.0, 1.0):
         arms = ik.solved(places, np.zeros(4), np.full(4, level))
         _without_arms(arms)
-    _without_arms(ik.looked_at(np.tile(ik.rest + ik.high + 0.1, (2, 1)))[1])
+    _without_arms(ik.forward(np.tile(ik.rest + ik.high + 0.1, (2, 1)))[1])
     assert not len(ik.solved(np.zeros((0, 3)), np.zeros(0), np.zeros(0)).ok)
     camera = cameras()["perspective"]
     M = parent_of(ik, body)[0]
@@ -210,13 +210,13 @@ def test_places_without_an_arm_have_none_and_nothing_is_nan() -> None:
     near = replace(camera, t_camera_world=-camera.R_camera_world @ (shoulder + np.array([0.1, 0.0, -0.1])))
     middle = np.array([[0.5 * size for size in near.image_size]])
     made = ImageProposal(ik, near, gaussian(("end",), middle, 4e5 * np.eye(2)))
-    arms = made.drawn(np.random.default_rng(8), trunks(body, 5000))
+    arms = made.sample(np.random.default_rng(8), trunks(body, 5000))
     assert arms.ok.any()
     np.testing.assert_allclose(
         made.log_density(arms.angles, trunks(body, 5000))[arms.ok], arms.log_density[arms.ok], atol=1e-6
     )
     far = replace(made, seen=gaussian(("end",), middle + 1e7, np.eye(2)))
-    _without_arms(far.drawn(np.random.default_rng(8), trunks(body, 5)))
+    _without_arms(far.sample(np.random.default_rng(8), trunks(body, 5)))
 
 
 def _without_arms(arms: Arms) -> None:

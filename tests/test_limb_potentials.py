@@ -27,11 +27,11 @@ from estimator.trackers.loose_limbed.limbs.potential_learning import (
     LimbPoses,
     backward_points,
     captured_poses,
-    drawn_poses,
     has_sides,
     learned_potentials,
     limb_poses,
     log_densities,
+    random_poses,
 )
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials, load_potentials, shipped_potentials
 from humanoid.kinematics.body import Body
@@ -54,7 +54,7 @@ def graph_of(name: str, detail: str = "paper") -> LimbGraph:
 @cache
 def drawn(name: str, count: int = 300) -> LimbPoses:
     body = body_of(name)
-    return drawn_poses(body, graph_of(name), count, (STEP,), np.full(body.nv, 2.0), np.random.default_rng(5))
+    return random_poses(body, graph_of(name), count, (STEP,), np.full(body.nv, 2.0), np.random.default_rng(5))
 
 
 @cache
@@ -199,7 +199,7 @@ def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
     body = body_of(name)
     graph = limb_graph(body)
     rng, speed = np.random.default_rng(8), np.full(body.nv, 2.0)
-    poses, others = (drawn_poses(body, graph, 80, (STEP,), speed, rng) for _ in range(2))
+    poses, others = (random_poses(body, graph, 80, (STEP,), speed, rng) for _ in range(2))
     settings = LearnSettings(kernels=2)
     potentials = learned_potentials(graph, body, poses, settings)
     space, time = log_densities(potentials, others)
@@ -222,7 +222,7 @@ def poses_within(body: Body) -> np.ndarray:
         patch.setattr(
             "estimator.trackers.loose_limbed.limbs.potential_learning.limb_poses", lambda g, b, q, p: kept.append(q)
         )
-        drawn_poses(body, graph_of("arm8"), 50, (), np.zeros(body.nv), np.random.default_rng(0))
+        random_poses(body, graph_of("arm8"), 50, (), np.zeros(body.nv), np.random.default_rng(0))
     return kept[0]
 
 

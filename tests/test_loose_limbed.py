@@ -29,7 +29,7 @@ SMALL: dict[str, Any] = {
     "start_kernels": 30,
     "start_samples": 25,
     "start_iterations": 3,
-    "part_detectors": {"hull": {"places": 500, "poses": 800, "kept": 50, "tries": 5}},
+    "part_detectors": {"hull": {"places": 500, "poses": 800, "survivors": 50, "tries": 5}},
     "assembly": {"rounds": 2},
     "modes": 2,
 }

@@ -12,7 +12,7 @@ from benchmarks.speed.mode_search import figures
 from benchmarks.speed.mode_search_duel import Contest, Duel, Start
 from benchmarks.speed.mode_search_residuals import Residuals, robust
 from benchmarks.speed.mode_search_scipy import Watched
-from benchmarks.speed.mode_search_starts import EXCHANGED, JUMP, KEPT, KINDS, SAMPLE, drawn, tracker_starts
+from benchmarks.speed.mode_search_starts import EXCHANGED, JUMP, KEPT, KINDS, SAMPLE, subsample, tracker_starts
 
 CONTEST = Contest()
 
@@ -111,6 +111,6 @@ def test_the_trackers_starts_are_what_they_are_called() -> None:
         for s in here:
             assert s.kind == JUMP or s.q_previous.tobytes() in parents  # type: ignore[union-attr]
             assert s.kind != EXCHANGED or not np.array_equal(s.observation.pixels, kept[s.q.tobytes()], equal_nan=True)
-    few = drawn(starts, 20, np.random.default_rng(0))
+    few = subsample(starts, 20, np.random.default_rng(0))
     assert len({id(s) for s in few}) == 20
-    assert len(drawn(starts, 10**6, np.random.default_rng(0))) == len(starts)
+    assert len(subsample(starts, 10**6, np.random.default_rng(0))) == len(starts)

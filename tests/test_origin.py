@@ -16,7 +16,7 @@ KINDS = [
     Origin(Family.START),
     Origin(Family.KEPT, PreviousPose(Q, AHEAD)),
     Origin(Family.ASSOCIATION, PreviousPose(Q)),
-    Origin(Family.SAMPLE, PreviousPose(Q, paid=False)),
+    Origin(Family.SAMPLE, PreviousPose(Q, has_transition=False)),
     Origin(Family.DEPTH_JUMP, PreviousPose(AHEAD), 6.0),
 ]
 
@@ -34,11 +34,11 @@ def test_origins_survive_storing() -> None:
         assert (again.previous is None) == (origin.previous is None)
         if again.previous is not None and origin.previous is not None:
             assert again.previous.key == origin.previous.key
-            assert again.previous.paid == origin.previous.paid
-    paid = [origin.transition_from for origin in map(read.of_mode, range(len(KINDS)))]
-    assert paid[0] is None
-    assert paid[3] is None
-    assert np.array_equal(np.array([paid[1], paid[2], paid[4]]), [Q, Q, AHEAD])
+            assert again.previous.has_transition == origin.previous.has_transition
+    transitions = [origin.transition_from for origin in map(read.of_mode, range(len(KINDS)))]
+    assert transitions[0] is None
+    assert transitions[3] is None
+    assert np.array_equal(np.array([transitions[1], transitions[2], transitions[4]]), [Q, Q, AHEAD])
     assert Origins.of([*KINDS, None], nq=2) is None
 
 
@@ -59,7 +59,7 @@ def test_runs_keep_their_names_and_old_words_are_read() -> None:
 
 
 def test_every_field_of_a_hypothesis_is_in_the_table_that_files_go_by() -> None:
-    renamed = {"price": "penalty"}
+    renamed = {"paid": "has_transition", "price": "penalty"}
     assert {f.name for f in fields(Mode)} - {"origin"} == set(MODE_FIELDS)
     of_the_frame = {"index", "time", "status", "origins", "extra"}
     assert {f.name for f in fields(FrameResult)} - of_the_frame == set(RESULT_FIELDS)

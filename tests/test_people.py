@@ -20,7 +20,7 @@ from estimator.data.formats.keypoints_people import Person
 from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.formats.people_tracks import link
 from estimator.data.people.across_cameras import subject_tracks
-from estimator.data.people.groups import grouped, settled
+from estimator.data.people.groups import exchange_pieces, grouped
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
@@ -237,10 +237,10 @@ def test_groups_of_the_strongest_bonds_and_their_exchange() -> None:
     bonds = np.array([[0, 5, -9, 6.0], [5, 0, 1, -9], [-9, 1, 0, 5], [6, -9, 5, 0]])
     greedy = grouped(bonds)
     assert greedy[0] == greedy[3]
-    labels = settled(bonds, greedy, int(greedy[0]), np.array([0, 1, 0, 1]), np.zeros(4))
+    labels = exchange_pieces(bonds, greedy, int(greedy[0]), np.array([0, 1, 0, 1]), np.zeros(4))
     assert labels[0] == labels[1] != labels[2] == labels[3]
     camera = np.array([-1, -1, -1, -1])
-    np.testing.assert_array_equal(settled(bonds, greedy, int(greedy[0]), camera, np.zeros(4)), greedy)
+    np.testing.assert_array_equal(exchange_pieces(bonds, greedy, int(greedy[0]), camera, np.zeros(4)), greedy)
 
 
 def test_rays_are_what_projects_and_meet_where_they_came_from() -> None:

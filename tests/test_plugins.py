@@ -29,7 +29,7 @@ REFUSED = {
     "too many": (LAZY, "[lazy]\nnaps = 6", "[lazy] naps: 6 cannot work (a finite number, 0 or more, at most 5)"),
     "no choice": (LAZY, "[lazy]\nbed = 'car'", "[lazy] bed: 'car' cannot work (one of sofa, floor)"),
     "no setting": (LAZY, "[lazy]\nnap = 1", "[lazy]: no setting 'nap' (did you mean naps? one of naps, depth, bed)"),
-    "idle": (LAZY, "[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
+    "unused": (LAZY, "[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
     "another's": (LAZY, "[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy uses [lazy]"),
     "of no use": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css uses [css]"),
 }

@@ -57,7 +57,7 @@ def crowd(body: Body, count: int = 40) -> ParticleSet:
     return ParticleSet(poses, np.full(count, 1.0 / count), q)
 
 
-def told(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Message:
+def shifted_message(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Message:
     """A head where it is expected, and hands beside where they are: two ways for the left one."""
     state = crowd(prior_of.body)
     where = prior_of.camera.project(prior_of.parts.features.points(prior_of.body.placed(state.reference[None])))[0]
@@ -81,7 +81,7 @@ def plainly_weighed(made: PoseChain, prior: Expected, message: Message, count: i
             reach = replace(target, elsewhere={1: anywhere(made.parts, prior)} if own else {}).past_of(part)
             centres = reach.centres[rng.choice(len(reach.centres), size=count)]
             x[np.ix_(anew == own, group)] = reach.steps.moved_group(rng, centres, group)[anew == own]
-    log_weight = target.told(target.prepared(x))
+    log_weight = target.log_message(target.prepared(x))
     weight = np.exp(log_weight - log_weight.max())
     return x, weight / weight.sum()
 
@@ -122,7 +122,7 @@ def test_the_posterior_is_that_of_weighing_the_past(
     if lost:
         monkeypatch.setattr(PoseChain, "_chosen", lambda self: (1,))
     prior = made.predict(crowd(made.body), 0.04)
-    message = told(made)
+    message = shifted_message(made)
     # hardly any limb that is anywhere is where it is seen: plain weighing needs more of them
     x, weight = plainly_weighed(made, prior, message, 500_000 if lost else 200_000)
     mean = weight @ x
@@ -133,7 +133,7 @@ def test_the_posterior_is_that_of_weighing_the_past(
         again = chain(np.random.default_rng(100 + seed), settings)
         after, _ = again.update(replace_samples(again, prior), message)
         tangents.append(made.body.differences(prior.reference, after.q))
-        counts.append(again.told["effective_sample_size"])
+        counts.append(again.diagnostics["effective_sample_size"])
     assert np.mean(counts) > 20.0
     each = np.array([t.mean(axis=0) for t in tangents])
     error = each.std(axis=0) / np.sqrt(len(each))
@@ -186,7 +186,7 @@ def test_hands_that_are_elsewhere_are_reached_by_the_image_and_not_by_the_past()
     """A hand 100 px away from all that is expected: likelihood sampling finds it, samples of the past do not."""
     made = chain(np.random.default_rng(2))
     prior = made.predict(crowd(made.body), 0.04)
-    message = told(made, shift=100.0, spread=4.0)
+    message = shifted_message(made, shift=100.0, spread=4.0)
     after, _ = made.update(prior, message)
     pixels = made.camera.project(made.parts.features.points(made.body.placed(after.q)))
     off = np.linalg.norm(pixels[:, None] - message.evidence.mean[None], axis=3).max(axis=2).min(axis=1)
@@ -199,7 +199,7 @@ def test_without_detections_likelihood_sampling_has_no_samples() -> None:
     made = chain(np.random.default_rng(3), past=False)
     prior = made.predict(crowd(made.body), 0.04)
     after, log_mean = made.without_samples(prior)
-    assert made.told["samples"] == 0.0
+    assert made.diagnostics["samples"] == 0.0
     assert log_mean == -np.inf
     assert np.isfinite(after.q).all()
 
@@ -209,7 +209,7 @@ def test_equal_generators_equal_bits() -> None:
     for _ in range(2):
         made = chain(np.random.default_rng(4), replace(SETTINGS, particles=200))
         prior = made.predict(crowd(made.body), 0.04)
-        runs.append(made.update(prior, told(made))[0].q)
+        runs.append(made.update(prior, shifted_message(made))[0].q)
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
@@ -217,17 +217,17 @@ def test_draws_from_the_past_alone_are_condensation() -> None:
     """Whole poses of the past, selected by their weights, with the mean weight as evidence."""
     made = chain(np.random.default_rng(5), replace(SETTINGS, draws="past", particles=500))
     prior = made.predict(crowd(made.body), 0.04)
-    message = told(made, spread=15.0)
+    message = shifted_message(made, spread=15.0)
     after, log_mean = made.update(prior, message)
     target = made._target(prior, message)
-    log_weight = target.told(target.prepared(prior.samples))
+    log_weight = target.log_message(target.prepared(prior.samples))
     weight = np.exp(log_weight - log_weight.max())
     x = made.body.differences(prior.reference, after.q)
     share = weight / weight.sum()
     copies = np.array([np.count_nonzero(np.abs(x - sample).max(axis=1) < 1e-9) for sample in prior.samples])
     assert np.abs(copies - share * len(x)).max() < 1.0
     assert log_mean == pytest.approx(np.log(weight.mean()) + log_weight.max())
-    assert made.told["effective_sample_size"] == pytest.approx(1.0 / np.square(share).sum())
+    assert made.diagnostics["effective_sample_size"] == pytest.approx(1.0 / np.square(share).sum())
 
 
 @pytest.mark.parametrize("subject", ["upper13", "human34"])

@@ -10,14 +10,14 @@ import pytest
 from builders import body_of
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import TRACKERS, current_changes, make_tracker, settings_for
-from estimator.vision.likelihood.settings import idle_rules
+from estimator.tracking.unused_rules import RULES
+from estimator.vision.likelihood.settings import unused_rules
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from humanoid.support.idle import ONE_CAMERA, PICTURES
 from humanoid.support.settings import declared, every_setting, is_group, members, setting
+from humanoid.support.unused import ONE_CAMERA, PICTURES
 from kinemode.initialisation import processes_for
 from kinemode.settings import (
     choose,
@@ -97,7 +97,7 @@ def test_the_option_goes_before_the_file_and_the_file_before_the_default(tmp_pat
     assert read_settings("css", None).own.modes == 7
 
 
-IDLE = {
+UNUSED = {
     ("css", "[css]\ntransition = false\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.transition is off"),
     ("css", "[css]\njumps = 0\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.jumps is 0"),
     ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css uses [css]"),
@@ -118,14 +118,14 @@ IDLE = {
 }
 
 
-@pytest.mark.parametrize("case", IDLE)
+@pytest.mark.parametrize("case", UNUSED)
 def test_settings_without_effect_are_refused(case: tuple[str, str], tmp_path: Path) -> None:
     tracker, text = case
-    path = tmp_path / "idle.toml"
+    path = tmp_path / "unused.toml"
     path.write_text(text)
     with pytest.raises(InputError) as error:
         choose(tracker, path).check(fits=False)
-    place, why = IDLE[case]
+    place, why = UNUSED[case]
     assert str(error.value).startswith(f"{path}: {place}: has no effect: ")
     assert why in str(error.value)
     with pytest.raises(InputError, match=r"settings\.\w"):
@@ -141,7 +141,7 @@ def test_a_settings_file_as_it_is_written_is_taken(tracker: str, tmp_path: Path)
 def test_rules_name_settings_that_there_are(tracker: str) -> None:
     names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for(tracker))}
     groups = {name.rpartition(".")[0] for name in names}
-    for rule in (*RULES, *idle_rules(), *TRACKERS[tracker].idle):
+    for rule in (*RULES, *unused_rules(), *TRACKERS[tracker].unused):
         assert set(rule.names) <= names | groups
         assert {name for name, _ in rule.where} <= names
         assert rule.needs in ("", PICTURES, ONE_CAMERA)
@@ -149,7 +149,7 @@ def test_rules_name_settings_that_there_are(tracker: str) -> None:
 
 def test_a_rule_is_for_what_a_default_or_the_input_decides() -> None:
     """Not for what somebody must have turned off."""
-    rules = {name: (*RULES, *idle_rules(), *spec.idle) for name, spec in TRACKERS.items()}
+    rules = {name: (*RULES, *unused_rules(), *spec.unused) for name, spec in TRACKERS.items()}
     acting = set()
     for name, of_tracker in rules.items():
         values = {f"{table}.{key}": value for table, key, value in every_setting(settings_for(name))}
@@ -256,6 +256,9 @@ def test_former_names_of_settings_and_groups_are_taken() -> None:
     notes = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
     assert "the setting loose_limbed.shout is called loose_limbed.part_detectors now" in notes
     assert choose("css", {"css": {"other_readings": 3}}).settings.own.swapped_readings == 3
+    assert choose("css", {"search": {"settled": 0.02}}).settings.search.reassign_tolerance == 0.02
+    by_hull = {"loose_limbed": {"part_detectors": {"hull": {"kept": 7}}}}
+    assert choose("loose-limbed", by_hull).settings.own.part_detectors.hull.survivors == 7
 
 
 def test_settings_of_another_group_once_are_found_where_they_are_now() -> None:

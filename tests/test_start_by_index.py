@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from benchmarks.papers_css.beginnings import WITHIN, begun, verdict
+from benchmarks.papers_css.beginnings import WITHIN, start_errors, verdict
 from benchmarks.papers_elmo.elmo_recovery import LONGEST, SHORTEST, spans
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.inference.mixture import mixture_of
 from estimator.runs.reference_motion import Reference
 from estimator.trackers.mixture_state import MixtureState
-from estimator.tracking.idle_settings import fit_settings
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.settings import Settings
+from estimator.tracking.unused_settings import fit_settings
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import ROOT_Q, Body
@@ -249,7 +249,7 @@ def test_occlusions_are_dealt_out() -> None:
 
 def test_a_run_s_beginning_is_measured(clip: RenderedClip) -> None:
     run = km.track(clip.subject, None, cameras=clip.cameras, keypoints=clip.keypoints, fit="off", settings=QUICK)
-    measured = begun(run, clip.truth, 5.0, ((0.2, 0.4),))
+    measured = start_errors(run, clip.truth, 5.0, ((0.2, 0.4),))
     assert measured.first_best <= measured.first < 120.0
     assert len(measured.after) == 1
     assert len(measured.after[0]) == min(WITHIN, len(run) - 2)

@@ -37,7 +37,7 @@ class Rows:
 class Plain:
     """A standard normal past, what is told, a likelihood."""
 
-    told_of: Callable[[np.ndarray], np.ndarray]
+    log_message_of: Callable[[np.ndarray], np.ndarray]
     likelihood_of: Callable[[np.ndarray], np.ndarray]
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
@@ -46,8 +46,8 @@ class Plain:
     def prepared(self, x: np.ndarray) -> Rows:
         return Rows(x)
 
-    def told(self, samples: Rows) -> np.ndarray:
-        return self.told_of(samples.x)
+    def log_message(self, samples: Rows) -> np.ndarray:
+        return self.log_message_of(samples.x)
 
     def likelihood(self, samples: Rows) -> np.ndarray:
         return self.likelihood_of(samples.x)
@@ -101,11 +101,11 @@ def test_two_wells_have_their_shares_places_and_evidence(chosen_by: float) -> No
 
 
 def test_moves_leave_a_density_as_it_is() -> None:
-    """Samples of the posterior, with groups that hang together by what is told: still its samples after many moves,
-    though each of them went elsewhere."""
+    """Samples of the posterior, with groups that hang together by what messages say: still its samples after many
+    moves, though each of them went elsewhere."""
     pull = np.array([[1.0, 0.0, -1.0]])
 
-    def told(x: np.ndarray) -> np.ndarray:
+    def log_message(x: np.ndarray) -> np.ndarray:
         return np.asarray(-2.0 * np.square(x @ pull[0] - 0.5))
 
     def likelihood(x: np.ndarray) -> np.ndarray:
@@ -116,8 +116,8 @@ def test_moves_leave_a_density_as_it_is() -> None:
     mean = covariance @ (4.0 * 0.5 * pull[0] + 0.5 * 6.0 * np.array([0.0, 1.0, 0.0]))
     rng = np.random.default_rng(3)
     x = rng.multivariate_normal(mean, covariance, size=20_000)
-    walk = Walk(rng, Plain(told, likelihood), box())
-    samples, shares = walk.begun(x, likelihood(x)), []
+    walk = Walk(rng, Plain(log_message, likelihood), box())
+    samples, shares = walk.initial_samples(x, likelihood(x)), []
     for _ in range(15):
         samples, share = walk.moved(samples, 0.5)
         shares.append(share)
@@ -125,7 +125,7 @@ def test_moves_leave_a_density_as_it_is() -> None:
     np.testing.assert_allclose(np.cov(samples.x.T), covariance, atol=0.025)
     assert min(shares) > 0.2
     assert not np.isin(samples.x, x).all(axis=1).any()
-    np.testing.assert_allclose(samples.told, told(samples.x))
+    np.testing.assert_allclose(samples.log_message, log_message(samples.x))
     np.testing.assert_allclose(samples.likelihood, likelihood(samples.x))
 
 
@@ -140,10 +140,12 @@ def test_nothing_moves_out_of_its_box() -> None:
 def test_all_at_once_is_plain_selection() -> None:
     rng = np.random.default_rng(5)
     x = rng.standard_normal((300, 3))
-    told = rng.standard_normal(300)
-    result = tempered(np.random.default_rng(6), x, told, Plain(nothing, wells), box(), TemperingSettings(powers=1))
+    log_weight = rng.standard_normal(300)
+    result = tempered(
+        np.random.default_rng(6), x, log_weight, Plain(nothing, wells), box(), TemperingSettings(powers=1)
+    )
     assert result is not None
-    weights, log_mean = normalised(told + wells(x))
+    weights, log_mean = normalised(log_weight + wells(x))
     np.testing.assert_array_equal(result.x, x[systematic(np.random.default_rng(6), weights, 300)])
     assert result.log_evidence == log_mean
     assert result.powers == 1

@@ -7,8 +7,8 @@ from typing import Any
 
 from estimator.trackers.spec import Spec
 from estimator.tracking.registry import register
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
+from humanoid.support.unused import unused_where
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,6 @@ register(
         group="lazy",
         settings=LazySettings(),
         defaults={"smooth": {"enabled": False}},
-        idle=(idle_where("lazy.depth", lazy__naps=0),),
+        unused=(unused_where("lazy.depth", lazy__naps=0),),
     )
 )

@@ -100,8 +100,8 @@ def tracked(task: Task) -> Result:
         files, task.folder / "calibration.json", out, clips=clips, cues=seen, seed=task.seed, **how
     )
     scores = score(run, Reference.load(task.folder / "reference3d.npz"))
-    told = f"{scores.mpjpe:.1f}, {scores.pa:.1f} mm, {times.rate:.1f} frames a second"
-    tell(f"{task.view}, {task.cues}, seed {task.seed}, copy {task.copy}: {told}")
+    summary = f"{scores.mpjpe:.1f}, {scores.pa:.1f} mm, {times.rate:.1f} frames a second"
+    tell(f"{task.view}, {task.cues}, seed {task.seed}, copy {task.copy}: {summary}")
     return scores, times.rate
 
 

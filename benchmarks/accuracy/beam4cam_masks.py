@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 import kinemode as km
-from benchmarks.accuracy.outline import drawn
+from benchmarks.accuracy.outline import mesh_mask
 from benchmarks.support.common import Data, beam_folder, tell
 from estimator.data.media.threads import one_thread
 from estimator.vision.cues.silhouette.background import grab
@@ -43,7 +43,7 @@ def main(run: Path, out: Path, *, data: Data = None) -> None:
         for frame, q in enumerate(tracked.q):
             picture = film.read()[1]
             places = points_in_world(tracked.body.at(q), surface.joint, surface.local)
-            mask = cut_out(picture, drawn(camera, places, surface.faces))
+            mask = cut_out(picture, mesh_mask(camera, places, surface.faces))
             cv2.imwrite(str(folder / f"{frame:05d}.png"), np.where(mask, np.uint8(255), np.uint8(0)))
         tell(camera.name)
 

@@ -112,9 +112,9 @@ def measured(view: str, folder: Path, detector: str, seed: int, work: Path) -> t
         progress=km.reported,
     )  # fmt: skip
     apart = difference(out.with_suffix(".keypoints") / f"{view}.json", shipped)
-    told = score(ours, reference), score(theirs, reference)
-    tell(f"{view}: {apart.median:.2f} px; {told[0].mpjpe:.1f}, {told[0].pa:.1f} mm")
-    return apart, *told
+    both_scores = score(ours, reference), score(theirs, reference)
+    tell(f"{view}: {apart.median:.2f} px; {both_scores[0].mpjpe:.1f}, {both_scores[0].pa:.1f} mm")
+    return apart, *both_scores
 
 
 def together(folder: Path, detector: str, seed: int, work: Path) -> Scores:

@@ -76,7 +76,7 @@ def crossing(body: Body, clip: Clip, rng: np.random.Generator) -> list[np.ndarra
 
 def unhidden(people: Detections, motions: Sequence[np.ndarray], cameras: Sequence[Camera]) -> Detections:
     """Without the detections of those who are hidden, for the most part, by somebody nearer to the camera."""
-    kept: dict[str, list[list[tuple[int, Person]]]] = {}
+    visible: dict[str, list[list[tuple[int, Person]]]] = {}
     for camera in cameras:
         frames = []
         for t, frame in enumerate(people[camera.name]):
@@ -87,8 +87,8 @@ def unhidden(people: Detections, motions: Sequence[np.ndarray], cameras: Sequenc
                 for n, person in frame
                 if not any(depth[m] < depth[n] and _covered(boxes[n], boxes[m]) > HIDDEN for m in boxes)
             ])  # fmt: skip
-        kept[camera.name] = frames
-    return kept
+        visible[camera.name] = frames
+    return visible
 
 
 def _box(person: Person) -> np.ndarray:
@@ -109,8 +109,8 @@ def outcome(task: Task) -> Outcome:
     people = unhidden(crowd(body, motions, cameras, rng, noise_px=NOISE), motions, cameras)
     files, by_name = written(people, task.work), {c.name: c for c in cameras}
     write_cameras(task.work / "cameras.json", cameras)
-    told, _ = everybody({name: load_people(path) for name, path in files.items()}, by_name)
-    whose = [owners(people, {name: track.pixels for name, track in tracks.items()}) for tracks in told]
+    tracks_of_people, _ = everybody({name: load_people(path) for name, path in files.items()}, by_name)
+    whose = [owners(people, {name: track.pixels for name, track in tracks.items()}) for tracks in tracks_of_people]
     who = [int(np.bincount(of[of >= 0], minlength=task.people).argmax()) for of in whose]
     there = sum(len(frame) for frames in people.values() for frame in frames)
     right = sum(int((of == n).sum()) for of, n in zip(whose, who, strict=True))
@@ -119,7 +119,7 @@ def outcome(task: Task) -> Outcome:
     alone: list[float] = []
     if task.track:
         among, alone = _tracked(task, body, motions, people, files, who)
-    return Outcome(task.people, len(told), right / there, swapped, tuple(among), tuple(alone))
+    return Outcome(task.people, len(tracks_of_people), right / there, swapped, tuple(among), tuple(alone))
 
 
 def _tracked(

@@ -155,5 +155,5 @@ def main(*, frames: int = 60, seed: int = 0, work: Work = None, json: Json = Non
                 shares = (f"{share:.0%}" for share in sight.shares)
                 table.add_row(name, str(k + 1), *shares, f"{sight.median:.1f}", f"{sight.most:.1f}")
     report.console().print(table)
-    told = {name: [asdict(s) for s in of] for name, of in sights.items()}
-    save(json, {"measure": "everybody filmed", "seed": seed, "films": told})
+    entries = {name: [asdict(s) for s in of] for name, of in sights.items()}
+    save(json, {"measure": "everybody filmed", "seed": seed, "films": entries})

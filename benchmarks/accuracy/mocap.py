@@ -154,8 +154,8 @@ def main(
     by_clip = {f.stem: by_condition for f, by_condition in zip(files, outcomes, strict=True)}
     show(by_clip, background)
     figures = {name: {condition: asdict(o) for condition, o in of.items()} for name, of in by_clip.items()}
-    told = how | {"prior": prior, "settings": nested(changes)}
-    save(json, {"measure": "mocap", "background": background, "how": told, "target_mm": TARGET_MM, "clips": figures})
+    recipe = how | {"prior": prior, "settings": nested(changes)}
+    save(json, {"measure": "mocap", "background": background, "how": recipe, "target_mm": TARGET_MM, "clips": figures})
 
 
 def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[Path]:

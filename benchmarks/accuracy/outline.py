@@ -67,7 +67,7 @@ def _in_picture(run: Run, surface: Surface, t: int, cues: ImageCues) -> list[Wid
     if "silhouette" not in cues:
         return []
     posed = run.body.at(run.q[t])
-    body = drawn(cues.camera, points_in_world(posed, surface.joint, surface.local), surface.faces)
+    body = mesh_mask(cues.camera, points_in_world(posed, surface.joint, surface.local), surface.faces)
     silhouette = cues["silhouette"].mask & cues["silhouette"].known
     landmarks = dict(zip(run.body.landmark_names, run.body.landmarks(posed), strict=True))
     measured = []
@@ -90,7 +90,7 @@ def _pixels_per_metre(camera: Camera, point: np.ndarray) -> float:
     return float(camera.K[0, 0] / depth)
 
 
-def drawn(camera: Camera, world: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def mesh_mask(camera: Camera, world: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Where faces (F, 3) of points (N, 3) in the world are in a camera's picture, (H, W) bool."""
     width, height = camera.image_size
     mask = np.zeros((height, width), np.uint8)

@@ -56,12 +56,18 @@ class Views:
 
     def clocks(self) -> list[Clock]:
         """The clocks of all but the first camera, as they are found."""
-        told = synchronised(self.cameras, self.pixels, self.times)
+        estimate = synchronised(self.cameras, self.pixels, self.times)
         frame = max(float(np.median(np.diff(of))) for of in self.times)
         truth = self.begins - self.begins[0]
-        errors = (told.offsets - truth) / frame
+        errors = (estimate.offsets - truth) / frame
         return [
-            Clock(float(errors[c]), bool(told.sure[c]), float(told.margin[c]), float(told.errors[c]) / frame, truth[c])
+            Clock(
+                float(errors[c]),
+                bool(estimate.sure[c]),
+                float(estimate.margin[c]),
+                float(estimate.errors[c]) / frame,
+                truth[c],
+            )
             for c in range(1, len(self.cameras))
         ]
 

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from benchmarks.papers_css.ablation_runs import SUITES, Measured, Wanted, parts, prepared
 from benchmarks.papers_css.runs_plot import Difference, write_differences
-from benchmarks.papers_css.summaries import Judged, Spread, gain, judged, paired
+from benchmarks.papers_css.summaries import Spread, TrackStatistics, gain, paired, track_statistics
 from benchmarks.support.common import (
     Changes,
     Data,
@@ -25,7 +25,7 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
-from benchmarks.support.kept_runs import Kept, all_done
+from benchmarks.support.result_store import ResultStore, all_done
 from benchmarks.support.scores import LOST
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
@@ -68,8 +68,8 @@ class Row:
 
     suite: str
     name: str
-    filtered: Judged
-    smoothed: Judged
+    filtered: TrackStatistics
+    smoothed: TrackStatistics
     more: Difference
     lost_more: Difference
     cpu: float
@@ -125,7 +125,7 @@ def main(
     chosen = [WHOLE, *(name for name in rows if name != WHOLE)]
     given = nested(changes)
     with work_folder(work) as folder:
-        kept, wanted = Kept(folder), Wanted(folder / "clips", data, motions, clip_seeds, seeds, seconds, given)
+        store, wanted = ResultStore(folder), Wanted(folder / "clips", data, motions, clip_seeds, seeds, seconds, given)
         every = [
             part
             for suite in suites
@@ -137,8 +137,8 @@ def main(
             raise InputError("--motions", "names no clip of the suites")
         in_processes(prepared, list({(part.suite, part.clip): part for part in every}.values()), jobs)
         pieces = [part.piece for part in every]
-        results = all_done("ablation", kept, pieces, jobs)
-        done, codes = [part.read(r) for part, r in zip(every, results, strict=True)], len(kept.codes(pieces))
+        results = all_done("ablation", store, pieces, jobs)
+        done, codes = [part.read(r) for part, r in zip(every, results, strict=True)], len(store.codes(pieces))
     table = summed(done)
     show(table)
     for line in (*verdicts(done), *([] if codes == 1 else [f"the runs are of {codes} states of the code"])):
@@ -171,8 +171,8 @@ def _row(suite: str, name: str, done: Sequence[Measured]) -> Row:
     return Row(
         suite=suite,
         name=name,
-        filtered=judged([m.errors["filtered"] for m in of], clips, measure),
-        smoothed=judged([m.errors["smoothed"] for m in of], clips, measure),
+        filtered=track_statistics([m.errors["filtered"] for m in of], clips, measure),
+        smoothed=track_statistics([m.errors["smoothed"] for m in of], clips, measure),
         more=Difference(more("filtered", False), more("smoothed", False)),
         lost_more=Difference(more("filtered", True), more("smoothed", True)),
         cpu=float(np.mean([m.cpu for m in of])),
@@ -269,7 +269,7 @@ def figures_of(row: Row) -> dict[str, object]:
     """A row as JSON, its named tuples with their names."""
     plain: dict[str, object] = {"suite": row.suite, "row": row.name, "cpu": row.cpu}
     for kind in ("filtered", "smoothed"):
-        j: Judged = getattr(row, kind)
+        j: TrackStatistics = getattr(row, kind)
         plain[kind] = j._asdict() | {
             "error": j.error._asdict(),
             "more": getattr(row.more, kind)._asdict(),

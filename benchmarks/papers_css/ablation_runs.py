@@ -13,9 +13,9 @@ from benchmarks.accuracy.beam4cam import CAMERAS
 from benchmarks.papers_css.failure_runs import CSS, Tracking
 from benchmarks.papers_css.sequences import FPS, Task, clip_folder
 from benchmarks.support.common import CUES, beam_folder
-from benchmarks.support.kept_runs import Figures, Kept, Piece, kept_clip, removed
 from benchmarks.support.mocap_person import DETECTOR, person
 from benchmarks.support.mocap_person import FPS as FILMED_FPS
+from benchmarks.support.result_store import Figures, Piece, ResultStore, cached_clip, removed
 from benchmarks.support.scores import TrackErrors, outcome
 from benchmarks.support.tracking import Times, timed_track
 from estimator.runs.run_file import Run
@@ -105,12 +105,12 @@ class Captured:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.motion.stem}_{'pictures' if self.pictures else 'keypoints'}_{self.seed}"
 
     @property
     def what(self) -> dict[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {
             "mocap": self.motion.stem, "clip_seed": MOCAP_CLIP_SEED, "seconds": self.seconds,
             "pictures": self.pictures, "seed": self.seed, "settings": _all_settings(self.changes),
@@ -127,11 +127,11 @@ class Captured:
                 seed=MOCAP_CLIP_SEED,
             )  # fmt: skip
 
-        return kept_clip(clip_folder(self.folder, self.motion.stem, MOCAP_CLIP_SEED, self.seconds), render)
+        return cached_clip(clip_folder(self.folder, self.motion.stem, MOCAP_CLIP_SEED, self.seconds), render)
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Errors and times; the run itself is not kept."""
-        clip, out = self.prepare(), kept.scratch(self, ".run")
+        clip, out = self.prepare(), store.scratch(self, ".run")
         run, times = timed_track(
             clip.first_frame if self.pictures else clip.keypoints, clip.cameras, out,
             clips=clip.videos if self.pictures else None, cues=",".join(CUES) if self.pictures else "off",
@@ -152,20 +152,20 @@ class Filmed:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"beam4cam_{self.camera}_{self.seed}"
 
     @property
     def what(self) -> dict[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {"beam4cam": self.camera, "seed": self.seed, "settings": _all_settings(self.changes)}
 
     def prepare(self) -> None:
         """Nothing: it is a film."""
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Errors and times; the run itself is not kept."""
-        files, out = {self.camera: self.folder / "keypoints" / f"{self.camera}.json"}, kept.scratch(self, ".run")
+        files, out = {self.camera: self.folder / "keypoints" / f"{self.camera}.json"}, store.scratch(self, ".run")
         cameras, settings = self.folder / "calibration.json", _acting(self.changes)
         run, times = timed_track(files, cameras, out, seed=self.seed, settings=settings)
         return _measured(run, times, self.folder / "reference3d.npz", out)

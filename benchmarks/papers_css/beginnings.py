@@ -43,7 +43,7 @@ class Beginning:
 
 
 @dataclass(frozen=True)
-class Begun:
+class StartErrors:
     """Errors over all landmarks, hips aligned [mm]. first, first_best: of the likeliest hypothesis in the first frame,
     and of the nearest. after: of the likeliest in the first `WITHIN` frames after each time in which the person was
     hidden."""
@@ -53,7 +53,7 @@ class Begun:
     after: list[list[float]]
 
 
-def begun(run: Run, truth: Path, fps: float, hidden: tuple[tuple[float, float], ...]) -> Begun:
+def start_errors(run: Run, truth: Path, fps: float, hidden: tuple[tuple[float, float], ...]) -> StartErrors:
     """Measure a run against the truth that was rendered."""
     with np.load(truth) as true:
         names, points = true["landmark_names"].tolist(), true["landmarks"]
@@ -63,14 +63,16 @@ def begun(run: Run, truth: Path, fps: float, hidden: tuple[tuple[float, float], 
     error = 1e3 * mpjpe(modes, points[: len(modes), None, order], root)
     ends = [round(end * fps) for _, end in hidden]
     first = error[0]
-    return Begun(float(first[0]), float(np.nanmin(first)), [error[end : end + WITHIN, 0].tolist() for end in ends])
+    return StartErrors(
+        float(first[0]), float(np.nanmin(first)), [error[end : end + WITHIN, 0].tolist() for end in ends]
+    )
 
 
-def verdict(begun: Begun) -> str:
+def verdict(start: StartErrors) -> str:
     """The figures beside the targets."""
-    said = f"first frame, hips aligned: nearest hypothesis {begun.first_best:.0f} mm (target at most {FOUND:.0f}),"
-    said += f" likeliest {begun.first:.0f} mm"
-    for errors in begun.after:
+    said = f"first frame, hips aligned: nearest hypothesis {start.first_best:.0f} mm (target at most {FOUND:.0f}),"
+    said += f" likeliest {start.first:.0f} mm"
+    for errors in start.after:
         back = next((str(k + 1) for k, error in enumerate(errors) if error <= FOUND), "none")
         shown = ", ".join(f"{error:.0f}" for error in errors)
         said += f"; frames after an occlusion: {shown} mm, back in frame {back} (target {WITHIN} at most)"

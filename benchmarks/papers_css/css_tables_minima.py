@@ -124,10 +124,10 @@ def searched_from(
             proposal.offer(solutions[-1])
     cpu = time.process_time() - began
     raw_energy = problem.cost.values_at(np.array(raw))
-    return judged(problem, seeker, np.array(raw), raw_energy, solutions, cpu)
+    return search_results(problem, seeker, np.array(raw), raw_energy, solutions, cpu)
 
 
-def judged(
+def search_results(
     problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, solutions: list[Solution], cpu: float
 ) -> Searches:
     """Ends of searches with everything that the rules of counting ask for, computed anew from the energy."""
@@ -170,12 +170,12 @@ def distinct(problem: Problem, searches: Searches, rule: Rule = RULE, tolerance:
     else:
         places = searches.landmarks[ends]
         known = problem.body.landmarks(problem.mode.quadratic.posed)[None]
-    kept: list[int] = []
+    distinct_ends: list[int] = []
     for k, place in enumerate(places):
         if np.all(_apart(known, place, rule) > rule.threshold):
-            kept.append(k)
+            distinct_ends.append(k)
             known = np.concatenate([known, place[None]])
-    return ends[kept]
+    return ends[distinct_ends]
 
 
 def low(problem: Problem, searches: Searches) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.papers_css.sequences import Task, rendered, track_clip
-from benchmarks.support.kept_runs import Figures, Kept, removed
+from benchmarks.support.result_store import Figures, ResultStore, removed
 from benchmarks.support.scores import Outcome, TrackErrors, outcome
 from estimator.trackers.capabilities import capabilities_of
 from estimator.tracking.registry import TRACKERS, changes_for, make_tracker, settings_for
@@ -87,12 +87,12 @@ class Tracking:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.task.motion}_{self.task.clip_seed}_{self.tracker}_{self.seed}"
 
     @property
     def what(self) -> dict[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         t = self.task
         return {
             "motion": t.motion, "clip_seed": t.clip_seed, "seconds": t.seconds, "plate": t.plate,
@@ -109,9 +109,9 @@ class Tracking:
         """Render the clip unless it is there."""
         return rendered(self.task)
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """The `Attempt`; the run itself is not kept."""
-        out, clip = kept.scratch(self, ".run"), self.prepare()
+        out, clip = store.scratch(self, ".run"), self.prepare()
         run, times = track_clip(self.task, clip, out, **self.how)
         smooths = capabilities_of(make_tracker(self.tracker, run.body, self.settings)).energy is not None
         scored = outcome(run, times, clip.truth)
@@ -120,9 +120,9 @@ class Tracking:
         removed(out)
         return asdict(attempt)
 
-    def tried(self, kept: Kept, frames: int) -> float:
+    def tried(self, store: ResultStore, frames: int) -> float:
         """Processor time a frame [s] of the first frames alone."""
-        out = kept.scratch(self, "_trial.run")
+        out = store.scratch(self, "_trial.run")
         _, times = track_clip(self.task, self.prepare(), out, frames=frames, **self.how)
         removed(out)
         return times.cpu_tracking
@@ -159,23 +159,23 @@ class Sizing:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.rival.name}_size"
 
     @property
     def what(self) -> dict[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {"size of": self.rival.what, "in the time of": [run.what for run in self.css], "trial": self.trial}
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """The size, from trials, and from a run over the whole clip where that takes other time."""
         own = own_size(self.rival.tracker, self.rival.task.how["settings"])
         assert own is not None
-        budget = mean_time([Attempt.of(kept.of(run)) for run in self.css])
+        budget = mean_time([Attempt.of(store.of(run)) for run in self.css])
         sizes = [max(1, round(share * own)) for share in TRIAL]
-        times = [self._sized(size).tried(kept, self.trial) for size in sizes]
+        times = [self._sized(size).tried(store, self.trial) for size in sizes]
         size = size_for(budget, sizes, times)
-        cpu = Attempt.of(kept.of(self._sized(size))).cpu
+        cpu = Attempt.of(store.of(self._sized(size))).cpu
         if not 1.0 / EQUAL <= cpu / budget <= EQUAL:
             size = size_for(budget, [sizes[0], size], [times[0], cpu])
         return {"size": size}

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.papers_css.failure_runs import CSS, Attempt, mean_time
 from benchmarks.papers_css.sequences import FPS
-from benchmarks.papers_css.summaries import Judged, gain, judged
+from benchmarks.papers_css.summaries import TrackStatistics, gain, track_statistics
 from benchmarks.support.scores import FAR_PX, LOST
 from estimator.tracking.registry import TRACKERS
 from kinemode.terminal import report
@@ -66,9 +66,9 @@ class Row:
     sizes: tuple[int, ...]
     cpu: float
     times: float
-    filtered: Judged
-    smoothed: Judged | None
-    best: Judged
+    filtered: TrackStatistics
+    smoothed: TrackStatistics | None
+    best: TrackStatistics
 
 
 def summed(attempts: Sequence[Attempt]) -> list[Row]:
@@ -94,8 +94,8 @@ def _clips(attempts: Sequence[Attempt]) -> set[tuple[str, int]]:
 def _row(motion: str, of: Sequence[Attempt], css: Mapping[tuple[str, int], float]) -> Row:
     clips = [a.clip for a in of]
 
-    def trajectory(name: str) -> Judged:
-        return judged([a.outcome.errors[name] for a in of], clips)
+    def trajectory(name: str) -> TrackStatistics:
+        return track_statistics([a.outcome.errors[name] for a in of], clips)
 
     return Row(
         tracker=of[0].tracker,
@@ -124,18 +124,18 @@ def show(rows: Sequence[Row]) -> None:
 
 def _cells(row: Row) -> list[str]:
     size = ", ".join(map(str, row.sizes))
-    smoothed = ["-"] * 3 if row.smoothed is None else _judged(row.smoothed, row.motion)
+    smoothed = ["-"] * 3 if row.smoothed is None else _error_cells(row.smoothed, row.motion)
     return [
-        size, f"{1e3 * row.cpu:.0f}", f"{row.times:.2f}", *_judged(row.filtered, row.motion), *smoothed,
+        size, f"{1e3 * row.cpu:.0f}", f"{row.times:.2f}", *_error_cells(row.filtered, row.motion), *smoothed,
         f"{row.best.error.mean:.1f}", PAPER.get((row.motion, row.tracker), ""),
     ]  # fmt: skip
 
 
-def _judged(j: Judged, motion: str) -> list[str]:
+def _error_cells(j: TrackStatistics, motion: str) -> list[str]:
     return [j.mean_and_error, lost_cell(j, motion), j.how_near]
 
 
-def lost_cell(j: Judged, motion: str) -> str:
+def lost_cell(j: TrackStatistics, motion: str) -> str:
     """How many runs were lost, and when."""
     when = f", {j.lost_at / FPS[motion]:.1f} s" if j.lost and motion in FPS else ""
     return f"{j.lost} of {j.runs}{when}"
@@ -146,7 +146,7 @@ def order(attempts: Sequence[Attempt], rows: Sequence[Row]) -> list[str]:
     of = by_tracker(attempts)
     said = []
     for name, runs in of.items():
-        j = judged([a.outcome.errors["filtered"] for a in runs], [a.clip for a in runs])
+        j = track_statistics([a.outcome.errors["filtered"] for a in runs], [a.clip for a in runs])
         share, single = j.lost / j.runs, TRACKERS[name].group == "single_mode"
         if name not in MOST_LOST and not single:
             continue
@@ -198,14 +198,14 @@ def in_markdown(rows: Sequence[Row]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _short(j: Judged | None, motion: str) -> str:
+def _short(j: TrackStatistics | None, motion: str) -> str:
     return "-" if j is None else f"{j.mean_and_error}; {lost_cell(j, motion)}; {j.worst_of_limits:.0%}"
 
 
 def figures_of(row: Row) -> dict[str, object]:
     """A row as JSON, its named tuples with their names."""
-    judged_rows = {name: getattr(row, name) for name in ("filtered", "smoothed", "best")}
-    plain = {name: None if j is None else j._asdict() | {"error": j.error._asdict()} for name, j in judged_rows.items()}
+    statistics = {name: getattr(row, name) for name in ("filtered", "smoothed", "best")}
+    plain = {name: None if j is None else j._asdict() | {"error": j.error._asdict()} for name, j in statistics.items()}
     return {
         "tracker": row.tracker,
         "motion": row.motion,

@@ -15,7 +15,7 @@ from benchmarks.papers_css.failure_table import by_tracker, figures_of, in_markd
 from benchmarks.papers_css.runs_plot import write_runs
 from benchmarks.papers_css.sequences import Motion, Task, rendered
 from benchmarks.support.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, work_folder
-from benchmarks.support.kept_runs import Kept, all_done
+from benchmarks.support.result_store import ResultStore, all_done
 from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
@@ -95,7 +95,7 @@ def main(
     plate = background == "plate" and "silhouette" in chosen
     with work_folder(work) as folder:
         clips = [Task(m, s, seconds, plate, folder / "clips", how, detected) for m in motions for s in clip_seeds]
-        attempts, codes = raced(clips, rivals, seeds, Kept(folder), trial, jobs)
+        attempts, codes = raced(clips, rivals, seeds, ResultStore(folder), trial, jobs)
     rows = summed(attempts)
     show(rows)
     for line in (*order(attempts, rows), *([] if codes == 1 else [f"the runs are of {codes} states of the code"])):
@@ -109,13 +109,13 @@ def main(
 
 
 def raced(
-    clips: Sequence[Task], rivals: Sequence[str], seeds: Sequence[int], kept: Kept, trial: int, jobs: int
+    clips: Sequence[Task], rivals: Sequence[str], seeds: Sequence[int], store: ResultStore, trial: int, jobs: int
 ) -> tuple[list[Attempt], int]:
     """CSS, then the rivals in the time that it took, on every clip with every seed; and of how many states of the code
     the runs are. A rival's size is decided once for each motion, on its first clip."""
     in_processes(rendered, clips, jobs)
     css = [Tracking(clip, CSS, seed) for seed in seeds for clip in clips]
-    all_done(CSS, kept, css, jobs)
+    all_done(CSS, store, css, jobs)
     firsts = {clip.motion: clip for clip in reversed(clips)}
     sizings = {
         (name, motion): Sizing(Tracking(clip, name, seeds[0]), tuple(run for run in css if run.task is clip), trial)
@@ -123,7 +123,7 @@ def raced(
         for name in rivals
         if own_size(name, clip.how["settings"]) is not None
     }
-    made = all_done("sizes for equal time", kept, list(sizings.values()), jobs)
+    made = all_done("sizes for equal time", store, list(sizings.values()), jobs)
     sizes = {key: int(result["size"]) for key, result in zip(sizings, made, strict=True)}
     others = [
         Tracking(clip, name, seed, sizes.get((name, clip.motion)))
@@ -132,8 +132,8 @@ def raced(
         for name in rivals
     ]
     runs = [*css, *others]
-    attempts = [Attempt.of(result) for result in all_done("all trackers", kept, runs, jobs)]
-    return attempts, len(kept.codes(runs))
+    attempts = [Attempt.of(result) for result in all_done("all trackers", store, runs, jobs)]
+    return attempts, len(store.codes(runs))
 
 
 def _rivals(trackers: Sequence[str], trial: int) -> list[str]:

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 import kinemode as km
-from benchmarks.papers_css.beginnings import Beginning, begun
+from benchmarks.papers_css.beginnings import Beginning, start_errors
 from benchmarks.papers_css.beginnings import verdict as verdict_on
 from benchmarks.support.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, tell, work_folder
-from benchmarks.support.kept_runs import kept_clip
+from benchmarks.support.result_store import cached_clip
 from benchmarks.support.scores import (
     TRACK_COLUMNS,
     TRACK_LEGEND,
@@ -83,7 +83,7 @@ def rendered(task: Task) -> RenderedClip:
         )  # fmt: skip
         tell(f"{task.label}: rendered")
 
-    return kept_clip(task.clip_folder, render)
+    return cached_clip(task.clip_folder, render)
 
 
 def track_clip(task: Task, clip: RenderedClip, out: Path, **more: Any) -> tuple[Run, Times]:
@@ -107,7 +107,7 @@ def tracked(task: Task) -> Outcome:
     )
     if task.begins is None:
         return scored
-    said = verdict_on(begun(run, clip.truth, FPS[task.motion], task.begins.hidden))
+    said = verdict_on(start_errors(run, clip.truth, FPS[task.motion], task.begins.hidden))
     return replace(scored, notes=(*scored.notes, said))
 
 

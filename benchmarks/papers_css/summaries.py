@@ -77,7 +77,7 @@ def gain(ours: Mapping[Key, float], theirs: Mapping[Key, float], groups: Mapping
     return Gain(difference.mean / other if other else float("nan"), difference)
 
 
-class Judged(NamedTuple):
+class TrackStatistics(NamedTuple):
     """Trajectories of several runs by one criterion.
 
     error: mean errors [mm]. lost, runs: runs with a lost frame, and all. lost_at: of the lost ones the median of the
@@ -108,12 +108,14 @@ class Judged(NamedTuple):
         return f"{self.of_limits:.0%}, {self.worst_of_limits:.0%}"
 
 
-def judged(errors: Sequence[TrackErrors], groups: Sequence[Hashable], measure: str = "mean") -> Judged:
+def track_statistics(
+    errors: Sequence[TrackErrors], groups: Sequence[Hashable], measure: str = "mean"
+) -> TrackStatistics:
     """Trajectories of runs, groups[i] being that of errors[i]; measure: which field is the error."""
     lost = [e.lost for e in errors if e.lost is not None]
     near = np.array([e.of_limits for e in errors], dtype=float)
     known = near[np.isfinite(near)]
-    return Judged(
+    return TrackStatistics(
         error=spread_of([getattr(e, measure) for e in errors], groups),
         lost=len(lost),
         runs=len(errors),

@@ -199,7 +199,7 @@ def _found(case: Case, clip: RenderedClip, camera: Camera, true: list[Truth], wa
             _count(score, frame, blobs)
             if case.pictures is not None and t % max(1, len(true) // SHOWN) == 0:
                 folder = made_folder(case.pictures / f"{case.motion}_{case.scene}_{case.seed}_{way}".replace(" ", "_"))
-                write_picture(folder / f"{t:05d}.png", drawn(picture, blobs))
+                write_picture(folder / f"{t:05d}.png", draw_blobs(picture, blobs))
     return score
 
 
@@ -266,7 +266,7 @@ def _count(score: Score, true: Truth, blobs: Blobs) -> None:
     score.false += int((~on_skin).sum()) + len(pieces) - len(set(pieces.tolist()))
 
 
-def drawn(picture: np.ndarray, blobs: Blobs) -> np.ndarray:
+def draw_blobs(picture: np.ndarray, blobs: Blobs) -> np.ndarray:
     """A picture with an ellipse of two standard deviations about each blob, red ones merged."""
     image = picture.copy()
     for mean, covariance, merged in zip(blobs.mean, blobs.covariance, blobs.merged, strict=True):

@@ -20,12 +20,12 @@ from benchmarks.papers_dual_chain.chains_toy import (
     GRID,
     NOISE,
     Belief,
-    Crowd,
     Joint,
     ParticleWalk,
     Q,
     R,
     Walk,
+    WeightedStates,
     on_grid,
     seen,
 )
@@ -62,8 +62,8 @@ def main(*, walks: int = 400, particles: int = 1000, seed: int = 0, json: Json =
     checks = [*exactness(seed), *samples(seed, particles)]
     shares = coverage(walks, seed)
     bars = {GATED: "85 to 95 %", "eq. 4, exact": "", PRINTED: ""}
-    told = f"inside after {DARK_FRAMES} dark frames"
-    checks += [Check(f"{told}, {name}", f"{share:.1%}", bars.get(name, "")) for name, share in shares.items()]
+    label = f"inside after {DARK_FRAMES} dark frames"
+    checks += [Check(f"{label}, {name}", f"{share:.1%}", bars.get(name, "")) for name, share in shares.items()]
     table = report.table("chains combined", "", "figure", "bar")
     for check in checks:
         table.add_row(check.what, check.figure, check.bar)
@@ -117,7 +117,7 @@ def samples(seed: int, particles: int, repeats: int = 200) -> list[Check]:
     for k in range(repeats):
         rng = np.random.default_rng([seed, k])
         states: list[Any] = [
-            Crowd(rng.standard_normal((particles, 2)), np.full(particles, 1.0 / particles)),
+            WeightedStates(rng.standard_normal((particles, 2)), np.full(particles, 1.0 / particles)),
             Belief(np.zeros(2), 1.0),
         ]
         chains: list[Any] = [ParticleWalk(rng), Walk()]

@@ -48,18 +48,18 @@ class Walk:
 
     def update(self, prior: Belief, message: Message) -> tuple[Belief, float]:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
-        told = message.evidence.collapsed()
-        if not told.known.any():
-            return prior, float(told.log_weight[0])
-        variance = prior.variance + self.r + float(told.covariance[0, 0, 0])
+        received = message.evidence.collapsed()
+        if not received.known.any():
+            return prior, float(received.log_weight[0])
+        variance = prior.variance + self.r + float(received.covariance[0, 0, 0])
         gain = prior.variance / variance
-        off = told.mean[0, 0] - prior.mean
-        weight = told.log_weight[0] - 0.5 * off @ off / variance - np.log(2.0 * np.pi * variance)
+        off = received.mean[0, 0] - prior.mean
+        weight = received.log_weight[0] - 0.5 * off @ off / variance - np.log(2.0 * np.pi * variance)
         return Belief(prior.mean + gain * off, (1.0 - gain) * prior.variance), float(weight)
 
 
 @dataclass(frozen=True, eq=False)
-class Crowd:
+class WeightedStates:
     """states (N, 2) with weights (N,) that sum to one."""
 
     states: np.ndarray
@@ -82,28 +82,28 @@ class ParticleWalk:
     def __init__(self, rng: np.random.Generator, q: float = Q, r: float = R) -> None:
         self._rng, self.q, self.r = rng, q, r
 
-    def predict(self, state: Crowd, dt: float) -> Crowd:
+    def predict(self, state: WeightedStates, dt: float) -> WeightedStates:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
         rows = self._rng.choice(len(state.weights), size=len(state.weights), p=state.weights)
         moved = state.states[rows] + np.sqrt(self.q * dt) * self._rng.standard_normal(state.states.shape)
-        return Crowd(moved, np.full(len(rows), 1.0 / len(rows)))
+        return WeightedStates(moved, np.full(len(rows), 1.0 / len(rows)))
 
-    def features(self, prior: Crowd) -> FeatureDensity:
+    def features(self, prior: WeightedStates) -> FeatureDensity:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
         off = prior.states - prior.mean
         return gaussian(POINT, prior.mean[None], (prior.weights[:, None] * off).T @ off + self.r * np.eye(2))
 
-    def update(self, prior: Crowd, message: Message) -> tuple[Crowd, float]:
+    def update(self, prior: WeightedStates, message: Message) -> tuple[WeightedStates, float]:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
-        told = message.evidence
-        if not told.known.any():
-            return prior, float(told.log_weight[0])
+        received = message.evidence
+        if not received.known.any():
+            return prior, float(received.log_weight[0])
         blurred = FeatureDensity(
-            told.names, told.log_weight, told.known, told.mean, told.covariance + self.r * np.eye(2)
+            received.names, received.log_weight, received.known, received.mean, received.covariance + self.r * np.eye(2)
         )
         log_weights = np.log(prior.weights) + blurred.log_density(prior.states[:, None])
         weights, log_mean = normalised(log_weights)
-        return Crowd(prior.states, weights), log_mean + float(np.log(len(weights)))
+        return WeightedStates(prior.states, weights), log_mean + float(np.log(len(weights)))
 
 
 def seen(point: np.ndarray | None, noise: float = NOISE) -> Evidence:

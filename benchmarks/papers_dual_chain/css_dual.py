@@ -29,7 +29,7 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
-from benchmarks.support.kept_runs import Figures, Kept, all_done, removed
+from benchmarks.support.result_store import Figures, ResultStore, all_done, removed
 from benchmarks.support.tracking import timed_track
 from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.runs.calibration import PosteriorCalibration
@@ -63,17 +63,17 @@ class Fitted:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"fitted_{self.camera}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {"fitted": self.camera}
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Its URDF."""
-        out = kept.scratch(self, ".run")
+        out = store.scratch(self, ".run")
         folder = Path(self.folder)
         files = {self.camera: folder / "keypoints" / f"{self.camera}.json"}
         run, _ = timed_track(files, folder / "calibration.json", out, frames=2)
@@ -95,19 +95,19 @@ class GapRun:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.camera}_{self.way.replace(' ', '_').replace(',', '')}_{self.seed}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {name: value for name, value in asdict(self).items() if name != "folder"}
 
-    def work(self, kept: Kept) -> Figures:
-        """See `told_of`, and `seconds` of processor time a frame."""
-        folder, out = Path(self.folder), kept.scratch(self, ".run")
-        subject, keypoints = kept.scratch(self, ".urdf"), kept.scratch(self, ".json")
-        subject.write_text(kept.of(Fitted(self.camera, self.folder))["urdf"], encoding="utf-8")
+    def work(self, store: ResultStore) -> Figures:
+        """See `run_figures`, and `seconds` of processor time a frame."""
+        folder, out = Path(self.folder), store.scratch(self, ".run")
+        subject, keypoints = store.scratch(self, ".urdf"), store.scratch(self, ".json")
+        subject.write_text(store.of(Fitted(self.camera, self.folder))["urdf"], encoding="utf-8")
         gone = with_gaps(folder / "keypoints" / f"{self.camera}.json", keypoints, self.seed)
         if self.way == WHOLE:
             keypoints.write_bytes((folder / "keypoints" / f"{self.camera}.json").read_bytes())
@@ -117,7 +117,7 @@ class GapRun:
             {self.camera: keypoints}, folder / "calibration.json", out,
             subject=subject, fit="off", tracker=self.tracker, seed=self.seed, settings=settings,
         )  # fmt: skip
-        figures = told_of(run, Reference.load(folder / "reference3d.npz"), gone)
+        figures = run_figures(run, Reference.load(folder / "reference3d.npz"), gone)
         for path in (out, subject, keypoints):
             removed(path)
         return {**figures, "seconds": times.cpu_tracking}
@@ -144,7 +144,7 @@ def with_gaps(source: Path, to: Path, seed: int) -> dict[str, np.ndarray]:
     return gone
 
 
-def told_of(run: Run, reference: Reference, gone: Mapping[str, np.ndarray]) -> Figures:
+def run_figures(run: Run, reference: Reference, gone: Mapping[str, np.ndarray]) -> Figures:
     """Mean distances [mm] after the best similarity of each frame, of its best hypothesis as tracked: `pa` of all limb
     joints, `there` and `gone` of those whose keypoint is seen and is missing; and credible levels of the joints' true
     places, as they are, `levels_there`, `levels_gone`."""
@@ -210,15 +210,15 @@ def main(
     check_known("--ways", ways, WAYS)
     folder = str(beam_folder(data))
     with work_folder(work) as place:
-        kept = Kept(place)
-        all_done("bodies", kept, [Fitted(view, folder) for view in views], jobs)
+        store = ResultStore(place)
+        all_done("bodies", store, [Fitted(view, folder) for view in views], jobs)
         pieces = [
             GapRun(view, seed, way, tracker, _text(nested(changes), own) if tracker != "css" else "{}", folder)
             for seed in seeds
             for view in views
             for way, (tracker, own) in ((way, WAYS[way]) for way in ways)
         ]
-        results = all_done("runs", kept, pieces, jobs)
+        results = all_done("runs", store, pieces, jobs)
     save(json, {"measure": "css_dual", "seeds": seeds, "rows": show(pieces, results, ways, views)})
 
 

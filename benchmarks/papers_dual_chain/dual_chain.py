@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.papers_dual_chain.dual_chain_recovery import Recovery, show_recovery
 from benchmarks.papers_dual_chain.dual_chain_runs import ChainRun, Film, UpperClip, tracked
 from benchmarks.support.common import Json, Several, Work, check_known, in_processes, save, tell, work_folder
-from benchmarks.support.kept_runs import Figures, Kept, all_done
+from benchmarks.support.result_store import Figures, ResultStore, all_done
 from kinemode.terminal import report
 
 FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
@@ -91,22 +91,22 @@ def main(
     check_known("--motions", motions, FRAMES)
     check_known("--ways", ways, WAYS)
     with work_folder(work) as folder:
-        kept = Kept(folder)
+        store = ResultStore(folder)
         clips = [UpperClip(motion, seed) for seed in seeds for motion in motions]
         in_processes(_render, [(clip, folder) for clip in clips], jobs)
         if recover:
             pieces = [Recovery(clip, clip.seed, way, _text(WAYS[way])) for clip in clips for way in ways]
-            show_recovery(pieces, all_done("recovery", kept, pieces, jobs), ways, json)
+            show_recovery(pieces, all_done("recovery", store, pieces, jobs), ways, json)
             return
         chosen = {way: WAYS[way] for way in ways}
         if equal_time:
-            chosen |= in_equal_time(kept, clips[0], ways)
+            chosen |= in_equal_time(store, clips[0], ways)
         runs = [
             ChainRun(clip, min(frames or FRAMES[clip.motion], FRAMES[clip.motion]), clip.seed, way, _text(settings))
             for clip in clips
             for way, settings in chosen.items()
         ]
-        results = all_done("runs", kept, runs, jobs)
+        results = all_done("runs", store, runs, jobs)
         rows = show(runs, results, list(chosen))
         peak = _in_new_process(_peak_memory, clips[0], folder) if CONDENSATION.format(15000) in ways else float("nan")
         print(f"condensation(15000) peaks at {peak:.0f} MB with everything it loads")
@@ -122,9 +122,9 @@ def _render(task: tuple[UpperClip, Path]) -> None:
     clip.files(folder)
 
 
-def in_equal_time(kept: Kept, clip: UpperClip, ways: Sequence[str]) -> dict[str, dict[str, Any]]:
+def in_equal_time(store: ResultStore, clip: UpperClip, ways: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The other ways with as many samples as take the time of dual-chain(1000)."""
-    counts, made = kept.of(EqualTime(clip)), dict[str, dict[str, Any]]()
+    counts, made = store.of(EqualTime(clip)), dict[str, dict[str, Any]]()
     if CONDENSATION.format(5000) in ways:
         count = counts["condensation"]
         made[CONDENSATION.format(count) + " in equal time"] = condensation(count)
@@ -143,17 +143,17 @@ class EqualTime:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return "equal_time"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {"measure": self.name, **asdict(self)}
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Numbers of samples: condensation, sampling."""
-        film = Film(self.clip.files(kept.folder))
+        film = Film(self.clip.files(store.folder))
         target = _seconds(film, WAYS[DUAL])
         return {
             "condensation": _count(target, film, 5000, 15000, condensation),

@@ -12,7 +12,7 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.papers_dual_chain.dual_chain_runs import FPS
-from benchmarks.support.kept_runs import kept_clip
+from benchmarks.support.result_store import cached_clip
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import PointFeatures, skin_features
 from humanoid.collision.self_collision import SelfCollision
@@ -41,7 +41,7 @@ class EventClip:
 
     def files(self, folder: Path) -> RenderedClip:
         """Rendered into a folder unless it is there."""
-        return kept_clip(folder / "events" / f"{self.event.replace(' ', '_')}_{self.seed}", self._render)
+        return cached_clip(folder / "events" / f"{self.event.replace(' ', '_')}_{self.seed}", self._render)
 
     def _render(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -78,8 +78,8 @@ def event_motion(event: str, rng: np.random.Generator) -> np.ndarray:
     by ways of least jerk, on which no parts overlap and hands are no faster than 2 m/s; another is drawn where not."""
     collision = SelfCollision(upper_body())
     for _ in range(_TRIES):
-        apart, after = (_drawn(rng, _are_apart) for _ in range(2))
-        during = _drawn(rng, _DURING[event])
+        apart, after = (_random_pose(rng, _are_apart) for _ in range(2))
+        during = _random_pose(rng, _DURING[event])
         lasts = _limited(during + rng.normal(0.0, 0.05, during.shape))
         q = _along([apart, during, lasts, after, _limited(after + rng.normal(0.0, 0.05, after.shape))])
         speed = FPS * np.linalg.norm(np.diff(hands_of(q), axis=0), axis=2).max()
@@ -109,7 +109,7 @@ def _happens(event: str, q: np.ndarray) -> bool:
     return len(frames) >= 3 and frames[0] >= 6 and frames[-1] <= KEYS[-1] - 6
 
 
-def _drawn(rng: np.random.Generator, fits: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _random_pose(rng: np.random.Generator, fits: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """A pose (nq,) with both hands before the trunk that fits; fits: hands (N, 3, 3) -> (N,) bool."""
     body = upper_body()
     while True:

@@ -29,7 +29,7 @@ from benchmarks.papers_dual_chain.dual_chain_event_clips import (
 )
 from benchmarks.papers_dual_chain.dual_chain_runs import Film, tracker_of
 from benchmarks.support.common import Json, Several, Work, check_known, in_processes, save, work_folder
-from benchmarks.support.kept_runs import Figures, Kept, all_done
+from benchmarks.support.result_store import Figures, ResultStore, all_done
 from estimator.data.observation import Observation
 from estimator.inference.chains.evidence import Detections
 from estimator.trackers.dual_chain.seen_features import SeenFeatures
@@ -60,19 +60,19 @@ class EventRun:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.clip.event.replace(' ', '_')}_{self.clip.seed}_{self.label.replace(' ', '_')}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return asdict(self)
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """By frame: error [mm] of the arm joints, expected over the posterior; on, whether the event is; right, whether
         each hand is nearer to where it is than to the other and to the head; levels (2), credible levels of the places
         of both hands in the image, and levels_world, in the world."""
-        film = Film(self.clip.files(kept.folder))
+        film = Film(self.clip.files(store.folder))
         on = event_frames(self.clip.event, film.q)
         tracker = tracker_of(film, json_module.loads(self.settings))
         if self.clip.event == LOST:
@@ -84,9 +84,9 @@ class EventRun:
             if self.clip.event == SWAPPED and seen.index == parted(film.q, on) and state is not None:
                 state = exchanged(state)
             state = (tracker.init(rng, seen) if state is None else tracker.step(rng, state, seen))[0]
-            told = told_of(state, hands[seen.index], seen, np.random.default_rng([self.clip.seed, seen.index, 1]))
+            row = frame_figures(state, hands[seen.index], seen, np.random.default_rng([self.clip.seed, seen.index, 1]))
             off = np.linalg.norm(film.arms(state.q) - true[seen.index], axis=2).mean()
-            rows.append({**told, "error": float(off), "on": bool(on[seen.index])})
+            rows.append({**row, "error": float(off), "on": bool(on[seen.index])})
         return {name: [row[name] for row in rows] for name in rows[0]}
 
 
@@ -109,8 +109,8 @@ class _Missing:
         place = hands_of(self.film.q[observation.index][None])[0, self.hand]
         beside = np.array([place, place + np.array([0.0, 0.0, _TAKEN])])
         middle, edge = observation.cameras[0].project(beside)
-        kept = np.linalg.norm(seen.mean - middle, axis=1) > np.linalg.norm(edge - middle)
-        return seen.of(kept)
+        outside = np.linalg.norm(seen.mean - middle, axis=1) > np.linalg.norm(edge - middle)
+        return seen.of(outside)
 
 
 def parted(q: np.ndarray, on: np.ndarray) -> int:
@@ -130,7 +130,7 @@ def exchanged(state: DualState) -> DualState:
     return replace(state, points=points)
 
 
-def told_of(state: DualState, true: np.ndarray, seen: Observation, rng: np.random.Generator) -> dict[str, Any]:
+def frame_figures(state: DualState, true: np.ndarray, seen: Observation, rng: np.random.Generator) -> dict[str, Any]:
     """Of one frame, see `EventRun.work`; true (3, 3) [m]: head and hands."""
     camera, places = seen.cameras[0], hands_of(state.q)
     pixels, true_pixels = camera.project(places), camera.project(true)
@@ -181,11 +181,11 @@ def main(
     check_known("--events", events, EVENTS)
     check_known("--ways", ways, WAYS)
     with work_folder(work) as folder:
-        kept = Kept(folder)
+        store = ResultStore(folder)
         clips = [EventClip(event, seed) for seed in seeds for event in events]
         in_processes(_render, [(clip, folder) for clip in clips], jobs)
         runs = [EventRun(clip, way, json_module.dumps(WAYS[way], sort_keys=True)) for clip in clips for way in ways]
-        results = all_done("events", kept, runs, jobs)
+        results = all_done("events", store, runs, jobs)
     save(json, {"measure": "dual_chain_events", "seeds": seeds, "rows": show(runs, results, events, ways)})
 
 

@@ -73,6 +73,6 @@ def _row(film: Film, way: str, frames: tuple[int, ...], seed: int) -> np.ndarray
             q = state.q[systematic(rng, np.full(len(state.q), 1.0 / len(state.q)), DRAWN)]
             lacks = float(result.extra.get("samples", 1.0)) == 0.0
             tile = samples_tile(reader.frame(result.index), camera, painter, q[:0] if lacks else q)
-            told = f"{way}: frame {result.index}" if not tiles else f"frame {result.index}"
-            tiles.append(captioned(tile, told + (", no samples" if lacks else "")))
+            caption = f"{way}: frame {result.index}" if not tiles else f"frame {result.index}"
+            tiles.append(captioned(tile, caption + (", no samples" if lacks else "")))
     return side_by_side(tiles)

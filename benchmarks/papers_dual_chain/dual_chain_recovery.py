@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.papers_dual_chain.dual_chain_runs import Film, UpperClip, tracker_of
 from benchmarks.support.common import save
-from benchmarks.support.kept_runs import Figures, Kept
+from benchmarks.support.result_store import Figures, ResultStore
 from estimator.trackers.dual_chain.tracker import DualChain, DualState
 from kinemode.terminal import report
 
@@ -34,17 +34,17 @@ class Recovery:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"recovery_{self.clip.motion}_{self.clip.seed}_{self.label.replace(' ', '_')}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return asdict(self)
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Expected errors [mm] of the frames after each disturbance, `wrong` and `right` (B, AFTER)."""
-        film = Film(self.clip.files(kept.folder))
+        film = Film(self.clip.files(store.folder))
         tracker, true = tracker_of(film, json_module.loads(self.settings)), film.arms(film.q)
         seen = [o for o, _ in film.observations(max(BEGIN) + AFTER)]
         states: list[DualState] = []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import kinemode as km
-from benchmarks.support.kept_runs import Figures, Kept, kept_clip
+from benchmarks.support.result_store import Figures, ResultStore, cached_clip
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
@@ -46,7 +46,7 @@ class UpperClip:
         """Rendered into a folder unless it is there."""
         scene = km.SceneSettings(sleeves="long", boards=self.boards)
         view = km.ViewSettings(parallel=True)
-        return kept_clip(
+        return cached_clip(
             folder / "clips" / f"{self.motion}_{self.seed}_{self.boards}",
             lambda to: km.render(to, self.motion, fps=FPS, seed=self.seed, scene=scene, view=view),
         )
@@ -106,21 +106,22 @@ class ChainRun:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{self.clip.motion}_{self.clip.seed}_{self.label.replace(' ', '_')}_{self.seed}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return asdict(self)
 
-    def work(self, kept: Kept) -> Figures:
-        """Of every frame but the first: see `told_of`, and `seconds` of processor time, with reading the picture."""
-        film = Film(self.clip.files(kept.folder))
+    def work(self, store: ResultStore) -> Figures:
+        """Of every frame but the first: see `frame_figures`, and `seconds` of processor time, with reading the
+        picture."""
+        film = Film(self.clip.files(store.folder))
         true, rows = film.arms(film.q), []
         for state, result, seconds in tracked(film, json.loads(self.settings), self.frames, self.seed):
             if result.index > 0:
-                rows.append({**told_of(film, state, result, true[result.index], self.seed), "seconds": seconds})
+                rows.append({**frame_figures(film, state, result, true[result.index], self.seed), "seconds": seconds})
         return {name: [row[name] for row in rows] for name in rows[0]}
 
 
@@ -135,7 +136,9 @@ def tracked(
         yield state, result, reading + time.process_time() - began
 
 
-def told_of(film: Film, state: DualState, result: km.FrameResult, true: np.ndarray, seed: int) -> dict[str, float]:
+def frame_figures(
+    film: Film, state: DualState, result: km.FrameResult, true: np.ndarray, seed: int
+) -> dict[str, float]:
     """Figures of one frame, true (6, 3) [mm].
 
     expected, of_mean [mm]: mean distance of the arm joints, expected over the poses, and of the joints' mean places.
@@ -157,8 +160,8 @@ def told_of(film: Film, state: DualState, result: km.FrameResult, true: np.ndarr
 def apart_count(places: np.ndarray, distance: float) -> int:
     """How many of places (N, J, 3) are kept if each in turn is left out that is, on average over J, within a distance
     of one before it that was kept."""
-    kept: list[np.ndarray] = []
+    distinct: list[np.ndarray] = []
     for place in places:
-        if all(np.linalg.norm(place - other, axis=1).mean() > distance for other in kept):
-            kept.append(place)
-    return len(kept)
+        if all(np.linalg.norm(place - other, axis=1).mean() > distance for other in distinct):
+            distinct.append(place)
+    return len(distinct)

@@ -120,10 +120,10 @@ def measured(name: str, kind: str, camera: Camera, count: int, seed: int) -> Row
     shoulder = camera.project(body.landmarks(body.at(body.neutral))[int(limb.landmarks[0])])
     scale = camera.K[0, 0] / (1.0 if camera.parallel else 3.0) * ik.far
     proposal = ImageProposal(ik, camera, gaussian(("hand",), shoulder[None], (0.7 * scale) ** 2 * np.eye(2)))
-    proposal.drawn(np.random.default_rng(seed), trunks.of(slice(0, 100)))  # compiled
+    proposal.sample(np.random.default_rng(seed), trunks.of(slice(0, 100)))  # compiled
     rng = np.random.default_rng(seed)
     began = time.process_time()
-    arms = proposal.drawn(rng, trunks)
+    arms = proposal.sample(rng, trunks)
     seconds = time.process_time() - began
     pixels = proposal.seen.sample(np.random.default_rng(seed), count)[0][:, 0]  # as they were drawn
     q = np.tile(body.neutral, (count, 1))
@@ -132,8 +132,8 @@ def measured(name: str, kind: str, camera: Camera, count: int, seed: int) -> Row
     origins, ways = camera.rays(pixels[arms.ok])
     off = np.linalg.norm(np.cross(ends - origins, ways), axis=1).max()
     outside = np.maximum(ik.low + ik.rest - arms.angles, arms.angles - ik.high - ik.rest)[arms.ok].max()
-    looked = ik.looked_at(arms.angles)[1].log_density
-    without = arms.log_density - np.where(arms.ok, looked, 0.0)
+    density = ik.forward(arms.angles)[1].log_density
+    without = arms.log_density - np.where(arms.ok, density, 0.0)
     fit, wrong = (p_value(proposal, arms, dense, body, rng) for dense in (arms.log_density, without))
     return Row(
         name, kind, float(arms.ok.mean()), fit.bins, fit.samples, fit.p, wrong.p, float(off), max(float(outside), 0.0),

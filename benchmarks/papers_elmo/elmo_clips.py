@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.support.common import tell
-from benchmarks.support.kept_runs import kept_clip
 from benchmarks.support.mocap_person import person
+from benchmarks.support.result_store import cached_clip
 from estimator.data.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
@@ -95,7 +95,7 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden, seed=seed, wanted=wanted)
         tell(f"{task.name}: rendered")
 
-    return kept_clip(task.clip_folder, render)
+    return cached_clip(task.clip_folder, render)
 
 
 def filmed_poses(folder: Path, body: Body, q: np.ndarray, baseline: float) -> RenderedClip:
@@ -104,7 +104,7 @@ def filmed_poses(folder: Path, body: Body, q: np.ndarray, baseline: float) -> Re
     turned, half_turn = q.copy(), pin.SE3(pin.utils.rotate("z", np.pi), np.zeros(3))
     for pose in turned:
         pose[ROOT_Q] = pin.SE3ToXYZQUAT(half_turn * pin.XYZQUATToSE3(pose[ROOT_Q]))
-    return kept_clip(folder, lambda path: _write(path, body, turned, FPS, view))
+    return cached_clip(folder, lambda path: _write(path, body, turned, FPS, view))
 
 
 def _write(

@@ -23,7 +23,7 @@ from benchmarks.support.common import (
     tell,
     work_folder,
 )
-from benchmarks.support.kept_runs import removed
+from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
 from kinemode.terminal import report
 
@@ -95,8 +95,10 @@ def tracked(task: Task) -> Result:
         task.film.name, task.tracker, float(error[0]), [float(error[begin - 1]) for begin, _ in ends], after,
         [(end - begin) / FPS for begin, end in ends], error.tolist(),
     )  # fmt: skip
-    told = ", ".join(f"{seconds:.1f} s: {frames[0]:.0f}" for seconds, frames in zip(result.seconds, after, strict=True))
-    tell(f"{task.film.name}, {task.tracker}: begins with {error[0]:.0f} mm; after {told}")
+    summary = ", ".join(
+        f"{seconds:.1f} s: {frames[0]:.0f}" for seconds, frames in zip(result.seconds, after, strict=True)
+    )
+    tell(f"{task.film.name}, {task.tracker}: begins with {error[0]:.0f} mm; after {summary}")
     return result
 
 

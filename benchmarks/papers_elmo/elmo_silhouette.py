@@ -23,7 +23,7 @@ from benchmarks.support.common import (
     tell,
     work_folder,
 )
-from benchmarks.support.kept_runs import removed
+from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
 from estimator.runs.run_file import Run
 from kinemode.rendering.files import RenderedClip

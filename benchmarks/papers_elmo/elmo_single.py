@@ -131,7 +131,7 @@ def searched(tracker: Elmo, name: str, count: int, frames: list[Observation], tr
             continue
         _, result = tracker.init(np.random.default_rng(0), observation)
         of_modes = [off(q, t) for q in result.q]
-        starts = min(off(q, t) for look in tracker.looked(observation) for q in look.q)
+        starts = min(off(q, t) for lookup in tracker.lookups(observation) for q in lookup.q)
         errors.append((of_modes[0], min(of_modes), starts))
     error, best, nearest = np.array(errors).T.tolist()
     return Row(name, count, error, best, nearest)

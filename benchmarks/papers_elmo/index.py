@@ -84,11 +84,11 @@ def main(
     with one_thread():
         pictures = painted(body, whole, queries, np.random.default_rng(seed))
         histogram_ms = 1e3 * _seconds(lambda: [edge_histogram(e.grey, e.where) for e in pictures]) / queries
-    told = asked(body, whole, pictures, aligned=aligned)
-    curves = Curves(whole, told, max(m.neighbours for some in changed.values() for m in some))
+    picture_queries = asked(body, whole, pictures, aligned=aligned)
+    curves = Curves(whole, picture_queries, max(m.neighbours for some in changed.values() for m in some))
     rows = {name: [curves.row(m) for m in some] for name, some in changed.items()}
     show(whole, rows, histogram_ms)
-    beside = list(searched(whole, told, count))
+    beside = list(searched(whole, picture_queries, count))
     show_searches(beside, count)
     if picture is not None:
         write_curves(picture, rows)

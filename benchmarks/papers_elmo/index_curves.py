@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.papers_elmo.index_pictures import Asked
-from estimator.search.examples.hashing import HashTables, drawn_keys
+from estimator.search.examples.hashing import HashTables, random_keys
 from estimator.search.examples.index import ExampleIndex
 
 _KEYS = 54321  # of the keys that are drawn anew
@@ -64,7 +64,7 @@ class Curves:
             exact=float(self._exact_best(tables)[:, made.neighbours - 1].mean()),
             hashed=self._best([near.numbers for near in neighbours]),
             chance=self._best(drawn),
-            looked_at=float(np.mean([near.looked_at for near in neighbours])) / made.examples,
+            looked_at=float(np.mean([near.comparisons for near in neighbours])) / made.examples,
             fell_back=float(np.mean([near.fell_back for near in neighbours])),
             query_ms=1e3 * float(np.median(seconds)),
         )
@@ -77,7 +77,7 @@ class Curves:
         """With the keys of the index, where it has as many, otherwise with others drawn anew."""
         codes, chosen = self._index.tables.codes[: made.examples], self._index.tables.chosen
         if chosen.shape != (made.tables, made.key_bits):
-            chosen = drawn_keys(len(self._index.bits), np.random.default_rng(_KEYS), made.tables, made.key_bits)
+            chosen = random_keys(len(self._index.bits), np.random.default_rng(_KEYS), made.tables, made.key_bits)
         elif len(codes) == len(self._index.q):
             return self._index.tables
         return HashTables(codes, chosen)

@@ -132,9 +132,9 @@ def made(
     body, cameras = search.body, tuple(view.camera for view in shown.views)
     shape = len(cameras), len(body.landmark_names)
     unseen = Observation(0, 0.0, cameras, np.full((*shape, 2), np.nan), np.zeros(shape))
-    begun = time.perf_counter()
+    began = time.perf_counter()
     modes = assembled(search, graph, believed, unseen, likelihood, rng=rng).modes
-    seconds, true = time.perf_counter() - begun, limb_placements(graph, body, shown.q)
+    seconds, true = time.perf_counter() - began, limb_placements(graph, body, shown.q)
     raw = placements_of(np.array([belief.moments()[0] for belief in believed]))
     best = limb_placements(graph, body, modes[0].q)
     landmarks = body.landmarks(body.at(modes[0].q)) - body.landmarks(body.at(shown.q))

@@ -19,7 +19,7 @@ from benchmarks.papers_loose_limbed.loose_limbed_duel import write_duel
 from benchmarks.papers_loose_limbed.loose_limbed_rival import LAYERS, PARTICLES, learned_noise
 from benchmarks.papers_loose_limbed.loose_limbed_runs import LimbRun
 from benchmarks.support.common import Data, Json, Several, Work, captured_folder, save, work_folder
-from benchmarks.support.kept_runs import Figures, Kept, all_done
+from benchmarks.support.result_store import Figures, ResultStore, all_done
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
@@ -85,11 +85,11 @@ def main(
         return
     files = {name: str(folder / "mocap" / f"{name}.bvh") for name in (WALK, TURN, PUNCH)}
     figures: dict[str, Any] = {}
-    with work_folder(work) as kept_in:
-        kept = Kept(kept_in)
-        noise = str(kept_in / "noise.npy")
+    with work_folder(work) as store_folder:
+        store = ResultStore(store_folder)
+        noise = str(store_folder / "noise.npy")
         if annealed or recovery:
-            learned_noise(Body(load_subject("human34")), data, kept_in)
+            learned_noise(Body(load_subject("human34")), data, store_folder)
         if walk:
             runs = {
                 label: [
@@ -98,16 +98,16 @@ def main(
                 ]
                 for label, changes in WALKS.items()
             }
-            figures["walk"] = _done("walk", kept, runs, jobs)
+            figures["walk"] = _done("walk", store, runs, jobs)
             show_tracks("walk_straight_07_01, normal contrast", figures["walk"])
         if annealed:
-            figures["annealed"] = _done("annealed", kept, duels(files[WALK], noise, seeds), jobs)
+            figures["annealed"] = _done("annealed", store, duels(files[WALK], noise, seeds), jobs)
             show_tracks("walk_straight_07_01 beside the annealed filter", figures["annealed"])
         if start:
-            figures["start"] = _done("start", kept, starts(files), jobs)
+            figures["start"] = _done("start", store, starts(files), jobs)
             show_starts(figures["start"])
         if recovery:
-            figures["recovery"] = _done("recovery", kept, recoveries(files[WALK], noise, seeds), jobs)
+            figures["recovery"] = _done("recovery", store, recoveries(files[WALK], noise, seeds), jobs)
             show_recovery(figures["recovery"])
     save(json, {"measure": "loose-limbed", **figures})
     if figure is not None:
@@ -162,8 +162,8 @@ def recoveries(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[Li
     return runs
 
 
-def _done(label: str, kept: Kept, runs: Mapping[str, Sequence[LimbRun]], jobs: int) -> dict[str, list[Figures]]:
-    every = all_done(label, kept, [run for of in runs.values() for run in of], jobs)
+def _done(label: str, store: ResultStore, runs: Mapping[str, Sequence[LimbRun]], jobs: int) -> dict[str, list[Figures]]:
+    every = all_done(label, store, [run for of in runs.values() for run in of], jobs)
     results = iter(every)
     return {name: [next(results) for _ in of] for name, of in runs.items()}
 

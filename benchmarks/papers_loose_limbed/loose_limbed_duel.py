@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.support.figure_file import new_figure, write_figure
-from benchmarks.support.kept_runs import Figures
+from benchmarks.support.result_store import Figures
 
 _OURS, _RIVALS = "#1f4e79", ("#d9822b", "#8a5a2b", "#c0504d")
 _CONTRASTS = "normal contrast", "low contrast"

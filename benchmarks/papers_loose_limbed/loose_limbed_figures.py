@@ -71,7 +71,7 @@ def main(
     stage = Stage(LimbClip(folder / "mocap" / f"{WALK}.bvh", CLIP_SEED, 0, LAST + 2))
     paths = {name: out / f"loose_limbed_{name}.png" for name in FIGURES}
     needed = seeds if "iterations" in figures else seeds[:1] if {"messages", "start"} & set(figures) else ()
-    beginnings = [stage.begun(seed) for seed in needed]
+    beginnings = [stage.beginning(seed) for seed in needed]
     if "messages" in figures:
         write_messages(paths["messages"], stage, beginnings[0])
     if "start" in figures:
@@ -111,7 +111,7 @@ class Stage:
         """A frame."""
         return self.clip.observation(frame)
 
-    def begun(self, seed: int) -> Beginning:
+    def beginning(self, seed: int) -> Beginning:
         """The first two frames, as the tracker begins with them, looked into."""
         tracker, rng = self.tracker, np.random.default_rng(seed)
         instants = [tracker.instants.instant(rng, self.seen(FIRST + k), anew=True) for k in range(2)]
@@ -226,8 +226,8 @@ def write_tracking(path: Path, stage: Stage, seed: int) -> None:
         if result is None or (result.index - FIRST) % STEP or "limb_points" not in result.extra:
             continue
         for camera, row in enumerate(rows):
-            told = result.extra["limb_points"], result.extra["limb_weights"]
-            row.append((f"frame {result.index - FIRST}", stage.tile(result.index, camera, *told)))
+            belief = result.extra["limb_points"], result.extra["limb_weights"]
+            row.append((f"frame {result.index - FIRST}", stage.tile(result.index, camera, *belief)))
         tell(f"frame {result.index}")
     write_tiles(path, rows)
 

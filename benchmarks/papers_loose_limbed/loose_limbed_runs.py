@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.papers_loose_limbed.loose_limbed_clips import LimbClip, Markers
 from benchmarks.papers_loose_limbed.loose_limbed_rival import AnnealedOnLimbs
-from benchmarks.support.kept_runs import Figures, Kept
+from benchmarks.support.result_store import Figures, ResultStore
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import CONVERGED
 from estimator.inference.beliefs.graph import Belief
@@ -63,15 +63,15 @@ class LimbRun:
 
     @property
     def name(self) -> str:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return f"{Path(self.motion).stem}_{self.label.replace(' ', '_')}_{self.seed}"
 
     @property
     def what(self) -> Mapping[str, Any]:
-        """See `benchmarks.support.kept_runs.Piece`."""
+        """See `benchmarks.support.result_store.Piece`."""
         return {**asdict(self), "motion": Path(self.motion).name, "noise": bool(self.noise)}
 
-    def work(self, kept: Kept) -> Figures:
+    def work(self, store: ResultStore) -> Figures:
         """Errors of every frame [mm]: `beliefs`, expected over the samples; `likely`, the same weighed by each sample's
         normalised likelihood, as the paper does; `assembled`, of the best pose, and `expected`, over the hypotheses or
         particles; seconds of processor time; `sides`: whether left is left."""
@@ -102,7 +102,7 @@ def _loose(run: LimbRun) -> Figures:
         result = frames.push(shown[frame])
         if result is not None:
             spent = time.process_time() - began
-            _told(rows, clip, result, spent, tracker.instants.log_ratio(shown.pop(result.index)))
+            _append_row(rows, clip, result, spent, tracker.instants.log_ratio(shown.pop(result.index)))
     return rows
 
 
@@ -110,7 +110,7 @@ def _observation(run: LimbRun, clip: LimbClip, frame: int) -> Observation:
     return clip.observation(frame, blank=frame in run.blank, detected=run.detected)
 
 
-def _told(
+def _append_row(
     rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, seconds: float, log_ratio: LimbLogRatio | None
 ) -> None:
     markers, graph, body = Markers.of(clip.graph), clip.graph, clip.body

@@ -35,11 +35,11 @@ CASES: dict[str, tuple[str, ...]] = {**{fault: (fault,) for fault in FAULTS}, "a
 
 @dataclass(frozen=True)
 class Files:
-    """A case's clips and keypoint files by camera, and what has to be told of them."""
+    """A case's clips and keypoint files by camera, and what a user has to declare of them."""
 
     clips: dict[str, Path]
     keypoints: dict[str, Path]
-    told: dict[str, Any]
+    declared: dict[str, Any]
 
 
 def disagreeing(folder: Path, work: Path, faults: tuple[str, ...]) -> Files:
@@ -47,29 +47,29 @@ def disagreeing(folder: Path, work: Path, faults: tuple[str, ...]) -> Files:
     keypoints: dict[str, Path] = {}
     clips: dict[str, Path] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    told: dict[str, Any] = {}
+    declared: dict[str, Any] = {}
     for name in CAMERAS:
         content = json_text.loads((folder / "keypoints" / f"{name}.json").read_text())
         clips[name] = folder / "videos" / f"{name}.mp4"
         if "offset" in faults and name in LATE:
             content["frames"] = content["frames"][LATE_FRAMES:]
             clips[name] = cut(clips[name], work / f"{name}.mp4")
-            told["offset"] = dict.fromkeys(LATE, LATE_FRAMES / FPS)
+            declared["offset"] = dict.fromkeys(LATE, LATE_FRAMES / FPS)
         if "rate" in faults:
             content["frames"] = content["frames"][::2]
             del content["fps"]
-            told["fps"] = FPS / 2.0
+            declared["fps"] = FPS / 2.0
         if "size" in faults:
             width, height = content.pop("image_size")
             sizes[name] = (width // 2, height // 2)
-            told["keypoint_size"] = sizes
+            declared["keypoint_size"] = sizes
             halved = [np.array(frame["keypoints"]) for frame in content["frames"]]
             for points in halved:
                 points[:, :2] = (points[:, :2] + 0.5) / 2.0 - 0.5
             content["frames"] = [{"keypoints": points.tolist()} for points in halved]
         keypoints[name] = work / f"{name}.json"
         keypoints[name].write_text(json_text.dumps(content))
-    return Files(clips, keypoints, told)
+    return Files(clips, keypoints, declared)
 
 
 def cut(clip: Path, out: Path) -> Path:
@@ -80,10 +80,10 @@ def cut(clip: Path, out: Path) -> Path:
     return out
 
 
-def tracked(folder: Path, files: Files, out: Path, told: dict[str, Any]) -> Run:
+def tracked(folder: Path, files: Files, out: Path, declared: dict[str, Any]) -> Run:
     return km.track(
         "human34", files.clips, cameras=folder / "calibration.json", keypoints=files.keypoints, cues="off", out=out,
-        overwrite=True, **told,
+        overwrite=True, **declared,
     )  # fmt: skip
 
 
@@ -125,14 +125,14 @@ def main(
         figures["original"] = {"told": {}, "not told": outcome, "messages": messages}
         for case, faults in CASES.items():
             files = disagreeing(folder, made_folder(kept / case), faults)
-            run = tracked(folder, files, kept / f"{case}.run", files.told)
-            told, usual = (error(shown, reference, run.time) for shown in (run, original))
+            run = tracked(folder, files, kept / f"{case}.run", files.declared)
+            mpjpe, usual = (error(shown, reference, run.time) for shown in (run, original))
             outcome, messages = said(folder, files)
             figures[case] = {
-                "told": files.told, "frames": len(run), "mpjpe": told, "original": usual, "ratio": told / usual,
+                "told": files.declared, "frames": len(run), "mpjpe": mpjpe, "original": usual, "ratio": mpjpe / usual,
                 "not told": outcome, "messages": messages, "notes": run.header.notes,
             }  # fmt: skip
-            tell(f"{case}: {told:.1f} mm, originals {usual:.1f} mm; not told: {outcome}")
+            tell(f"{case}: {mpjpe:.1f} mm, originals {usual:.1f} mm; not told: {outcome}")
     print_figures(figures)
     save(json, {"measure": "disagreement", "cases": figures})
 

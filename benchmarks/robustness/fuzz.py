@@ -123,7 +123,7 @@ def main(
 
 
 def work(
-    judged: Iterator[tuple[Case, Verdict]],
+    outcomes: Iterator[tuple[Case, Verdict]],
     count: int,
     files: Mapping[str, list[Files]],
     tally: Tally,
@@ -131,14 +131,14 @@ def work(
 ) -> None:
     """Count the verdicts on so many cases as they come, and keep the inputs that fail."""
     with reported("damaged inputs") as progress:
-        for done, (case, verdict) in enumerate(judged, 1):
+        for done, (case, verdict) in enumerate(outcomes, 1):
             tally.add(case, verdict)
             if not verdict.good and keep is not None:
-                kept(case, verdict, files, keep)
+                keep_input(case, verdict, files, keep)
             progress(done, count)
 
 
-def kept(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder: Path) -> None:
+def keep_input(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder: Path) -> None:
     """Keep a failing input with what it did."""
     place = folder / str(case)
     place.parent.mkdir(parents=True, exist_ok=True)

@@ -49,7 +49,7 @@ class Verdict:
 
 def already_held() -> int:
     """What this process holds beyond a worker that has only loaded the readers [B]: not a damaged input's doing."""
-    return max(0, (_told("VmRSS") or 0) - _OF_READERS)
+    return max(0, (_process_size("VmRSS") or 0) - _OF_READERS)
 
 
 def forget_peak() -> None:
@@ -60,14 +60,14 @@ def forget_peak() -> None:
 
 def peak_memory() -> int:
     """The largest resident size this process had since `forget_peak` [B]."""
-    told = _told("VmHWM")
-    if told is not None:
-        return told
+    high_water = _process_size("VmHWM")
+    if high_water is not None:
+        return high_water
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
 
 
-def _told(name: str) -> int | None:
+def _process_size(name: str) -> int | None:
     """A size that the system tells of this process [B], None where it does not."""
     with suppress(OSError):
         line = re.search(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())

@@ -110,10 +110,10 @@ def judge_case(case: Case, corpus: Mapping[str, list[Files]], folder: Path) -> V
     out, err, began = io.StringIO(), io.StringIO(), time.perf_counter()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main([word.replace("{}", str(folder)) for word in COMMANDS[case.reader].line.split()])
-    return timed(*judged_output(code, err.getvalue()), time.perf_counter() - began)
+    return timed(*classify_output(code, err.getvalue()), time.perf_counter() - began)
 
 
-def judged_output(code: int, said: str) -> tuple[str, str]:
+def classify_output(code: int, said: str) -> tuple[str, str]:
     """Whether a command ended well, or with one short line."""
     errors = [line for line in said.splitlines() if line.startswith((_PREFIX, "internal error"))]
     if code not in (0, BAD_INPUT):

@@ -49,7 +49,7 @@ def judge(reader: str, path: Path, most_seconds: float = MOST_SECONDS) -> Verdic
             READERS[reader].read(path)
             outcome, said = "read", ""
         except InputError as error:
-            outcome, said = judged_message(str(error), path)
+            outcome, said = classify_message(str(error), path)
         except Exception as error:  # whatever else comes out is what is looked for
             outcome, said = type(error).__name__, f"{_origin(error)}: {error}"[:1000]
     numeric = [w for w in warned if issubclass(w.category, RuntimeWarning)]
@@ -70,7 +70,7 @@ def timed(outcome: str, said: str, seconds: float, held: int = 0, most_seconds: 
     return Verdict(outcome, said, seconds, memory)
 
 
-def judged_message(message: str, path: Path) -> tuple[str, str]:
+def classify_message(message: str, path: Path) -> tuple[str, str]:
     """Whether an InputError's message is short, one line, and names its file once."""
     if len(message) > LONGEST:
         return "long message", f"{len(message)} characters: {message[:300]}"

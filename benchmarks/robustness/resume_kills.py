@@ -124,7 +124,7 @@ def kill_at(
     first = frames_in(out)
     process = started(arguments)
     try:
-        ended = (_told if announced else _waited)(process, out, moment, patience)
+        ended = (_wait_for_announcement if announced else _wait_for_frames)(process, out, moment, patience)
         before, names = frames_in(out), _shared_memory(process.pid)
         if ended is None:
             (os.killpg if moment.to_all else os.kill)(process.pid, moment.number)
@@ -142,7 +142,7 @@ def kill_at(
     return Kill(moment, first, before, frames_in(out), code, seconds, lingered, left, last)
 
 
-def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
+def _wait_for_frames(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
     """Wait for a moment in the life of a process; its exit code if that comes first."""
 
     def there() -> bool:
@@ -157,7 +157,7 @@ def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment, patienc
     return process.poll()
 
 
-def _told(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
+def _wait_for_announcement(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
     """Wait until a process says that the moment is there; its exit code if it ends instead."""
     assert process.stdout is not None
     if not wait([process.stdout.fileno()], patience):

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from benchmarks.speed.mode_search_duel import Contest, Duel, no_higher
-from benchmarks.speed.mode_search_starts import KINDS, drawn, tracker_starts
+from benchmarks.speed.mode_search_starts import KINDS, subsample, tracker_starts
 from benchmarks.support.common import Json, Several, save
 from kinemode.terminal import report
 
@@ -61,12 +61,12 @@ def main(
     contest.duel(contest.random_start(0.1, np.random.default_rng(seed)), np.random.default_rng(seed))  # compiles
     if starts == "tracker":
         kinds: Sequence[str] = KINDS
-        begun = drawn(tracker_starts(seed), count, rng)
-        begun = begun if transition else [replace(start, q_previous=None) for start in begun]
+        contest_starts = subsample(tracker_starts(seed), count, rng)
+        contest_starts = contest_starts if transition else [replace(start, q_previous=None) for start in contest_starts]
     else:
         kinds = [f"{d:g}" for d in distances]
-        begun = [contest.random_start(distances[i % len(distances)], rng) for i in range(count)]
-    duels = [contest.duel(start, rng) for start in begun]
+        contest_starts = [contest.random_start(distances[i % len(distances)], rng) for i in range(count)]
+    duels = [contest.duel(start, rng) for start in contest_starts]
     by_kind = {kind: figures(group) for kind in kinds if (group := [d for d in duels if d.kind == kind])}
     by_kind["all"] = figures(duels)
     show(by_kind, "start" if starts == "tracker" else "start off by")

@@ -121,15 +121,15 @@ class Contest:
         q = start.q
         cost, residuals = self.forms(start)
         before = cost.at(q).value
-        begun = self._clock()
+        began = self._clock()
         solution = self.seeker.seek(cost, q)
-        our_time = self._clock() - begun
+        our_time = self._clock() - began
         ours = solution.quadratic.value
         watched = Watched(residuals, ours + EQUAL * max(1.0, abs(ours)), self._clock)
-        begun = self._clock()
+        began = self._clock()
         theirs = scipy_search(watched, residuals)
-        full = self._clock() - begun
-        until = full if watched.reached is None else watched.reached - begun
+        full = self._clock() - began
+        until = full if watched.reached is None else watched.reached - began
         lowest = self.further(cost, q, ours, TENTH * full - our_time, our_time, rng.spawn(1)[0])
         return Duel(
             start.kind, before, ours, float(theirs.cost), lowest, 1e3 * our_time, 1e3 * until, 1e3 * full,

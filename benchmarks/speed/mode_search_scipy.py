@@ -32,9 +32,9 @@ class Watched:
         return self._timed(self._residuals.jacobian, x)
 
     def _timed(self, function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-        begun = self._clock()
+        began = self._clock()
         value = function(x)
-        self.inside += self._clock() - begun
+        self.inside += self._clock() - began
         return value
 
 

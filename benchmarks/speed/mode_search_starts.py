@@ -59,7 +59,7 @@ def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | No
     return starts
 
 
-def drawn(starts: Sequence[Start], count: int, rng: np.random.Generator) -> list[Start]:
+def subsample(starts: Sequence[Start], count: int, rng: np.random.Generator) -> list[Start]:
     """So many of them (or all, if there are fewer), each as likely as any other, in their order."""
     chosen = rng.choice(len(starts), size=min(count, len(starts)), replace=False)
     return [starts[i] for i in np.sort(chosen)]

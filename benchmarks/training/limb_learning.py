@@ -26,10 +26,10 @@ from estimator.synthesis.retarget import retarget
 from estimator.trackers.loose_limbed.limbs.potential_learning import (
     LimbPoses,
     captured_poses,
-    drawn_poses,
     joined,
     learned_potentials,
     log_densities,
+    random_poses,
 )
 from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED, LimbPotentials, load_potentials
 from humanoid.kinematics.body import Body
@@ -121,7 +121,7 @@ def main(
     if drawn:
         rng, speed = np.random.default_rng(seed), CostSettings()
         of_dof = per_dof(body, speed.turn_speed, speed.root_turn_speed, speed.root_slide_speed)
-        poses = {name: drawn_poses(body, graph, DRAWN, STEPS, of_dof, rng) for name in ("drawn", "drawn_too")}
+        poses = {name: random_poses(body, graph, DRAWN, STEPS, of_dof, rng) for name in ("drawn", "drawn_too")}
     else:
         with work_folder(work) as folder:
             poses = {f.stem: poses_of(graph, body, motion(body, subject, f, folder)) for f in files}

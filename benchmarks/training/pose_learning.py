@@ -79,13 +79,13 @@ def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
     followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / FPS))
     first = body.nq - len(joints_of(body))
     firm = [i for i, name in enumerate(followed.names) if name.split("_")[-1] not in VAGUE_STD]
-    kept: list[np.ndarray] = []
+    poses: list[np.ndarray] = []
     for q in followed.q[followed.residual[:, firm].max(axis=1) < POOR_FIT]:
-        if all(np.sqrt(np.mean(np.square(q[first:] - k[first:]))) > spacing for k in kept):
-            kept.append(q)
+        if all(np.sqrt(np.mean(np.square(q[first:] - k[first:]))) > spacing for k in poses):
+            poses.append(q)
     index = [body.landmark_names.index({"left_toe": "left_big_toe", "right_toe": "right_big_toe"}.get(n, n))
              for n in followed.names]  # fmt: skip
-    return Poses(np.array(kept)[:, first:], np.array([_uncertainty(body, q, index) for q in kept]))
+    return Poses(np.array(poses)[:, first:], np.array([_uncertainty(body, q, index) for q in poses]))
 
 
 def _uncertainty(body: Body, q: np.ndarray, index: list[int]) -> np.ndarray:

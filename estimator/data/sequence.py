@@ -102,7 +102,7 @@ def _camera(
 
 
 Progress = Callable[[int, int], None]
-"""Is told how many instants of how many are done."""
+"""Called with how many instants of how many are done."""
 
 
 class Cues(Protocol):

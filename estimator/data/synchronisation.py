@@ -43,10 +43,10 @@ SURE_ERROR = 0.5  # frames of the slowest camera: standard error
 class Synchrony:
     """Clocks of C cameras.
 
-    offsets (C,): seconds to add to the times that each was given; NaN where nothing can be told. sure (C,): whether
-    that can be relied on. errors (C,): standard errors [s], from leaving out parts of the clip in turn. margin (C,):
-    how much better they are than any other clock: the logarithm of the ratio of squared distances, of the weakest link
-    between a camera and those that are held. distance: how far the moving rays of a pair pass each other at these
+    offsets (C,): seconds to add to the times that each was given; NaN where nothing can be found out. sure (C,):
+    whether that can be relied on. errors (C,): standard errors [s], from leaving out parts of the clip in turn. margin
+    (C,): how much better they are than any other clock: the logarithm of the ratio of squared distances, of the weakest
+    link between a camera and those that are held. distance: how far the moving rays of a pair pass each other at these
     clocks [px], the geometric mean.
     """
 

@@ -54,16 +54,16 @@ class Timeline:
     def cut(self, start: float | None, end: float | None) -> Timeline:
         """The instants from `start` to `end` [s], both included; raises InputError where none is left."""
         low, high = (-np.inf if start is None else start), (np.inf if end is None else end)
-        kept = (self.times >= low - 1e-6) & (self.times <= high + 1e-6)
-        if not kept.any():
+        rows = (self.times >= low - 1e-6) & (self.times <= high + 1e-6)
+        if not rows.any():
             given = " ".join(f"--{name} {at:g}" for name, at in (("start", start), ("end", end)) if at is not None)
             remedy = f"frames lie between {self.times[0]:.3f} and {self.times[-1]:.3f} s"
             raise InputError(given, "leaves no frame", remedy=remedy)
-        return Timeline(self.times[kept], _each(self.places, kept), _each(self.frames, kept))
+        return Timeline(self.times[rows], _each(self.places, rows), _each(self.frames, rows))
 
 
-def _each(of: Mapping[str, np.ndarray], kept: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: values[kept] for name, values in of.items()}
+def _each(of: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: values[rows] for name, values in of.items()}
 
 
 def keypoint_clock(frame_count: int, rate: float, offset: float = 0.0) -> CameraClock:
@@ -105,8 +105,8 @@ def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: 
             note = f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used"
             doubt = "if the clip has every {} of these frames, they are matched wrongly"
         if note and ratio is not None:
-            told = f"{note}; {doubt.format(_ORDINALS[ratio])}"
-            note = f"{told} ({remedy})" if remedy else told
+            warning = f"{note}; {doubt.format(_ORDINALS[ratio])}"
+            note = f"{warning} ({remedy})" if remedy else warning
         notes += [note] if note else []
     return tuple(notes)
 

@@ -26,16 +26,16 @@ def best_distinct(
     count: int,
 ) -> list[Item]:
     """The `count` best items of which no two have all landmarks (L, 3) within `distance` [m] of each other."""
-    kept: list[Item] = []
+    distinct: list[Item] = []
     shapes: list[np.ndarray] = []
     for item in sorted(items, key=score, reverse=True):
         shape = points(item)
         if all(np.max(np.sum(np.square(shape - other), axis=1)) > distance**2 for other in shapes):
-            kept.append(item)
+            distinct.append(item)
             shapes.append(shape)
-            if len(kept) == count:
+            if len(distinct) == count:
                 break
-    return kept
+    return distinct
 
 
 def bhattacharyya(

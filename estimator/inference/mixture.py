@@ -42,8 +42,8 @@ class Mode:
         from the pose that it jumped to, as a jump is no motion. Zero where there is none (see `Origin.previous`).
     association: how the keypoints that it explains are assigned to landmarks: "as_detected" or "exchanged" (left and
         right swapped).
-    origin: where it came from and what it paid; None where that is not known, as of modes carried through a frame that
-        was not observed.
+    origin: where it came from and its penalties; None where that is not known, as of modes predicted through a frame
+        that was not observed.
     """
 
     q: np.ndarray
@@ -62,7 +62,7 @@ class Mode:
 class Mixture:
     """Weighted modes, best first; `weights` (K,) sum to one.
 
-    log_scores (K,): unnormalised log-weights carried from frame to frame.
+    log_scores (K,): unnormalised log-weights that pass from frame to frame.
     """
 
     modes: tuple[Mode, ...]

@@ -62,12 +62,12 @@ class PreviousPose(NamedTuple):
 
     q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is no motion.
     q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
-    paid: whether the energy has the transition's penalty of the change since q.
+    has_transition: whether the energy has the transition's penalty of the change since q.
     """
 
     q: np.ndarray
     q_predicted: np.ndarray | None = None
-    paid: bool = True
+    has_transition: bool = True
 
     @property
     def key(self) -> PoseKey:
@@ -84,7 +84,7 @@ class Origin(NamedTuple):
     previous: the pose in the frame before, None where there was none or none counts.
     penalty: flat penalty of a jump. The weight includes it, the energy does not.
     q_assigned (nq,): of a mode, the pose at which the pictures' features were assigned, None without pictures.
-    extent (C,): of a mode, extent of the body in each camera's pictures [px], by which their noise is told; empty
+    extent (C,): of a mode, extent of the body in each camera's pictures [px], from which their noise follows; empty
         without.
     """
 
@@ -97,20 +97,20 @@ class Origin(NamedTuple):
     @property
     def transition_from(self) -> np.ndarray | None:
         """The configuration (nq,) from which the transition's penalty counts, None where it is not paid."""
-        return self.previous.q if self.previous is not None and self.previous.paid else None
+        return self.previous.q if self.previous is not None and self.previous.has_transition else None
 
 
 @dataclass(frozen=True)
 class Origins:
     """Of the K modes of a frame, as arrays; see `Origin`. NaN stands for what there is not.
 
-    family (K): text. q_previous, q_predicted (K, nq), paid (K,) bool: see `PreviousPose`. penalty (K,).
+    family (K): text. q_previous, q_predicted (K, nq), has_transition (K,) bool: see `PreviousPose`. penalty (K,).
     q_assigned (K, nq). extent (K, C).
     """
 
     family: np.ndarray
     q_previous: np.ndarray
-    paid: np.ndarray
+    has_transition: np.ndarray
     penalty: np.ndarray
     q_predicted: np.ndarray
     q_assigned: np.ndarray
@@ -126,7 +126,7 @@ class Origins:
         return Origins(
             family=np.array([o.family.value for o in known], dtype=np.str_),
             q_previous=_rows([None if p is None else p.q for p in previous], nq),
-            paid=np.array([p is not None and p.paid for p in previous]),
+            has_transition=np.array([p is not None and p.has_transition for p in previous]),
             penalty=np.array([o.penalty for o in known]),
             q_predicted=_rows([None if p is None else p.q_predicted for p in previous], nq),
             q_assigned=_rows([o.q_assigned for o in known], nq),
@@ -136,7 +136,7 @@ class Origins:
     def of_mode(self, k: int) -> Origin:
         """That of mode k."""
         q = _row(self.q_previous[k])
-        previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), bool(self.paid[k]))
+        previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), bool(self.has_transition[k]))
         return Origin(
             Family(str(self.family[k])), previous, float(self.penalty[k]), _row(self.q_assigned[k]),
             tuple(self.extent[k].tolist()),

@@ -12,7 +12,7 @@ _PREFIX = "particle_"
 
 @dataclass(frozen=True)
 class Particles:
-    """A weighted set carried from frame to frame.
+    """A weighted set that passes from frame to frame.
 
     states (N, S): a row each, as the filter lays it out. weights (N,): sum to one.
     owner (N,) int: the hypothesis of its frame that each belongs to.

@@ -49,12 +49,12 @@ def tempered(
     target: SampleTarget[Any],
     box: SampleBox,
     settings: TemperingSettings,
-    begun: float = 0.0,
+    least_power: float = 0.0,
 ) -> Tempered | None:
     """Samples of the target, from samples x (N, D) with log_weight (N,) of it without the likelihood.
 
-    Each power is the highest that leaves `settings.survival` of the samples. begun: the least that the first is, where
-    samples were chosen by something like a power of the likelihood. None where no sample can be.
+    Each power is the highest that leaves `settings.survival` of the samples. least_power: the least that the
+    first is, where samples were chosen by something like a power of the likelihood. None where no sample can be.
     """
     likelihood = target.likelihood(target.prepared(x))
     log_weight = np.where(np.isfinite(likelihood), log_weight, -np.inf)
@@ -62,10 +62,14 @@ def tempered(
         return None
     moves = settings.moves if settings.powers > 1 else 0
     walk = Walk(rng, target, box)
-    samples = walk.begun(x, likelihood) if moves else Samples(x, np.zeros((len(x), 0)), np.zeros(len(x)), likelihood)
+    samples = (
+        walk.initial_samples(x, likelihood)
+        if moves
+        else Samples(x, np.zeros((len(x), 0)), np.zeros(len(x)), likelihood)
+    )
     power, log_evidence, effective, accepted, count = 0.0, 0.0, float(len(x)), 0.0, 0
     while power < 1.0:
-        lowest = 0.0 if count else begun
+        lowest = 0.0 if count else least_power
         step = _next_step(
             log_weight, samples.likelihood, (lowest, 1.0 - power), settings.powers - count, settings.survival
         )

@@ -25,19 +25,19 @@ class Prepared(Protocol):
 
 
 class SampleTarget(Protocol[P]):
-    """A density of samples x (N, D), as logarithms: what is expected of each group of dimensions by itself, what is
-    told of whole samples, which counts from the start, and the likelihood that is let in by powers."""
+    """A density of samples x (N, D), as logarithms: what is expected of each group of dimensions by itself, what
+    messages say of whole samples, which counts from the start, and the likelihood that is let in by powers."""
 
     def prepared(self, x: np.ndarray) -> P:
-        """What the last two go by."""
+        """What the last two use."""
         ...
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
         """What is expected (N,) of one group."""
         ...
 
-    def told(self, samples: P) -> np.ndarray:
-        """What is told (N,)."""
+    def log_message(self, samples: P) -> np.ndarray:
+        """What messages say of them (N,), as logarithms."""
         ...
 
     def likelihood(self, samples: P) -> np.ndarray:
@@ -57,11 +57,11 @@ class SampleBox:
 
 
 class Samples(NamedTuple):
-    """x (N, D), and what a target says of them: by_group (N, G), told (N,), likelihood (N,)."""
+    """x (N, D), and what a target says of them: by_group (N, G), log_message (N,), likelihood (N,)."""
 
     x: np.ndarray
     by_group: np.ndarray
-    told: np.ndarray
+    log_message: np.ndarray
     likelihood: np.ndarray
 
     def of(self, rows: np.ndarray) -> Samples:
@@ -74,18 +74,18 @@ class Walk:
     """Moves in two halves: each half steps along differences of the other's samples (ter Braak 2006), so that steps
     have the size and the direction of the density, and trades groups with it.
 
-    A move is accepted by what is expected and told first, and only then by the likelihood, which costs most (Christen
-    and Fox 2005): both leave the density as it is.
+    A move is accepted by what is expected and received first, and only then by the likelihood, which costs most
+    (Christen and Fox 2005): both leave the density as it is.
     """
 
     rng: np.random.Generator
     target: SampleTarget[Any]
     box: SampleBox
 
-    def begun(self, x: np.ndarray, likelihood: np.ndarray) -> Samples:
+    def initial_samples(self, x: np.ndarray, likelihood: np.ndarray) -> Samples:
         """Samples x (N, D) whose likelihood (N,) is known."""
         by_group = [self.target.of_group(x, g) for g in range(len(self.box.groups))]
-        return Samples(x, np.stack(by_group, axis=1), self.target.told(self.target.prepared(x)), likelihood)
+        return Samples(x, np.stack(by_group, axis=1), self.target.log_message(self.target.prepared(x)), likelihood)
 
     def moved(self, samples: Samples, power: float) -> tuple[Samples, float]:
         """Samples after a step and a trade each, by a power of the likelihood, and the share that was accepted."""
@@ -132,17 +132,17 @@ class Walk:
         with the second, each with its own, or not at all."""
         old, expected = samples.of(rows), by_group.sum(axis=1)
         possible = np.flatnonzero(self._all(np.isfinite(expected), together))
-        told = np.full(len(rows), -np.inf)
+        log_message = np.full(len(rows), -np.inf)
         prepared = self.target.prepared(x[possible])
-        told[possible] = self.target.told(prepared)
+        log_message[possible] = self.target.log_message(prepared)
         gain = np.full(len(rows), -np.inf)
-        gain[possible] = (expected + told)[possible] - (old.by_group.sum(axis=1) + old.told)[possible]
+        gain[possible] = (expected + log_message)[possible] - (old.by_group.sum(axis=1) + old.log_message)[possible]
         before, possible = possible, self._accepted(gain, together)
         likelihood, gain = np.full(len(rows), -np.inf), np.full(len(rows), -np.inf)
         likelihood[possible] = self.target.likelihood(prepared.of(np.searchsorted(before, possible)))
         gain[possible] = power * (likelihood - old.likelihood)[possible]
         taken = self._accepted(gain, together)
-        for values, new in zip(samples, (x, by_group, told, likelihood), strict=True):
+        for values, new in zip(samples, (x, by_group, log_message, likelihood), strict=True):
             values[rows[taken]] = new[taken]
         return len(taken)
 

@@ -36,14 +36,14 @@ class Broadcaster:
         """
         large: list[memoryview] = []
 
-        def kept_back(buffer: pickle.PickleBuffer) -> bool:
+        def stays_in_content(buffer: pickle.PickleBuffer) -> bool:
             raw = buffer.raw()
             if raw.nbytes <= SMALL:
                 return True  # it stays in the content
             large.append(raw)
             return False
 
-        content = pickle.dumps(thing, protocol=5, buffer_callback=kept_back)
+        content = pickle.dumps(thing, protocol=5, buffer_callback=stays_in_content)
         spans, end = [], 0
         for raw in large:
             spans.append((end, raw.nbytes))

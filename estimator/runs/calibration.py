@@ -22,7 +22,7 @@ class PosteriorCalibration:
     covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these say.
     limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of
     the body's size, which one camera cannot see; it is an uncertainty of the distance, and counts only where the
-    posterior is told where the camera is.
+    posterior is given where the camera is.
 
     Raises
     ------

@@ -65,33 +65,33 @@ class Diagnosis:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One for each kind of trouble: what it is, and what to do."""
-        told = []
+        findings = []
         if self.resting:
             joints = [
                 f"{r.joint} ({r.side} limit {r.limit:.3g}" + (")" if self.frame is not None else f", {r.share:.0%})")
                 for r in self.resting
             ]
-            told.append(
+            findings.append(
                 f"joints that rest on a limit {self._when}: {_few(joints)}. Limits may contradict the person: check the"
                 " joints' axes and limits in the URDF"
             )
         if self.cameras:
             cameras = [f"{name} ({deviations:.1f} standard deviations)" for name, deviations in self.cameras]
-            told.append(
+            findings.append(
                 f"most landmarks lie far from their keypoints {self._when} in {_few(cameras)}: check the camera's"
                 " calibration, the time its keypoints begin, and which person they show"
             )
         if self.far:
-            told.append(
+            findings.append(
                 f"landmarks that lie far from their keypoints {self._when}: {_few(_by_landmark(self.far))}. Check their"
                 " links and places in the subject, the names of left and right, and the limits of the joints there"
             )
         if self.exchanged:
-            told.append(
+            findings.append(
                 f"left and right of the keypoints are exchanged in {self.exchanged:.0%} of the frames: check which side"
                 " is which in the subject's landmarks and in the keypoints"
             )
-        return tuple(told)
+        return tuple(findings)
 
     @property
     def _when(self) -> str:

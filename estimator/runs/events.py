@@ -87,7 +87,7 @@ def walking_direction(feet: Feet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gait_events(feet: Feet) -> list[Event]:
-    """Strikes and toe-offs of filtered feet in order of time, where the pelvis moves on; none is told in the clip's
+    """Strikes and toe-offs of filtered feet in order of time, where the pelvis moves on; none is reported in the clip's
     first and last frames, where a foot may still have gone farther."""
     from scipy.signal import find_peaks  # takes long to import, and every command would
 

@@ -11,7 +11,7 @@ goes, and does not move the first and last pose by itself.
 Frames need not be evenly spaced: where they are not, the motion is read off cubic splines at even times, filtered, and
 read off again at its own times. Over frames without a pose, and pauses, of at most half a period of the cut-off the
 splines lead on; at longer ones the motion is cut, and each part is filtered by itself. Frames without a pose stay so.
-Frames without observations have the pose that the tracker carried on or the smoother put there, and are filtered as
+Frames without observations have the pose that the tracker predicted or the smoother put there, and are filtered as
 others.
 """
 
@@ -31,7 +31,7 @@ from humanoid.support.errors import InputError, shown
 _EVEN = 0.05  # share of a frame by which times may be off for a run to count as evenly spaced
 _USUAL = 0.2  # by which steps may differ from the median, relatively, to count for the frame rate
 _ROUNDING = 1e-6
-_OUTSIDE = 1e-6  # rad or m by which a filtered value has to pass a limit to be told of
+_OUTSIDE = 1e-6  # rad or m by which a filtered value has to pass a limit to be reported
 _VANISHED = 0.1  # length of a filtered quaternion from which its direction is the noise's
 
 
@@ -92,7 +92,7 @@ def filtered(body: Body, q: np.ndarray, time: np.ndarray, cutoff: float) -> Filt
 
 
 def frame_rate(time: np.ndarray) -> float:
-    """Frames a second at time (T,) [s]: the usual one, also where some are missing; 0 where it cannot be told."""
+    """Frames a second at time (T,) [s]: the usual one, also where some are missing; 0 where it cannot be computed."""
     steps = np.diff(time)
     usual = steps[np.abs(steps - np.median(steps)) <= _USUAL * np.median(steps)] if len(steps) else steps
     step = float(usual.mean()) if len(usual) else 0.0

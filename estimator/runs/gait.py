@@ -59,8 +59,8 @@ def gait_of_landmarks(
     smooth = filtered(feet)
     events = [event for event in gait_events(smooth) if known[event.frame]]
     strides = strides_of(smooth, events, known, ~sure if sure is not None else np.zeros(len(time), dtype=bool))
-    told = [e for e in events if any(s.start - _NEAR <= e.time <= s.end + _NEAR for s in strides)]
-    return Gait(tuple(told), tuple(strides), _remark(smooth, events, strides))
+    near_events = [e for e in events if any(s.start - _NEAR <= e.time <= s.end + _NEAR for s in strides)]
+    return Gait(tuple(near_events), tuple(strides), _remark(smooth, events, strides))
 
 
 def _remark(feet: Feet, events: Sequence[Event], strides: Sequence[Stride]) -> str:

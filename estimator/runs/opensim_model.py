@@ -44,7 +44,7 @@ def opensim_model(body: Body, name: str) -> Model:
 
     Raises InputError for a joint that neither turns nor slides.
     """
-    links, (masses, told) = links_of(body), segment_masses(body)
+    links, (masses, mass_source) = links_of(body), segment_masses(body)
     names = {j: component_name(of_joint[0]) for j, of_joint in links.items()}
     segments, joints, carrier = [], [], {0: 0}
     if not body.has_free_root:
@@ -62,7 +62,7 @@ def opensim_model(body: Body, name: str) -> Model:
         Marker(landmark, names[carrier[int(j)]], R_OPENSIM_WORLD @ place)
         for landmark, j, place in zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
     ]
-    credits = f"Written by kinemode of the subject {body.subject.name}. {told}"
+    credits = f"Written by kinemode of the subject {body.subject.name}. {mass_source}"
     return Model(name, credits, tuple(segments), tuple(joints), tuple(markers), tuple(_couplings(body)))
 
 

@@ -65,10 +65,10 @@ class Posterior:
         some = weight > _FAINT
         q = result.q[some]
         prior = Stabilisers(body)
-        told = [
+        covariances = [
             _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
         ]
-        covariance = c.covariance_scale * np.array(told)
+        covariance = c.covariance_scale * np.array(covariances)
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_from is not None and body.has_free_root:
             covariance = covariance + np.array([_distance_covariance(body, mode, seen_from, c.size_std) for mode in q])
@@ -184,10 +184,10 @@ def _with_prior(
     stabilisers.accumulate(body.at(q), np.zeros(body.nv), prior)
     block = np.ix_(free, free)
     known = covariance[block].astype(np.float64)
-    told = np.zeros((body.nv, body.nv))
+    posterior = np.zeros((body.nv, body.nv))
     # (known^-1 + more)^-1, without the inverse of what may be nearly singular
-    told[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
-    return 0.5 * (told + told.T)
+    posterior[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
+    return 0.5 * (posterior + posterior.T)
 
 
 def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:

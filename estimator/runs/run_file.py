@@ -105,7 +105,7 @@ class RunWriter:
             )
             for i, o in enumerate(observations)
         ]
-        with run_store.translated(self.path, kept=True):
+        with run_store.translated(self.path, has_frames=True):
             stored = self._connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
             if not stored:
                 self._connection.execute("BEGIN IMMEDIATE")
@@ -123,7 +123,7 @@ class RunWriter:
         """Store a frame and, in the same transaction, the tracker's exact state after it in place of the last one."""
         data, exact = pack(frame_arrays(result)), pack(state)
         execute = self._connection.execute
-        with run_store.translated(self.path, kept=True):
+        with run_store.translated(self.path, has_frames=True):
             execute("BEGIN IMMEDIATE")
             try:
                 execute("INSERT INTO frame VALUES (?, ?)", (self._position, data))
@@ -137,7 +137,7 @@ class RunWriter:
 
     def settle(self) -> int:
         """After an interruption, which lands anywhere: undo what is half stored; how many frames the file has."""
-        with run_store.translated(self.path, kept=True):
+        with run_store.translated(self.path, has_frames=True):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
             (self._position,) = self._connection.execute("SELECT count(*) FROM frame").fetchone()
@@ -154,7 +154,7 @@ class RunWriter:
     def put_smoothed(self, q: np.ndarray) -> None:
         """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
         execute = self._connection.execute
-        with run_store.translated(self.path, kept=True):
+        with run_store.translated(self.path, has_frames=True):
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
             execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
@@ -172,7 +172,7 @@ class RunWriter:
     def finish(self) -> None:
         """Mark the run complete and close it; one file is left."""
         now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-        with run_store.translated(self.path, kept=True):
+        with run_store.translated(self.path, has_frames=True):
             self._connection.execute("INSERT INTO finished SELECT ? WHERE NOT EXISTS (SELECT * FROM finished)", (now,))
         self.close()
 

@@ -26,7 +26,7 @@ class RunHeader:
     image_sizes: width, height [px] of each camera's images.
     times (T,): time of every instant that is to be tracked [s].
     tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
-    notes: what the user was told. findings: those of them that the finished run says against its subject or its input;
+    notes: messages to the user. findings: those of them that the finished run says against its subject or its input;
     None while it is not finished, and in runs made before they were kept.
     cues: which of the pictures' cues were looked at; none for keypoints alone.
     masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.

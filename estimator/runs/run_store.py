@@ -123,26 +123,27 @@ def check(path: Path) -> None:
 
 
 @contextmanager
-def translated(path: Path, *, kept: bool = False) -> Iterator[None]:
-    """SQLite's errors as errors of the file; `kept` where there may be frames in it, which an error does not touch."""
+def translated(path: Path, *, has_frames: bool = False) -> Iterator[None]:
+    """SQLite's errors as errors of the file; `has_frames` where there may be frames in it, which an error does not
+    touch."""
     try:
         yield
     except sqlite3.IntegrityError:
         raise InputError(path, "another process is writing this run") from None
     except sqlite3.OperationalError as error:
-        raise _refused(path, str(error), kept) from None
+        raise _refused(path, str(error), has_frames) from None
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter from a message quoting damaged text
         raise InputError(path, f"is damaged: {error}", remedy="a truncated copy? copy it again") from None
 
 
-def _refused(path: Path, why: str, kept: bool) -> InputError:
+def _refused(path: Path, why: str, has_frames: bool) -> InputError:
     """What SQLite says when it can do no more, as an error; a quota or a limit on file sizes is an I/O error to it."""
     full = {"database or disk is full": "the disk is full", "disk I/O error": "the disk takes no more, or failed"}.get(
         why
     )
     if full is None:
         return InputError(path, f"cannot be used: {why}")
-    if not kept:
+    if not has_frames:
         return InputError(path, f"cannot be written: {full}", remedy="make room, or name a file on another disk")
     return InputError(path, f"{full}; what was tracked is kept", remedy="make room, --resume then continues it")
 

@@ -41,13 +41,13 @@ def segment_masses(body: Body) -> tuple[dict[int, Mass], str]:
         return {j: _of_file(body.model.inertias[j]) for j in links}, "Masses and inertias are those of the URDF."
     shares = {j: sum(SHARES.get(_without_side(name), 0.0) for name in names) for j, names in links.items()}
     if not any(shares.values()):
-        told = f"The URDF has no masses; every segment was given {_UNKNOWN:g} kg."
-        return {j: _of_flesh(body, j, _UNKNOWN) for j in links}, told
-    told = (
+        source = f"The URDF has no masses; every segment was given {_UNKNOWN:g} kg."
+        return {j: _of_flesh(body, j, _UNKNOWN) for j in links}, source
+    source = (
         f"The URDF has no masses; they are shares of an adult of {ADULT:g} kg (de Leva 1996, mean of women and men), "
         "spread evenly over ellipsoids as large as the flesh: scale them to the person's weight before dynamics."
     )
-    return {j: _of_flesh(body, j, ADULT * share) for j, share in shares.items()}, told
+    return {j: _of_flesh(body, j, ADULT * share) for j, share in shares.items()}, source
 
 
 def links_of(body: Body) -> dict[int, list[str]]:

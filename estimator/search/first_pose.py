@@ -51,7 +51,8 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         return modes
     reached = [Hypothesis(mode.q, names.index(mode.association)) for mode in modes.modes]
     samples = _samples(search, rng, observation, modes, case)
-    # all are led to convergence: before it, samples on their way to one mode would be taken for better than other modes
+    # all are searched to convergence: before it, samples on their way to one mode would be taken for better than other
+    # modes
     return search.best_modes([*reached, *samples], case, count, rng, every=True)
 
 

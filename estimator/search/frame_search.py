@@ -61,7 +61,7 @@ class FrameSearch:
 
     def score(self, h: Hypothesis) -> float:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
-        return self._looked(h, self._assigned(h.q, brief=True))
+        return self._score_assigned(h, self._assigned(h.q, brief=True))
 
     def score_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
         """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
@@ -91,7 +91,7 @@ class FrameSearch:
     def refine(self, c: Candidate) -> Refined:
         """Work: a search to convergence, parts kept apart."""
         base, (model, settings) = self._base(c.hypothesis), (self._model, self._settings)
-        q, q_assigned, assigned, steps = self._settled(base, c.q)
+        q, q_assigned, assigned, steps = self._reassign_features(base, c.q)
         cost = base.plus(assigned)
         solution, penetration = self._seeker.seek(cost, q, settings.refine), 0.0
         if model.self_collision is not None:
@@ -144,7 +144,7 @@ class FrameSearch:
         likelihood = self.case.likelihood
         return likelihood.assigned(self._body.at(q), brief) if likelihood.cameras else []
 
-    def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
+    def _score_assigned(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
         terms = [*assigned, *self._pulled(h.pull)]
         cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms)
@@ -152,7 +152,7 @@ class FrameSearch:
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
         """Where keypoints and flow take a hypothesis, (nq,): pictures are only looked at near it. One that begins where
-        it has the body in the frame before is led from there; one about that pose moves along. Besides, the steps that
+        it has the body in the frame before starts from there; one about that pose moves along. Besides, the steps that
         it took."""
         previous = h.origin.previous
         if previous is None or not (h.origin.family.at_previous or h.relative_to_previous):
@@ -178,7 +178,7 @@ class FrameSearch:
             start = previous.q_predicted
         return self._seeker.seek(cost, start, self._settings.follow)
 
-    def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
+    def _reassign_features(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
         """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
         are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
         steps = StepCounts()
@@ -186,7 +186,7 @@ class FrameSearch:
             before, assigned = q, self._assigned(q)
             solution = self._seeker.seek(base.plus(assigned), before, self._settings.explore)
             q, steps = solution.q, steps.plus(solution.steps)
-            if float(np.abs(self._body.difference(before, q)).max()) < self._settings.settled:
+            if float(np.abs(self._body.difference(before, q)).max()) < self._settings.reassign_tolerance:
                 return q, before, assigned, steps
         return q, q, self._assigned(q), steps
 

@@ -12,7 +12,7 @@ from estimator.data.observation import Observation
 from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
-from estimator.search.examples.lookup import Looked
+from estimator.search.examples.lookup import Lookup
 from estimator.search.examples.votes import turned_away
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
@@ -44,33 +44,33 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     """
     how = ExampleSearch()
     search.examples.check(observation)
-    looks = search.examples.lookup_without_prior(observation, how.neighbours)
+    lookups = search.examples.lookup_without_prior(observation, how.neighbours)
     associations = search.associations(observation)
-    starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, how.away, k)]
+    starts = [h for k in range(len(associations)) for h in example_starts(search.body, lookups, how.away, k)]
     case = FrameProblem(associations, 0.0, search.likelihood(observation, starts[0].q))
-    return best_reached(search, sides(search.body, starts, looks), looks, observation, case, how, count, rng)
+    return best_reached(search, sides(search.body, starts, lookups), lookups, observation, case, how, count, rng)
 
 
-def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
+def example_starts(body: Body, lookups: Sequence[Lookup], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
     """A start at every example, in one association of the keypoints. away: what is taken off the scores of those whose
     back is turned to the only camera that sees them."""
     starts = []
-    for look in looks:
-        paid = np.zeros(len(look.q))
-        if away > 0.0 and len(looks) == 1:
-            paid[turned_away(body, body.placed(look.q), look.frame) > 90.0] = away
-        for q, off in zip(look.q, paid.tolist(), strict=True):
+    for lookup in lookups:
+        penalties = np.zeros(len(lookup.q))
+        if away > 0.0 and len(lookups) == 1:
+            penalties[turned_away(body, body.placed(lookup.q), lookup.frame) > 90.0] = away
+        for q, off in zip(lookup.q, penalties.tolist(), strict=True):
             starts.append(Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE), prior_score=-off))
     return starts
 
 
-def sides(body: Body, starts: Sequence[Hypothesis], looks: Sequence[Looked]) -> list[list[Hypothesis]]:
+def sides(body: Body, starts: Sequence[Hypothesis], lookups: Sequence[Lookup]) -> list[list[Hypothesis]]:
     """The starts of a frame without a past as they are to be searched apart: where one camera alone sees the person,
     those who face it and those who turn away. Whichever look a little better after a few steps would else be all that
     is left, and later frames could not tell."""
-    if len(looks) != 1:
+    if len(lookups) != 1:
         return [list(starts)]
-    away = turned_away(body, body.placed(np.array([h.q for h in starts])), looks[0].frame) > 90.0
+    away = turned_away(body, body.placed(np.array([h.q for h in starts])), lookups[0].frame) > 90.0
     both = ([h for h, a in zip(starts, away.tolist(), strict=True) if a is side] for side in (False, True))
     return [side for side in both if side]
 
@@ -78,7 +78,7 @@ def sides(body: Body, starts: Sequence[Hypothesis], looks: Sequence[Looked]) -> 
 def best_reached(
     search: ModeSearch,
     groups: Sequence[Sequence[Hypothesis]],
-    looks: Sequence[Looked],
+    lookups: Sequence[Lookup],
     observation: Observation,
     case: FrameProblem,
     how: ExampleSearch,
@@ -89,15 +89,15 @@ def best_reached(
     the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
     it, limbs tried again."""
     wide = without_silhouette(search, observation, case, groups[0][0].q)
-    candidates = [c for group in groups for c in descended(search, group, looks, observation, wide, how)]
+    candidates = [c for group in groups for c in descended(search, group, lookups, observation, wide, how)]
     if wide is not case:
         best = search.distinct(candidates, count + search.settings.spare)
         kept = [h for group in groups for h in group if h.origin.family is Family.KEPT]
         candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
-        seen = _seen_for_limbs(search, observation, looks, how)
+        seen = _seen_for_limbs(search, observation, lookups, how)
         for _ in range(how.again):
             best = search.distinct(candidates, how.recombined_of)
-            candidates = candidates + search.explored(_recombined(search, best, looks, seen, how), case)
+            candidates = candidates + search.explored(_recombined(search, best, lookups, seen, how), case)
     return search.best_of(candidates, case, count, rng)
 
 
@@ -118,7 +118,7 @@ def shows_silhouette(observation: Observation) -> bool:
 def descended(
     search: ModeSearch,
     starts: Sequence[Hypothesis],
-    looks: Sequence[Looked],
+    lookups: Sequence[Lookup],
     observation: Observation,
     case: FrameProblem,
     how: ExampleSearch,
@@ -126,32 +126,36 @@ def descended(
     """Where short searches lead from the starts: how many reach a mode does not count. What the pictures say is asked
     anew in every round, as in ICP, and only the best go on."""
     candidates = search.explored(starts, case)
-    seen = _seen_for_limbs(search, observation, looks, how)
+    seen = _seen_for_limbs(search, observation, lookups, how)
     for left in reversed(range(how.rounds - 1)):
         best = search.distinct(candidates, how.survivors)
         again = [c.hypothesis._replace(q=c.q) for c in best]
         if left > 0:
-            again += _recombined(search, best[: how.recombined_of], looks, seen, how)
+            again += _recombined(search, best[: how.recombined_of], lookups, seen, how)
         candidates = search.explored(again, case)
     return candidates
 
 
 def _seen_for_limbs(
-    search: ModeSearch, observation: Observation, looks: Sequence[Looked], how: ExampleSearch
+    search: ModeSearch, observation: Observation, lookups: Sequence[Lookup], how: ExampleSearch
 ) -> SeenPoints | None:
     """What limbs of examples are ranked by; None where none are tried."""
     depth = search.model.cues.of(Depth.name)
-    return seen_points(observation, depth.surface_noise, depth.nu) if looks and how.recombined else None
+    return seen_points(observation, depth.surface_noise, depth.nu) if lookups and how.recombined else None
 
 
 def _recombined(
-    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints | None, how: ExampleSearch
+    search: ModeSearch,
+    poses: Sequence[Candidate],
+    lookups: Sequence[Lookup],
+    seen: SeenPoints | None,
+    how: ExampleSearch,
 ) -> list[Hypothesis]:
     """Poses with one of their limbs as one of the examples has it; none where nothing is seen of limbs."""
     if seen is None:
         return []
     bank = search.examples.limbs(search.model.image.surface, search.jumps.limbs, how.limbs)
-    alike, hypotheses = np.concatenate([look.q for look in looks]), []
+    alike, hypotheses = np.concatenate([lookup.q for lookup in lookups]), []
     for c in poses:
         changed = (bank.best(c.q, k, alike, seen, how.recombined) for k in range(len(bank.limbs)))
         mine = c.hypothesis._replace(origin=Origin(Family.EXAMPLE))

@@ -21,20 +21,17 @@ class ModeSearchSettings(CheckedSettings):
     where no keypoints are needed. index: file of these (`kinemode train-index`), for trackers that look poses up.
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
     refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
-    coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
-    distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
-    exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
-    other).
+    coincide. reassign_tolerance: features of the pictures are assigned anew until a search moves no joint by more [rad
+    or m]. distinct: two modes differ if some landmark is further apart than this fraction of the body's size. exchange:
+    also search every frame with left and right of its keypoints exchanged (detectors do take one for the other).
     start_samples: of the first frame, drawn by the covariance of its pose and searched too: by that of the fit where
-    the person is fitted, else by those of the first modes (CSS section 5).
-    contact: what is done with modes whose parts overlap.
-    flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
+    the person is fitted, else by those of the first modes (CSS section 5). contact: what is done with modes whose parts
+    overlap. flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
     step_solver: who solves the steps of all searches within limits and clearance: "proxqp", ProxQP wherever the free
     minimum lies outside; "active-set", a compiled active set, whose steps are the same; "proxqp-always", ProxQP for
-    every convex step, for checking.
-    weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
-    by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS
-    section 8). Raises InputError for other words.
+    every convex step, for checking. weigh: what a mode's weight is: "height", its probability density (CSS Figure 6,
+    step 3); "volume", its probability by the second-order model; "importance", the same by `weigh_samples` importance
+    samples about each mode (CSS section 8). Raises InputError for other words.
     """
 
     start: str = setting(BY_KEYPOINTS, one_of=STARTS)
@@ -44,7 +41,7 @@ class ModeSearchSettings(CheckedSettings):
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
     spare: int = setting(3, at_least=0)
     distinct: float = setting(0.03, at_least=0)
-    settled: float = setting(0.01, at_least=0)
+    reassign_tolerance: float = setting(0.01, at_least=0, formerly=("settled",))
     exchange: bool = True
     start_samples: int = setting(20, at_least=0)
     contact: ContactSettings = field(default_factory=ContactSettings)

@@ -78,9 +78,9 @@ def importance_log_volumes(
     """
     densities = [Surroundings(body, at) for at, _ in modes]
     total = np.full(len(modes), -math.inf)
-    for (_, cost), drawn_from in zip(modes, densities, strict=True):
+    for (_, cost), surroundings in zip(modes, densities, strict=True):
         for _ in range(count):
-            q = drawn_from.sample(rng)
+            q = surroundings.sample(rng)
             if q is None:
                 continue
             each = np.array([d.log_density(q) for d in densities])

@@ -66,16 +66,16 @@ def dressed_at_random(surface: Surface, grain: np.ndarray, rng: np.random.Genera
     """Any colours and patterns, alike on both sides of the body; parts that are named for what they are wear one
     garment, as `dressed` has it. grain: of `periodic_noise`."""
     known = {id(g): g for g in _CLOTHES.values()}
-    drawn = {key: _drawn_garment(rng) for key in known}
+    by_garment = {key: _random_garment(rng) for key in known}
     sleeves = rng.random() < 0.5  # whether forearms wear the shirt
     garments = []
     for link in surface.links:
         name = "upper_arm" if sleeves and link.endswith("forearm") else link
-        garments.append(drawn[id(next((g for n, g in _CLOTHES.items() if name.endswith(n)), _SHIRT))])
+        garments.append(by_garment[id(next((g for n, g in _CLOTHES.items() if name.endswith(n)), _SHIRT))])
     return _worn(surface, garments, grain, rng)
 
 
-def _drawn_garment(rng: np.random.Generator) -> Garment:
+def _random_garment(rng: np.random.Generator) -> Garment:
     grey = rng.uniform(25.0, 220.0)
     colour = np.clip(grey + 40.0 * rng.standard_normal(3), 8.0, 240.0)
     stripes = rng.uniform(0.1, 0.3) if rng.random() < 0.3 else 0.0

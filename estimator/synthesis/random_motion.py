@@ -30,8 +30,8 @@ def random_motion(body: Body, times: np.ndarray, rng: np.random.Generator) -> np
     pose, start = body.neutral, 0.0
     while start <= times[-1]:
         frames = np.flatnonzero((times >= start) & (times < start + _KEY))
-        looked_at = np.concatenate([np.arange(0.0, _KEY + 0.5 * _STEP, _STEP), times[frames] - start])
-        way = _way(body, (collision, deepest), pose, looked_at, rng)
+        checked_times = np.concatenate([np.arange(0.0, _KEY + 0.5 * _STEP, _STEP), times[frames] - start])
+        way = _way(body, (collision, deepest), pose, checked_times, rng)
         for i in frames:
             q[i] = body.integrate(pose, _share(times[i] - start) * way)
         pose, start = body.integrate(pose, way), start + _KEY
@@ -39,20 +39,24 @@ def random_motion(body: Body, times: np.ndarray, rng: np.random.Generator) -> np
 
 
 def _way(
-    body: Body, allowed: tuple[SelfCollision, float], pose: np.ndarray, looked_at: np.ndarray, rng: np.random.Generator
+    body: Body,
+    allowed: tuple[SelfCollision, float],
+    pose: np.ndarray,
+    checked_times: np.ndarray,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """A tangent (nv,) from a pose to the next key along which nothing overlaps, or no deeper than is allowed [m]; zero
     where none was found."""
     collision, deepest = allowed
     for attempt in range(_TRIES):
-        way = _drawn(body, pose, rng) * 0.5 ** max(0, attempt - _WHOLE)
-        posed = (body.at(body.integrate(pose, _share(t) * way)) for t in looked_at)
+        way = _random_tangent(body, pose, rng) * 0.5 ** max(0, attempt - _WHOLE)
+        posed = (body.at(body.integrate(pose, _share(t) * way)) for t in checked_times)
         if not any(collision.penetration(p) > deepest for p in posed):
             return way
     return np.zeros(body.nv)
 
 
-def _drawn(body: Body, pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _random_tangent(body: Body, pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A tangent (nv,) to a pose drawn within the limits, no longer than there is time for."""
     wanted = rng.uniform(-_WANDER, _WANDER, body.nv) + body.difference(pose, body.neutral)
     share = rng.uniform(0.05, 0.95, len(body.bounded_q))

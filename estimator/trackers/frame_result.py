@@ -42,7 +42,7 @@ class FrameResult:
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
     association (K): see `Mode`. velocity (K, nv): see `Mode`; None in runs made before it was kept.
-    origins: where the modes came from and what they paid; None where nothing was observed, and in such runs.
+    origins: where the modes came from and their penalties; None where nothing was observed, and in such runs.
     extra: the tracker's own information by name, arrays of numbers, booleans or text of at most 4 axes; each tracker
         says what it tells. A name may be missing in frames in which there is nothing to tell.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.data.observation import Observation
-from estimator.search.examples.person_seen import CUES, can_be_looked_up
+from estimator.search.examples.person_seen import CUES, can_look_up
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.capabilities import Capabilities
@@ -43,4 +43,4 @@ class Initialisation:
         """Whether a frame has enough keypoints, or shows the person where poses are looked up."""
         if self.needs_keypoints:
             return enough_keypoints(observation)
-        return can_be_looked_up(observation, self.search.evidence)
+        return can_look_up(observation, self.search.evidence)

@@ -22,14 +22,14 @@ from estimator.trackers.mixture_state import classify_frame, predict_unobserved
 from estimator.trackers.particle_state import ParticleState
 from estimator.vision.cues.base import PastPose
 from humanoid.kinematics.body import Body, PlacedBodies
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 DYNAMICS_ALONE = (
-    idle_where("search.follow", "no search begins where its parent was"),
-    idle_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
-    idle_where("search.flow_in_covariance", "covariances are those of the particles"),
+    unused_where("search.follow", "no search begins where its parent was"),
+    unused_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
+    unused_where("search.flow_in_covariance", "covariances are those of the particles"),
 )
-"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.idle`)."""
+"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.unused`)."""
 
 
 class FrameEnergy:
@@ -132,7 +132,7 @@ def summarised(
     """The hypotheses of a particle set, and the one (N,) each particle belongs to.
 
     A hypothesis is the mean of a cluster on the manifold, with its covariance (of rank below the cluster's count) and
-    its share of the weights; clusters are told apart by the root mean square distance of their landmarks. A compact
+    its share of the weights; clusters are distinguished by the root mean square distance of their landmarks. A compact
     particle set thus has one hypothesis, its mean, which is what the papers report. Energies and KKT residuals are
     those of the means, which are not minima.
 
@@ -152,7 +152,7 @@ def summarised(
         parent = int(np.argmax(np.bincount(particles.owner[own], weights=weight)))
         q_previous = before.modes[parent].q
         velocity = body.velocity(q_previous, mean, dt)
-        previous = PreviousPose(q_previous, paid=False)
+        previous = PreviousPose(q_previous, has_transition=False)
         origin = Origin(Family.PARTICLES, previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
         modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity, origin))
         weights.append(weight.sum())

@@ -14,7 +14,7 @@ from estimator.trackers.base import TrackerProtocol
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
-from humanoid.support.idle import IdleRule, idle_where
+from humanoid.support.unused import UnusedRule, unused_where
 
 
 class TrackerSettings(Protocol):
@@ -59,7 +59,7 @@ class Spec:
     the defaults of this name, and group: the table that they are in files; None and empty where it has none. It keeps
     several hypotheses if one of them is `modes`.
     defaults: nested changes that this name makes to the common groups of settings.
-    idle: rules of which settings have no effect on it.
+    unused: rules of which settings have no effect on it.
     keeps_limits, looks_up, may_look_up: by its own settings: whether poses stay within the joint limits; whether it
     cannot do without an index of examples after the first frame; whether it makes use of one that is given. What else
     it can do the tracker itself says (`estimator.trackers.capabilities.Capabilities`).
@@ -71,7 +71,7 @@ class Spec:
     group: str = ""
     settings: Any = None
     defaults: Mapping[str, Any] = field(default_factory=dict)
-    idle: tuple[IdleRule, ...] = ()
+    unused: tuple[UnusedRule, ...] = ()
     keeps_limits: Callable[[Any], bool] = _yes
     looks_up: Callable[[Any], bool] = _no
     may_look_up: Callable[[Any], bool] = _no
@@ -82,8 +82,8 @@ class Spec:
         return hasattr(self.settings, "modes")
 
 
-ONLY_TO_BEGIN = idle_where("search.index", "no pose is looked up but the first", search__start=BY_KEYPOINTS)
-"""What has no effect on a tracker that has no use for an index after the first frame (`Spec.idle`)."""
+ONLY_TO_BEGIN = unused_where("search.index", "no pose is looked up but the first", search__start=BY_KEYPOINTS)
+"""What has no effect on a tracker that has no use for an index after the first frame (`Spec.unused`)."""
 
 
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:

@@ -76,7 +76,7 @@ def settings_for(
     for table, values in (changes or {}).items():
         if table in other_tables(name):
             first = next(iter(values), "") if isinstance(values, Mapping) else ""
-            raise refused(source, table, first, f"has no effect: {_goes_by(spec)}", "leave it out")
+            raise refused(source, table, first, f"has no effect: {_group_note(spec)}", "leave it out")
     settings = changed(_defaults(spec), changes or {}, source)
     if modes is None:
         return settings
@@ -135,7 +135,7 @@ def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tra
     spec = TRACKERS[name]
     settings = settings or _defaults(spec)
     if settings.table != spec.group:
-        raise InputError("settings", f"are those of another tracker: {_goes_by(spec)}")
+        raise InputError("settings", f"are those of another tracker: {_group_note(spec)}")
     return spec.make(body, settings)
 
 
@@ -143,5 +143,5 @@ def _defaults(spec: Spec) -> Settings:
     return changed(Settings(own=spec.settings, table=spec.group), spec.defaults)
 
 
-def _goes_by(spec: Spec) -> str:
+def _group_note(spec: Spec) -> str:
     return f"the tracker {spec.name} " + (f"uses [{spec.group}]" if spec.group else "has no settings of its own")

@@ -81,7 +81,7 @@ def run_into(
     last: LastFrame | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """`run`, each frame stored as soon as it is done; `progress` is told how many of how many are."""
+    """`run`, each frame stored as soon as it is done; `progress` is called with how many of how many are."""
     frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
     for done, result in enumerate(_results(frames, observations[first:], cues), first + 1):
         writer.append(result, frames.stored())

@@ -23,8 +23,8 @@ def changed(settings: T, changes: Mapping[str, Any], source: str | Path | None =
 
     Raises
     ------
-    InputError: an unknown name (the nearest and all valid ones are told), a value of another kind than the setting's,
-        or one that cannot work; with file, table and name.
+    InputError: an unknown name (the message names the nearest and all valid ones), a value of another kind than the
+        setting's, or one that cannot work; with file, table and name.
     """
     return _Changes(source, settings).of(settings, renamed(settings, changes, source), "")
 

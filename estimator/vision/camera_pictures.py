@@ -153,7 +153,7 @@ class CameraPictures:
         """Mask (H, W) bool of where keypoints say that the body is, at `width` times its own width; of instants of
         which `spread` says that they are known."""
         assert self._person is not None
-        return self._person.drawn(instant, self.camera.image_size, width)
+        return self._person.mask(instant, self.camera.image_size, width)
 
     def close(self) -> None:
         """Let go of the files."""

@@ -37,10 +37,10 @@ def ray_places(views: Sequence[PatchView], box: np.ndarray, spacing: float, lead
 
 def seen_by_all(views: Sequence[PatchView], places: np.ndarray) -> np.ndarray:
     """Which places (N, 3) [m] project to a foreground pixel in every view, (N,) bool."""
-    kept = np.ones(len(places), bool)
+    is_seen = np.ones(len(places), bool)
     for view in views:
-        _seen(np.ascontiguousarray(places, dtype=float), view.camera.arrays, view.levels[0], kept)
-    return kept
+        _seen(np.ascontiguousarray(places, dtype=float), view.camera.arrays, view.levels[0], is_seen)
+    return is_seen
 
 
 def _along(centre: np.ndarray, ways: np.ndarray, box: np.ndarray, spacing: float) -> np.ndarray:
@@ -57,14 +57,14 @@ def _along(centre: np.ndarray, ways: np.ndarray, box: np.ndarray, spacing: float
 
 
 @jit
-def _seen(places, camera, level, kept):  # type: ignore[no-untyped-def]
-    """Clear kept (N,) of places (N, 3) that are not foreground in level (H, W, 2); camera: `Camera.arrays`."""
+def _seen(places, camera, level, is_seen):  # type: ignore[no-untyped-def]
+    """Clear is_seen (N,) of places (N, 3) that are not foreground in level (H, W, 2); camera: `Camera.arrays`."""
     intrinsics, lens, R, t = camera
     height, width = level.shape[0], level.shape[1]
     for n in range(places.shape[0]):
-        if not kept[n]:
+        if not is_seen[n]:
             continue
         u, v, ahead = project_point(places[n], intrinsics, lens, R, t)
         x, y = math.floor(u + 0.5), math.floor(v + 0.5)
         inside = ahead and x >= 0 and y >= 0 and x < width and y < height
-        kept[n] = inside and level[y, x, 0] > 0.5
+        is_seen[n] = inside and level[y, x, 0] > 0.5

@@ -32,16 +32,16 @@ class KnownPerson:
     @cached_property
     def instants(self) -> np.ndarray:
         """The instants (K,) with enough keypoints to tell."""
-        told = [
+        sufficient = [
             seen.sum() >= _FEWEST and self.limbs.scale(pixels, seen) > 0.0
             for pixels, seen in zip(self.pixels, self.seen, strict=True)
         ]
-        return np.flatnonzero(told)
+        return np.flatnonzero(sufficient)
 
-    def drawn(self, instant: int, size: tuple[int, int], width: float) -> np.ndarray:
+    def mask(self, instant: int, size: tuple[int, int], width: float) -> np.ndarray:
         """Mask (H, W) bool of the body in a picture of `size` (width, height), at `width` times its own width."""
         pixels = resized_pixels(self.pixels[instant], self.image_size, size)
-        return self.limbs.drawn(pixels, self.seen[instant], size, width)
+        return self.limbs.mask(pixels, self.seen[instant], size, width)
 
 
 def known_persons(

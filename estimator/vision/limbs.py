@@ -41,7 +41,7 @@ class Limbs:
     lengths: np.ndarray
 
     @one_thread()
-    def drawn(self, pixels: np.ndarray, seen: np.ndarray, size: tuple[int, int], width: float) -> np.ndarray:
+    def mask(self, pixels: np.ndarray, seen: np.ndarray, size: tuple[int, int], width: float) -> np.ndarray:
         """Mask (H, W) bool of the body in a picture of `size` (width, height), at `width` times its own width.
 
         pixels (L, 2), seen (L,) bool: of the landmarks. Parts whose common landmark is not seen are taken for one.

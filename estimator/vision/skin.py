@@ -24,7 +24,7 @@ _BEYOND = 8  # px beyond where the person can be that smoothing and the closing 
 
 @dataclass(frozen=True)
 class SkinSettings(CheckedSettings):
-    """How skin is told.
+    """How skin is recognised.
 
     radius: of the discs about given points that colours are learned from, as a share of the person's size in the image.
     ratio: how many times likelier a colour has to be on skin than elsewhere. smoothing: of the histogram, in bins.

@@ -77,7 +77,7 @@ def fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner):  
             w = (bx * (y - ay) - by * (x0 - ax)) / area
             for x in range(x0, x1 + 1):
                 near = na + v * (nb - na) + w * (nc - na)
-                # one branch instead of four: which way it goes cannot be foretold, and that costs most
+                # one branch instead of four: which way it goes cannot be predicted, and that costs most
                 if (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (near > nearness[y, x]):
                     nearness[y, x] = near
                     owner[y, x] = part[a]

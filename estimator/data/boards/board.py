@@ -74,7 +74,7 @@ class Board:
         return _MARKER * self.square if self.marker is None else self.marker
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The board in words."""
         columns, rows = self.size
         if self.kind == CHARUCO:

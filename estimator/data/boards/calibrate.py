@@ -38,8 +38,8 @@ class BoardCalibration:
     cameras: by name; several in the world of the board in frame `origin` (see `estimator.data.boards.placement`), a
     single one so too where an origin was asked for, else as one without a calibration stands. views: all with a board.
     lens_errors: root mean square distance of the corners by camera, the board placed in each view alone [px];
-    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by camera.
-    notes: what the user should know.
+    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by
+    camera. notes: what the user should know.
     """
 
     cameras: dict[str, Camera]
@@ -75,7 +75,7 @@ def calibrate(
     """
     if len(shots) > 1 and not board.has_one_way_up:
         remedy = "one with an odd and an even number of inner corners, as 9x6, or a ChArUco board"
-        raise InputError("size", f"{board.told} looks the same upside down to several cameras", remedy=remedy)
+        raise InputError("size", f"{board.description} looks the same upside down to several cameras", remedy=remedy)
     frames = _frames(shots, origin)
     views = _views(shots, board, frames, progress)
     fits = {s.name: fit_lens(s.name, board, views[s.name], s.image_size, lens=lens, source=s.source) for s in shots}
@@ -93,7 +93,7 @@ def calibrate(
         notes += _doubts(fits, placed)
     return BoardCalibration(
         cameras=cameras,
-        views=tuple(_judged(fits[v.camera].camera, board, v) for v in every if v.frame in fits[v.camera].poses),
+        views=tuple(_board_view(fits[v.camera].camera, board, v) for v in every if v.frame in fits[v.camera].poses),
         lens_errors={name: fit.rms for name, fit in fits.items()},
         placed_errors=placed,
         looked_at={s.name: len(frames[s.name]) for s in shots},
@@ -133,14 +133,16 @@ def _views(
 
 def _check_board(shots: Shots, board: Board, frames: Sequence[int], seen: Set[int]) -> None:
     """Raise InputError where no picture shows the board, or those that do not show another."""
-    problem = f"{board.told} is in {len(seen) or 'none'} of {len(frames)} pictures"
+    problem = f"{board.description} is in {len(seen) or 'none'} of {len(frames)} pictures"
     without = [frame for frame in frames if frame not in seen]
     for i in np.unique(np.linspace(0, len(without) - 1, min(len(without), _LOOKED_AT)).astype(int)):
         other = board.instead(shots.picture(without[i]))
         if other is not None:
             size, label = "{}x{}".format(*other.size), shots.label(without[i])
             option = f"--size {size}" if other.size != board.size else f"--dictionary {other.dictionary}"
-            raise InputError(shots.source, problem, place=shots.name, remedy=f"{label} shows {other.told}: {option}")
+            raise InputError(
+                shots.source, problem, place=shots.name, remedy=f"{label} shows {other.description}: {option}"
+            )
     if seen:
         return
     remedy = "all of it in the picture, flat, sharp, with a white margin; --size counts inner corners of a chessboard,"
@@ -167,7 +169,7 @@ def _doubts(fits: Mapping[str, LensFit], placed: Mapping[str, float]) -> list[st
     ]
 
 
-def _judged(camera: Camera, board: Board, view: BoardSighting) -> BoardView:
+def _board_view(camera: Camera, board: Board, view: BoardSighting) -> BoardView:
     pose = board_pose(camera, board, view)
     if pose is None:
         raise AssertionError("a view that had a pose has none")

@@ -51,7 +51,7 @@ def fit_lens(
     InputError: too few views, or all with the board at one tilt, which says nothing of the focal length.
     """
     if len(views) < FEWEST_VIEWS:
-        problem = f"{len(views)} pictures show {board.told}, at least {FEWEST_VIEWS} are needed"
+        problem = f"{len(views)} pictures show {board.description}, at least {FEWEST_VIEWS} are needed"
         remedy = "10 to 20, near and far, tilted to all sides, up to the corners of the picture"
         raise InputError(source, problem, place=name, remedy=remedy)
     some = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).astype(int))]
@@ -126,5 +126,5 @@ def _check_tilts(turns: Sequence[np.ndarray], name: str, source: str) -> None:
     widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
     if widest < LEAST_TILT:
         problem = f"the board has one tilt in all {len(turns)} views (within {widest:.1f} degrees)"
-        remedy = "the focal length cannot be told: take views tilted by 20 to 45 degrees to several sides"
+        remedy = "the focal length cannot be measured: take views tilted by 20 to 45 degrees to several sides"
         raise InputError(source, problem, place=name, remedy=remedy)

@@ -66,7 +66,7 @@ class Camera(Summarised):
     @property
     def origin_world(self) -> np.ndarray:
         """Origin of the camera's frame in the world [m], (3,): the optical centre, or of a parallel camera where its
-        axis meets the plane of depth zero. For pictures of the camera; rays are told by `rays` and `sight_lines`."""
+        axis meets the plane of depth zero. For pictures of the camera; rays are those of `rays` and `sight_lines`."""
         return -self.R_camera_world.T @ self.t_camera_world
 
     def needs_centre(self) -> None:

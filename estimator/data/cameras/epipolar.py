@@ -84,9 +84,9 @@ class RayPairs:
         """Of detections i (P,) of the first camera and j (P,) of the second; infinite where a look at few landmarks
         says more than `enough`."""
         parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
-        return np.concatenate([np.zeros(0), *(self._looked_into(i[part], j[part], enough) for part in parts)])
+        return np.concatenate([np.zeros(0), *(self._screened_distances(i[part], j[part], enough) for part in parts)])
 
-    def _looked_into(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
+    def _screened_distances(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
         count = self._line[0].shape[1]
         few = np.unique(np.linspace(0, count - 1, _FEW).round().astype(int)) if count > _FEW else slice(None)
         near = ~(self._smaller(i, j, few, 1) > enough)

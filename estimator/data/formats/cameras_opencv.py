@@ -65,8 +65,8 @@ def cameras_from_opencv(root: Mapping[str, Any], source: str | Path, kind: str) 
     else:
         groups = _groups(root)
         if not groups:
-            told = ", ".join(map(str, root))[:200] or "nothing"
-            raise InputError(source, f"has no camera_matrix, but {told}", place=kind, remedy=_remedy())
+            keys = ", ".join(map(str, root))[:200] or "nothing"
+            raise InputError(source, f"has no camera_matrix, but {keys}", place=kind, remedy=_remedy())
         entries = {name: _entry(value, source, f"{kind}, {name}") for name, value in groups.items()}
         alone = len(entries) == 1
     cameras = []

@@ -79,9 +79,9 @@ class PeopleFile:
         """The keypoints of these detections, one in each frame they are of; with no person chosen all are missing."""
         reading = self.reading
         pixels, confidence = _as_arrays(reading, chosen, first)
-        told = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
+        all_notes = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
         return KeypointTrack(
-            reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, told, self.source
+            reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, all_notes, self.source
         )
 
 

@@ -26,11 +26,11 @@ def _own(value: Mapping[str, Any], reading: Reading) -> None:
     reading.count = len(frames)
     for i, frame in enumerate(frames):
         place = f"frame {i}"
-        told = {"keypoints": None} if frame is None else mapping(frame, path, place)
-        if "people" in told:
-            reading.add(i, _own_people(told["people"], reading, place))
+        content = {"keypoints": None} if frame is None else mapping(frame, path, place)
+        if "people" in content:
+            reading.add(i, _own_people(content["people"], reading, place))
             continue
-        keypoints = member(told, "keypoints", path, place)
+        keypoints = member(content, "keypoints", path, place)
         people = [] if keypoints is None else [reading.person(keypoints, None, path, f"{place}, person 0")]
         reading.add(i, people)
 
@@ -40,8 +40,8 @@ def _own_people(value: Any, reading: Reading, place: str) -> list[Person | None]
     people: list[Person | None] = []
     for k, person in enumerate(sequence(value, path, f"{place} people")):
         where = f"{place}, person {k}"
-        told = mapping(person, path, where)
-        people.append(reading.person(member(told, "keypoints", path, where), told.get("id"), path, where))
+        content = mapping(person, path, where)
+        people.append(reading.person(member(content, "keypoints", path, where), content.get("id"), path, where))
     return people
 
 

@@ -107,9 +107,9 @@ class _Alive:
         first = np.where(seen, xy, np.nan)[:, :_MOST_POINTS]
         return _Alive(first, size, low, high, middle, np.full(len(size), -1), np.full(len(size), frame))
 
-    def at(self, kept: np.ndarray) -> _Alive:
+    def at(self, rows: np.ndarray) -> _Alive:
         """Some of them."""
-        return replace(self, **{name: values[kept] for name, values in vars(self).items()})
+        return replace(self, **{name: values[rows] for name, values in vars(self).items()})
 
     def and_also(self, others: _Alive) -> _Alive:
         """These and the others, in the order of their tracks."""

@@ -52,7 +52,7 @@ class _Entry(NamedTuple):
 
 
 def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
-    about, told = _described(group), set()
+    about, printed_notes = _described(group), set()
     yield ""
     if entry is not None:
         yield from _comment(f"{entry.heading}: {entry.text}")
@@ -63,8 +63,8 @@ def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
         if is_group(value):
             continue
         note = about.get(name)
-        if note is not None and note not in told:
-            told.add(note)
+        if note is not None and note not in printed_notes:
+            printed_notes.add(note)
             yield from _comment(f"{note.heading}: {note.text}")
         said = valid[name].said if name in valid else ""
         yield tomli_w.dumps({name: value}).rstrip() + (f"  # {said}" if said else "")

@@ -16,7 +16,7 @@ _DAMAGED = "Corrupt JPEG data"  # libjpeg goes on, with grey or garbage where it
 
 
 def read_picture(path: Path) -> tuple[np.ndarray, bool]:
-    """The picture (H, W, 3) uint8 BGR, and whether it is whole as far as can be told.
+    """The picture (H, W, 3) uint8 BGR, and whether it is whole as far as can be checked.
 
     Raises
     ------

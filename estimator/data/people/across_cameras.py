@@ -18,7 +18,7 @@ from estimator.data.formats.people_choice import AUTO, crowded, ids_of, jump_not
 from estimator.data.people.agreement import pair_affinities, piece_affinities
 from estimator.data.people.changes import cut_where_people_change
 from estimator.data.people.choice_of_subject import subject_rows
-from estimator.data.people.notes import misfits, no_common_person, summary, told
+from estimator.data.people.notes import misfits, no_common_person, selection_note, summary
 from estimator.data.people.pieces import CameraDetections, Table, table_of
 
 PersonOf = Mapping[str, str | int]
@@ -40,7 +40,7 @@ def subject_tracks(
     times: of each frame of a file [s], on one clock; without them frames of the same number were taken together.
 
     Where there are several people and several cameras, those left to "auto" are chosen to fit each other and
-    the ones given; otherwise each file chooses for itself, and what does not fit is told.
+    the ones given; otherwise each file chooses for itself, and what does not fit is noted.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def subject_tracks(
     for c, (name, file) in enumerate(files.items()):
         rows = np.flatnonzero(subject & (table.camera == c))
         tracks[name] = track_of_rows(file, table, rows)
-        notes.append(f"{name}: {told(table, len(ids_of(file.frames)), rows, c, given[name])}")
+        notes.append(f"{name}: {selection_note(table, len(ids_of(file.frames)), rows, c, given[name])}")
     return tracks, tuple(notes)
 
 

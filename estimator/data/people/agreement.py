@@ -27,7 +27,7 @@ _MOST_COMPARED = 4_000_000  # pairs of detections
 class PairAffinities:
     """Pairs of detections (R) of two cameras in one frame, those worth a closer look, and their affinities.
 
-    first, second (R,): rows of the table. distance (R,): see `RayPairs`. looked (F,): the frames in which all
+    first, second (R,): rows of the table. distance (R,): see `RayPairs`. compared_frames (F,): the frames in which all
     detections were compared, so that people who were compared there and are not listed do not fit at all. scale:
     distance at which nothing speaks for or against one person.
     """
@@ -35,7 +35,7 @@ class PairAffinities:
     first: np.ndarray
     second: np.ndarray
     distance: np.ndarray
-    looked: np.ndarray
+    compared_frames: np.ndarray
     scale: float
 
     @property
@@ -47,12 +47,12 @@ class PairAffinities:
 
 def pair_affinities(table: Table, cameras: Sequence[Camera]) -> PairAffinities:
     """Compare every camera's detections with every other's, in evenly spread frames where there are very many."""
-    looked = _looked(table, len(cameras))
+    compared_frames = _compared_frames(table, len(cameras))
     mirror = mirror_index(table.landmarks)
     near_pairs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for a, b in combinations(range(len(cameras)), 2):
         pairs = RayPairs((cameras[a], cameras[b]), (table.rays[a], table.rays[b]), mirror)
-        for i, j in _pairs(table, a, b, looked):
+        for i, j in _pairs(table, a, b, compared_frames):
             distance = pairs.distances(i, j, _FAR)
             near = ~np.isinf(distance)
             near_pairs.append((i[near] + table.first[a], j[near] + table.first[b], distance[near]))
@@ -60,7 +60,7 @@ def pair_affinities(table: Table, cameras: Sequence[Camera]) -> PairAffinities:
         np.concatenate([f[k] for f in near_pairs]) if near_pairs else np.zeros(0) for k in range(3)
     )
     first, second = first.astype(np.int64), second.astype(np.int64)
-    return PairAffinities(first, second, distance, looked, _scale(table, first, second, distance))
+    return PairAffinities(first, second, distance, compared_frames, _scale(table, first, second, distance))
 
 
 def _scale(table: Table, first: np.ndarray, second: np.ndarray, distance: np.ndarray) -> float:
@@ -73,7 +73,7 @@ def _scale(table: Table, first: np.ndarray, second: np.ndarray, distance: np.nda
     return float(np.clip(_SPREAD * usual, _SHARPEST, FIT))
 
 
-def _looked(table: Table, cameras: int) -> np.ndarray:
+def _compared_frames(table: Table, cameras: int) -> np.ndarray:
     frames, place = np.unique(table.instant, return_inverse=True)
     counts = np.zeros((cameras, len(frames)))
     np.add.at(counts, (table.camera, place), 1.0)
@@ -81,9 +81,9 @@ def _looked(table: Table, cameras: int) -> np.ndarray:
     return frames[:: max(1, int(np.ceil(pairs / _MOST_COMPARED)))]
 
 
-def _pairs(table: Table, a: int, b: int, looked: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _pairs(table: Table, a: int, b: int, compared_frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Places of detections of cameras a and b that are of one frame, some frames at a time."""
-    members = [_by_frame(table.instant[table.first[c] : table.first[c + 1]], looked) for c in (a, b)]
+    members = [_by_frame(table.instant[table.first[c] : table.first[c + 1]], compared_frames) for c in (a, b)]
     i: list[np.ndarray] = []
     j: list[np.ndarray] = []
     for ours, theirs in zip(*members, strict=True):
@@ -96,9 +96,9 @@ def _pairs(table: Table, a: int, b: int, looked: np.ndarray) -> Iterator[tuple[n
         yield np.concatenate(i), np.concatenate(j)
 
 
-def _by_frame(frames: np.ndarray, looked: np.ndarray) -> list[np.ndarray]:
+def _by_frame(frames: np.ndarray, compared_frames: np.ndarray) -> list[np.ndarray]:
     order = np.argsort(frames, kind="stable")
-    low, high = (np.searchsorted(frames[order], looked, side=side) for side in ("left", "right"))
+    low, high = (np.searchsorted(frames[order], compared_frames, side=side) for side in ("left", "right"))
     return [order[a:b] for a, b in zip(low.tolist(), high.tolist(), strict=True)]
 
 
@@ -108,11 +108,11 @@ def piece_affinities(table: Table, affinities: PairAffinities) -> np.ndarray:
     made = np.zeros((count, count))
     np.add.at(made, (table.piece[affinities.first], table.piece[affinities.second]), affinities.gain - WORST)
     made += made.T
-    looked = np.isin(table.instant, affinities.looked)
+    is_compared = np.isin(table.instant, affinities.compared_frames)
     for c in range(len(table.rays)):
         here = table.camera == c
-        made -= _BESIDE * _together(table, here, count) + WORST * _together(table, here & looked, count)
-    made += WORST * _together(table, looked, count)  # of two cameras, those of one camera being taken off
+        made -= _BESIDE * _together(table, here, count) + WORST * _together(table, here & is_compared, count)
+    made += WORST * _together(table, is_compared, count)  # of two cameras, those of one camera being taken off
     for link in table.links:
         made[link.first, link.second] += link.strength
         made[link.second, link.first] += link.strength
@@ -133,7 +133,7 @@ def median_distance(table: Table, affinities: PairAffinities, a: int, b: int) ->
     not worth a closer look count as far. NaN without such frames."""
     a, b = min(a, b), max(a, b)
     ours, theirs = (table.instant[table.camera == c] for c in (a, b))
-    common = np.intersect1d(np.intersect1d(ours, theirs), affinities.looked)
+    common = np.intersect1d(np.intersect1d(ours, theirs), affinities.compared_frames)
     pair = (table.camera[affinities.first] == a) & (table.camera[affinities.second] == b)
     distance = np.full(len(common), _FAR)
     distance[np.searchsorted(common, table.instant[affinities.first[pair]])] = affinities.distance[pair]

@@ -45,7 +45,7 @@ def _partners(table: Table, affinities: PairAffinities) -> Iterator[tuple[int, i
     for (p, a, q, b), value in zip(pairs, won, strict=True):
         best[p, b], best[q, a] = max(best[p, b], value), max(best[q, a], value)
     rows_of = np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place, minlength=len(pairs)))[:-1])
-    frames = _frames(table, affinities.looked)
+    frames = _frames(table, affinities.compared_frames)
     for (p, a, q, b), value, rows in zip(pairs, won, rows_of, strict=True):
         if value < max(_TURN, _PARTNER * best[p, b], _PARTNER * best[q, a]):
             continue
@@ -55,9 +55,9 @@ def _partners(table: Table, affinities: PairAffinities) -> Iterator[tuple[int, i
         yield p, q, common, course
 
 
-def _frames(table: Table, looked: np.ndarray) -> Mapping[tuple[int, int], np.ndarray]:
+def _frames(table: Table, compared_frames: np.ndarray) -> Mapping[tuple[int, int], np.ndarray]:
     """Frames of each piece in each camera, of those that were looked at."""
-    rows = np.flatnonzero(np.isin(table.instant, looked))
+    rows = np.flatnonzero(np.isin(table.instant, compared_frames))
     rows = rows[np.lexsort((table.instant[rows], table.camera[rows], table.piece[rows]))]
     keys = np.stack([table.piece[rows], table.camera[rows]], axis=1)
     begins = np.flatnonzero(np.any(np.diff(keys, axis=0, prepend=-1), axis=1))

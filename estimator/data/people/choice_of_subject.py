@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import meeting_points
-from estimator.data.people.groups import grouped, settled
+from estimator.data.people.groups import exchange_pieces, grouped
 from estimator.data.people.pieces import Table
 
 _PASSES = 3  # through all groups, which settle in the first or second
@@ -33,7 +33,7 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     if first < 0:
         return np.zeros(len(table.piece), dtype=bool)
     camera, begin = _of_pieces(table, len(affinity))
-    group = settled(affinity, pieces, first, camera, begin)[table.piece]
+    group = exchange_pieces(affinity, pieces, first, camera, begin)[table.piece]
     first, score = _largest(table, group)
     if first < 0:
         return np.zeros(len(table.piece), dtype=bool)
@@ -44,7 +44,7 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     return np.asarray(subject)
 
 
-def everybody_settled(table: Table, affinity: np.ndarray) -> np.ndarray:
+def group_everybody(table: Table, affinity: np.ndarray) -> np.ndarray:
     """Group (P,) of each piece, after the best exchanges between all groups of whom two cameras see somebody."""
     pieces, passes = grouped(affinity), 0
     camera, begin = _of_pieces(table, len(affinity))
@@ -53,7 +53,7 @@ def everybody_settled(table: Table, affinity: np.ndarray) -> np.ndarray:
         before, passes = pieces, passes + 1
         score = _largest(table, pieces[table.piece])[1]
         for who in np.argsort(-score, kind="stable")[: np.count_nonzero(score > 0.0)].tolist():
-            pieces = settled(affinity, pieces, who, camera, begin)
+            pieces = exchange_pieces(affinity, pieces, who, camera, begin)
     return pieces
 
 

@@ -17,7 +17,7 @@ from estimator.data.formats.people_choice import AUTO, ids_of, jump_note, larges
 from estimator.data.people.across_cameras import camera_detections, instants_of, track_of_rows
 from estimator.data.people.agreement import pair_affinities, piece_affinities
 from estimator.data.people.changes import cut_where_people_change
-from estimator.data.people.choice_of_subject import continues, everybody_settled, seen_together
+from estimator.data.people.choice_of_subject import continues, group_everybody, seen_together
 from estimator.data.people.notes import left_out, no_common_person, seen_by_one
 from estimator.data.people.pieces import Table, table_of
 from humanoid.support.errors import InputError
@@ -49,7 +49,7 @@ def everybody(
     table = table_of([camera_detections(file, cameras[name], AUTO, instants.get(name)) for name, file in files.items()])
     affinities = pair_affinities(table, views)
     table = cut_where_people_change(table, affinities)
-    people = _joined(table, views, everybody_settled(table, piece_affinities(table, affinities))[table.piece])
+    people = _joined(table, views, group_everybody(table, piece_affinities(table, affinities))[table.piece])
     shared = seen_together(table, people)
     count = int(people.max(initial=-1)) + 1
     lengths = np.array([len(np.unique(table.instant[shared & (people == who)])) for who in range(count)])

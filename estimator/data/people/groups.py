@@ -43,7 +43,9 @@ def _join(between: np.ndarray, i: int, j: int) -> None:
     between[j] = between[:, j] = -np.inf
 
 
-def settled(affinity: np.ndarray, group: np.ndarray, who: int, camera: np.ndarray, begin: np.ndarray) -> np.ndarray:
+def exchange_pieces(
+    affinity: np.ndarray, group: np.ndarray, who: int, camera: np.ndarray, begin: np.ndarray
+) -> np.ndarray:
     """The groups (P,) after the best exchanges between group `who` and each other, which greed alone does not find.
 
     Exchanged is what one camera, or all, saw of both in a stretch of time: there two people may have changed places.

@@ -37,7 +37,7 @@ def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names
     return f"{together}, their rays meet within {share:.1%} of the body's size; --person CAMERA=WHO chooses another"
 
 
-def told(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> str:
+def selection_note(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> str:
     """Who was chosen in camera c: some rows of the table. ids_there: how many ids its file has. given: the person that
     the user named, or "auto"."""
     if given != AUTO:

@@ -115,9 +115,9 @@ def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bou
     promises of it, else 0.
     """
     damped_model(H, g, damping, radius, q, places, limits, M, bounds)
-    settled = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
-    if settled <= 0:
-        return (NOT_CONVEX if settled < 0 else UNSETTLED), 0.0
+    solved = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
+    if solved <= 0:
+        return (NOT_CONVEX if solved < 0 else UNSETTLED), 0.0
     verdict = FREE
     for i in range(active.shape[0]):
         if active[i] != 0:
@@ -134,8 +134,8 @@ def free_or_scaled(H, g, damping, radius, q, places, limits, active, rounds, M, 
     """
     damped_model(H, g, damping, radius, q, places, limits, M, bounds)
     if not free_minimum(M, g, step):
-        settled = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
-        return (BOUNDED, model_decrease(H, g, step)) if settled > 0 else (NOT_CONVEX, 0.0)
+        solved = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
+        return (BOUNDED, model_decrease(H, g, step)) if solved > 0 else (NOT_CONVEX, 0.0)
     for i in range(g.shape[0]):
         if step[i] < bounds[0, i] or step[i] > bounds[1, i]:
             scale(M, g, bounds, step, scaled, start)

@@ -93,7 +93,7 @@ class Graph:
 
     @cached_property
     def targets(self) -> tuple[tuple[int, ...], ...]:
-        """The nodes that each sends to; those with a fixed belief need not be told."""
+        """The nodes that each sends to; those with a fixed belief need no message."""
         return tuple(
             tuple(j for i, j in sorted(self.potentials) if i == node and self.nodes[j].fixed is None)
             for node in range(len(self.nodes))

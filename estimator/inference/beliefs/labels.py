@@ -124,11 +124,11 @@ def _labels_at(  # type: ignore[no-untyped-def]
                 else:
                     value[k] += kernel_exponent(n, turns, mean[k], points[i], whitener[c], e)
                 highest = max(highest, value[k])
-            labels[i, j] = _drawn(value, start[j], start[j + 1], highest, uniform[i, j])
+            labels[i, j] = _draw_index(value, start[j], start[j + 1], highest, uniform[i, j])
 
 
 @jit
-def _drawn(value, first, end, highest, uniform):  # type: ignore[no-untyped-def]
+def _draw_index(value, first, end, highest, uniform):  # type: ignore[no-untyped-def]
     """An index from first to end, drawn in proportion to exp(value (T,))."""
     total = 0.0
     for k in range(first, end):
@@ -155,7 +155,7 @@ def _normal_product(  # type: ignore[no-untyped-def]
     mean (T, size), shape (T,) int, precision (C, d, d). Room: pull, e (d,), A, B (d, d). rows (d,) int: 0 to d - 1.
     """
     d = n + 3 * turns
-    begun = False
+    has_start = False
     for _ in range(_STEPS if turns else 1):
         information[:] = 0.0
         pull[:] = 0.0
@@ -163,9 +163,9 @@ def _normal_product(  # type: ignore[no-untyped-def]
             if not used[j]:
                 continue
             k = labels[j]
-            if not begun:
+            if not has_start:
                 x[:] = mean[k]
-                begun = True
+                has_start = True
             P = precision[shape[k]]
             difference(n, turns, mean[k], x, e)
             if not turns:
@@ -279,7 +279,7 @@ def _gibbs(n, turns, start, log_weight, mean, shape, covariance, precision, unif
                             e, A, B, S, L, rows, pull,
                         )  # fmt: skip
                     highest = max(highest, value[k])
-                labels[i, j] = _drawn(value, start[j], start[j + 1], highest, uniform[i, sweep, j])
+                labels[i, j] = _draw_index(value, start[j], start[j + 1], highest, uniform[i, sweep, j])
 
 
 @jit

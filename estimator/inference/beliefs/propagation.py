@@ -18,7 +18,7 @@ from humanoid.support.settings import CheckedSettings, setting
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """As `map`."""
 Watch = Callable[[int, tuple[Belief, ...]], None]
-"""Told the number of an iteration and the beliefs after it."""
+"""Called with the number of an iteration and the beliefs after it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def propagate_batch(
 ) -> Propagated:
     """All messages anew from those of the iteration before, several times (Sigal et al. 2004, section 4).
 
-    A node that received no message and has no proposal sends nothing yet. messages: what was said before. watch: told
+    A node that received no message and has no proposal sends nothing yet. messages: what was said before. watch: takes
     the number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that
     shares the work of nodes; every node has random numbers of its own, so that the order changes no bit.
 

@@ -132,7 +132,7 @@ def node_samples(
     """Samples of a node's outgoing messages, or of its belief; all incoming messages are evaluated once for all of
     them.
 
-    factors: the incoming messages; without any there has to be a proposal. What has no support is told by the status.
+    factors: the incoming messages; without any there has to be a proposal. What has no support is in the status.
     """
     everything = tuple(range(len(factors)))
     # where candidates are weighed by the likelihood Q is one of their sources, and each counts by all of its weight; a
@@ -146,7 +146,7 @@ def node_samples(
         (everything, max(s.belief for s in splits)),
         *((r, s.incoming) for r, s in zip(rests, splits, strict=True)),
     ]
-    draws = _drawn(rng, factors, wanted, settings, node)
+    draws = _draws(rng, factors, wanted, settings, node)
     proposed, log_proposal = np.empty((0, draws[0].points.shape[1])), np.empty(0)
     if proposing:
         assert node.proposal is not None
@@ -188,7 +188,7 @@ def node_samples(
     return samples
 
 
-def _drawn(
+def _draws(
     rng: np.random.Generator,
     factors: Sequence[KernelMixture],
     wanted: Sequence[tuple[Sequence[int], int]],
@@ -198,10 +198,10 @@ def _drawn(
     """Draws of each target that is wanted, so many of it; empty ones where none are."""
     asked = [(target, count) for target, count in wanted if count]
     targets, counts = [a[0] for a in asked], [a[1] for a in asked]
-    drawn = iter(draw_products(rng, factors, targets, counts, settings, node.proposal, node.log_likelihood))
+    draws = iter(draw_products(rng, factors, targets, counts, settings, node.proposal, node.log_likelihood))
     size = node.proposal.space.size if node.proposal is not None else factors[0].space.size
     nothing = ProductSamples(np.empty((0, size)), np.empty((len(factors), 0)))
-    return [next(drawn) if count else nothing for _, count in wanted]
+    return [next(draws) if count else nothing for _, count in wanted]
 
 
 def _evaluated(factors: Sequence[KernelMixture], points: np.ndarray) -> np.ndarray:

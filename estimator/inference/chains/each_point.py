@@ -20,19 +20,19 @@ class Normals(NamedTuple):
     covariance: np.ndarray
 
 
-class EachTold(NamedTuple):
-    """What the chain of each of M points is told: K kernels with log_weight (M, K), known (M, K) bool, whether a kernel
-    says anything, and if so what."""
+class PointMessages(NamedTuple):
+    """What the chain of each of M points receives: K kernels with log_weight (M, K), known (M, K) bool, whether a
+    kernel says anything, and if so what."""
 
     log_weight: np.ndarray
     known: np.ndarray
     kernels: Normals
 
 
-def told_each(
+def messages_each(
     detected: Normals, suits: np.ndarray, other: Normals, settings: EvidenceSettings, exchange: str
-) -> EachTold:
-    """What the second of two chains is told of each of M points (see `exchange.messages`).
+) -> PointMessages:
+    """What the second of two chains receives of each of M points (see `exchange.messages`).
 
     detected: what may be a point (M, A), with suits (M, A), 0 for nothing. other (M): what the first chain expects.
     The kernels are those of the detections, then that of none.
@@ -57,16 +57,16 @@ def told_each(
         mean[said, -1], covariance[said, -1], known[said, -1] = m[said, 0], C[said], True
     else:  # as high as it is on average, see `exchange`
         of_none[said, 0] -= 0.5 * np.linalg.slogdet(4.0 * np.pi * C[said])[1]
-    return EachTold(np.concatenate([of_detections, of_none], axis=1), known, Normals(mean, covariance))
+    return PointMessages(np.concatenate([of_detections, of_none], axis=1), known, Normals(mean, covariance))
 
 
-def updated_each(mean: np.ndarray, covariance: np.ndarray, told: EachTold) -> tuple[np.ndarray, np.ndarray]:
-    """Means (M, 4) and covariances (M, 4, 4) of points after what they were told, mixtures as one normal density."""
-    S = covariance[:, None, :2, :2] + told.kernels.covariance
-    off = told.kernels.mean - mean[:, None, :2]
+def updated_each(mean: np.ndarray, covariance: np.ndarray, received: PointMessages) -> tuple[np.ndarray, np.ndarray]:
+    """Means (M, 4) and covariances (M, 4, 4) of points after what they received, mixtures as one normal density."""
+    S = covariance[:, None, :2, :2] + received.kernels.covariance
+    off = received.kernels.mean - mean[:, None, :2]
     gain = np.swapaxes(np.linalg.solve(S, np.broadcast_to(covariance[:, None, :2], (*S.shape[:2], 2, 4))), 2, 3)
-    gain = np.where(told.known[..., None, None], gain, 0.0)
-    log_weight = told.log_weight + np.where(told.known, _log_normal(off, S), 0.0)
+    gain = np.where(received.known[..., None, None], gain, 0.0)
+    log_weight = received.log_weight + np.where(received.known, _log_normal(off, S), 0.0)
     share = np.exp(log_weight - np.logaddexp.reduce(log_weight, axis=1, keepdims=True))
     means = mean[:, None] + np.einsum("mkij,mkj->mki", gain, off)
     covariances = covariance[:, None] - gain @ covariance[:, None, :2]

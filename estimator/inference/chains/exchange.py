@@ -25,7 +25,7 @@ MOST = 40  # kernels of a message
 
 @dataclass(frozen=True, eq=False)
 class Message:
-    """mu_F->S, what a chain is told of the features.
+    """mu_F->S, what a chain receives of the features.
 
     evidence: what its states are weighed by. guide: where the features may be, by all that the other chains expect; it
     says where to look, and is no evidence.
@@ -59,8 +59,8 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
     exchange: "printed" is that and nothing else. While nothing is seen chains then go on confirming what they have from
     each other, and are sure of it. "gated": where no detection is a feature's, what the others expect of it is no
     evidence, only a guide; it still counts in how much an association weighs. "which": it counts in that alone, and
-    where a detection is, the chain is told of nothing but it: two chains that know the past from the same images do not
-    count it twice. "one-way": as gated, and nobody but the first is told anything. "apart": nobody is.
+    where a detection is, the chain receives nothing but it: two chains that know the past from the same images do not
+    count it twice. "one-way": as gated, and nobody but the first receives anything. "apart": nobody does.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
     _check_common(expected)
     names = tuple(dict.fromkeys(n for d in (evidence.density, *expected) for n in d.names))
     seen = evidence.density.over(names)
-    told = []
+    received = []
     for i in range(len(expected)):
         listens = exchange in (GATED, PRINTED, WHICH) or (exchange == ONE_WAY and i == 0)
         others = [d for k, d in enumerate(expected) if k != i] if listens else []
@@ -81,14 +81,14 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
         whole = factor.reduced(MOST, expected=own)
         if exchange != PRINTED:
             gated = _gated(seen, theirs, factor, exchange == WHICH).reduced(MOST, expected=own)
-        told.append(Message(whole if exchange == PRINTED else gated, whole))
+        received.append(Message(whole if exchange == PRINTED else gated, whole))
 
-    return told
+    return received
 
 
 def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity, which: bool) -> FeatureDensity:
     """The product of what is seen with what others expect, in which nothing is left of the latter where no detection is
-    (and, if only `which` is told, where one is) but how much an association weighs.
+    (and, if only `which` is sent, where one is) but how much an association weighs.
 
     What is left out is not 1, but as high as it is on average where it is expected: a density has a unit, and beside
     one that is not left out 1 would be as much as any evidence.
@@ -128,14 +128,14 @@ def step(
     dt: float,
     exchange: str = GATED,
 ) -> tuple[list[Any], list[Message]]:
-    """All four steps for one frame: the chains' new states and what each was told."""
+    """All four steps for one frame: the chains' new states and what each received."""
     priors = [chain.predict(state, dt) for chain, state in zip(chains, states, strict=True)]
     expected = [chain.features(prior) for chain, prior in zip(chains, priors, strict=True)]
-    told = messages(expected, evidence, exchange)
-    after = [chain.update(prior, m)[0] for chain, prior, m in zip(chains, priors, told, strict=True)]
-    return after, told
+    received = messages(expected, evidence, exchange)
+    after = [chain.update(prior, m)[0] for chain, prior, m in zip(chains, priors, received, strict=True)]
+    return after, received
 
 
 def nothing_seen(names: Sequence[str]) -> Message:
-    """What a chain is told that is alone in the dark."""
+    """What a chain receives that is alone in the dark."""
     return Message(uniform(names), uniform(names))

@@ -143,19 +143,19 @@ class FeatureDensity:
         """
         if len(self.log_weight) == 1:
             return self
-        kept = heaviest(self.log_weight, most, least) if expected is None else self.likeliest(expected, most, least)
+        heavy = heaviest(self.log_weight, most, least) if expected is None else self.likeliest(expected, most, least)
         log_mass = self.log_weight if expected is None else self.log_mass(expected)
-        lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
-        return self.of(kept, self.log_weight[kept] + lost)
+        lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[heavy])
+        return self.of(heavy, self.log_weight[heavy] + lost)
 
     def likeliest(self, expected: FeatureDensity, most: int, least: float = 1e-6) -> np.ndarray:
         """The kernels (R,) with the largest masses under what is expected of the same features, and for what room there
         is left those with the largest under the same, doubted; none with less than a share `least`."""
-        kept = heaviest(self.log_mass(expected), most, least)
+        heavy = heaviest(self.log_mass(expected), most, least)
         doubted = self.log_mass(expected.doubted())
-        others = np.setdiff1d(heaviest(doubted, most, least), kept)
+        others = np.setdiff1d(heaviest(doubted, most, least), heavy)
         others = others[np.argsort(-doubted[others], kind="stable")]
-        return np.sort([*kept, *others][:most])
+        return np.sort([*heavy, *others][:most])
 
     def of(self, rows: np.ndarray, log_weight: np.ndarray | None = None) -> FeatureDensity:
         """Some of the kernels, as heavy as they are, or with other weights."""
@@ -186,15 +186,15 @@ class FeatureDensity:
     def merged(self) -> FeatureDensity:
         """The heaviest of all kernels that say about the same, with the weight of all of them: those left over by
         features that were integrated out."""
-        kept: list[int] = []
+        distinct: list[int] = []
         weight = np.full(len(self.log_weight), -np.inf)
         for k in np.argsort(-self.log_weight, kind="stable"):
-            same = next((other for other in kept if self._alike(other, int(k))), None)
+            same = next((other for other in distinct if self._alike(other, int(k))), None)
             if same is None:
-                kept.append(int(k))
+                distinct.append(int(k))
             target = int(k) if same is None else same
             weight[target] = np.logaddexp(weight[target], self.log_weight[k])
-        rows = np.sort(kept)
+        rows = np.sort(distinct)
         return self.of(rows, weight[rows])
 
     def _alike(self, a: int, b: int) -> bool:
@@ -217,11 +217,11 @@ class FeatureDensity:
     @cached_property
     def _collapsed(self) -> FeatureDensity:
         share, size = self.weights, len(self.names)
-        told = share @ self.known
-        known = told > 0.5
+        known_share = share @ self.known
+        known = known_share > 0.5
         mean = np.zeros((size, 2))
         for f in np.flatnonzero(known):
-            mean[f] = (share * self.known[:, f]) @ self.mean[:, f] / told[f]
+            mean[f] = (share * self.known[:, f]) @ self.mean[:, f] / known_share[f]
         off = (self.mean - mean) * self.known[:, :, None]
         off = off.reshape(len(share), -1)
         both = np.repeat(self.known, 2, axis=1)
@@ -316,8 +316,8 @@ def heaviest(log_mass: np.ndarray, most: int, least: float = 0.0) -> np.ndarray:
     """The kernels (R,) with the largest masses, in order of their numbers: at most so many, and none with less than a
     share `least` of all, unless all have."""
     share = np.exp(log_mass - np.logaddexp.reduce(log_mass))
-    kept = np.argsort(-share, kind="stable")[:most]
-    return np.sort(kept[share[kept] >= min(least, share.max())])
+    heavy = np.argsort(-share, kind="stable")[:most]
+    return np.sort(heavy[share[heavy] >= min(least, share.max())])
 
 
 def kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -72,7 +72,7 @@ class PointChain:
     settings: PointSettings = PointSettings()
     alike: tuple[tuple[int, int], ...] = ()
 
-    def begun(self, mean: np.ndarray, covariance: np.ndarray) -> PointStates:
+    def initial_state(self, mean: np.ndarray, covariance: np.ndarray) -> PointStates:
         """Points at rest, in all likelihood: mean (F, 2) [px], covariance (2F, 2F) [px^2]."""
         count = len(self.names)
         whole = np.eye(4 * count) * (self.settings.speed * self.size) ** 2
@@ -106,11 +106,11 @@ class PointChain:
 
     def update(self, prior: PointStates, message: Message) -> tuple[PointStates, float]:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
-        told = message.evidence.over(self.names)
+        received = message.evidence.over(self.names)
         means, covariances, log_weights = [], [], []
         for log_share, points in self._taken_for(prior):
-            for k in range(len(told.log_weight)):
-                m, C, weight = self._updated(points, told, k)
+            for k in range(len(received.log_weight)):
+                m, C, weight = self._kalman_updated(points, received, k)
                 means.append(m)
                 covariances.append(C)
                 log_weights.append(weight + log_share)
@@ -139,21 +139,23 @@ class PointChain:
         covariance[own, own] = self.size**2 * np.diag([s.loose**2, s.loose**2, s.speed**2, s.speed**2])
         return PointStates(prior.mean, covariance)
 
-    def _updated(self, prior: PointStates, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+    def _kalman_updated(
+        self, prior: PointStates, received: FeatureDensity, k: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         """Mean (4F,), covariance and log weight after one kernel of a message."""
         mean, C = prior.mean.ravel(), prior.covariance
-        dims = told.dims(k)
+        dims = received.dims(k)
         if not len(dims):
-            return mean, C, float(told.log_weight[k])
+            return mean, C, float(received.log_weight[k])
         place = self._places[dims]
-        off = told.mean[k].ravel()[dims] - mean[place]
+        off = received.mean[k].ravel()[dims] - mean[place]
         known, own = C[np.ix_(place, place)], np.ix_(dims, dims)
-        S = known + told.covariance[k][own]
-        gain = np.linalg.solve(known + self._as_news(C, told, k)[own], C[place]).T
-        weight = told.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+        S = known + received.covariance[k][own]
+        gain = np.linalg.solve(known + self._as_news(C, received, k)[own], C[place]).T
+        weight = received.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
         return mean + gain @ off, C - gain @ C[place], float(weight)
 
-    def _as_news(self, prior: np.ndarray, told: FeatureDensity, k: int) -> np.ndarray:
+    def _as_news(self, prior: np.ndarray, received: FeatureDensity, k: int) -> np.ndarray:
         """Covariance (2F, 2F) [px^2] of a kernel of a message as measurements that are independent of the past; prior
         (4F, 4F).
 
@@ -164,8 +166,8 @@ class PointChain:
         certain of the two, which along one direction is covariance intersection (Julier and Uhlmann 1997), for what
         depends on each other in unknown ways.
         """
-        covariance = told.covariance[k].copy()
-        for f in () if told.sharers is None else np.flatnonzero(told.sharers[k] > 1):
+        covariance = received.covariance[k].copy()
+        for f in () if received.sharers is None else np.flatnonzero(received.sharers[k] > 1):
             block = slice(2 * f, 2 * f + 2)
             place = self._places[block]
             factor = np.linalg.cholesky(prior[np.ix_(place, place)])

@@ -16,16 +16,16 @@ _AT_ONCE = 1024  # examples whose bits are unpacked together
 class Neighbours(NamedTuple):
     """Numbers of the examples (K,) int64, the nearest first, and in how many bits they differ (K,) int64.
 
-    looked_at: with how many the picture was compared. fell_back: all, because too few shared a bucket with it.
+    comparisons: with how many the picture was compared. fell_back: all, because too few shared a bucket with it.
     """
 
     numbers: np.ndarray
     distance: np.ndarray
-    looked_at: int
+    comparisons: int
     fell_back: bool
 
 
-def drawn_keys(bits: int, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS) -> np.ndarray:
+def random_keys(bits: int, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS) -> np.ndarray:
     """Which of so many bits the keys of each table are made of, (tables, key_bits) int64.
 
     Raises
@@ -40,7 +40,7 @@ def drawn_keys(bits: int, rng: np.random.Generator, tables: int = TABLES, key_bi
 class HashTables:
     """Examples, N, in buckets: each table sorts them by a key of some of their bits.
 
-    codes (N, W) uint64: their bits, see `packed`. chosen (tables, key_bits): see `drawn_keys`.
+    codes (N, W) uint64: their bits, see `packed`. chosen (tables, key_bits): see `random_keys`.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
-from estimator.search.examples.lookup import Looked, check_elevation, either_way, looked_up
+from estimator.search.examples.lookup import Lookup, check_elevation, either_way, lookups
 from estimator.search.examples.person_seen import PersonEvidence, persons
 from estimator.search.examples.votes import Votes, turned_away
 from estimator.search.jumps.anatomy import TwoSegmentLimb
@@ -26,20 +26,20 @@ class Examples:
         self.index, self.evidence, self._body = index, evidence, body
         self._banks: dict[int, LimbBank] = {}
 
-    def looked(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
+    def lookups(self, observation: Observation, count: int, together: bool = True) -> list[Lookup]:
         """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
         all cameras together, or as many by each."""
-        return looked_up(self.index, observation, count, self.evidence, self._votes if together else None)
+        return lookups(self.index, observation, count, self.evidence, self._votes if together else None)
 
-    def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
+    def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Lookup]:
         """The same of a frame that has no past. Where one camera alone sees the person, which hardly tells front from
         back, half of the examples face it and half turn away, whichever look a little more like the picture."""
-        looks = self.looked(observation, _EITHER_WAY * count, together)
-        if len(looks) != 1:
-            return self.looked(observation, count, together)
-        (look,) = looks
-        away = turned_away(self._body, self._body.placed(look.q), look.frame) > 90.0
-        return [either_way(look, away, count)]
+        lookups = self.lookups(observation, _EITHER_WAY * count, together)
+        if len(lookups) != 1:
+            return self.lookups(observation, count, together)
+        (lookup,) = lookups
+        away = turned_away(self._body, self._body.placed(lookup.q), lookup.frame) > 90.0
+        return [either_way(lookup, away, count)]
 
     def check(self, observation: Observation) -> None:
         """Raise InputError where the cameras that see the person look down otherwise than the examples' does: what

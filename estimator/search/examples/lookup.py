@@ -19,7 +19,7 @@ ELEVATION = 15.0  # degrees by which a camera may look down more, or less, than 
 _PROPOSED = 2  # times as many poses as are kept are proposed by each of several cameras
 
 
-class Looked(NamedTuple):
+class Lookup(NamedTuple):
     """What one camera's picture was looked up by, and found: the number of the camera, the frame at the person, the
     cut-out (200, 200) uint8 and where it shows them (200, 200) bool, the nearest examples, and their poses (K, nq) in
     the world."""
@@ -32,9 +32,9 @@ class Looked(NamedTuple):
     q: np.ndarray
 
 
-def looked_up(
+def lookups(
     index: ExampleIndex, observation: Observation, count: int, evidence: PersonEvidence, votes: Votes | None = None
-) -> list[Looked]:
+) -> list[Lookup]:
     """By every camera that sees the person (see `person_views`) the `count` examples that look most like its picture;
     with votes, the `count` that several cameras choose together, each with those that it has proposed.
 
@@ -44,12 +44,12 @@ def looked_up(
     if len(views) > 1:
         views = [v for v in views if _off(index, observation, v.camera, v.frame) <= ELEVATION] or views
     if votes is None or len(views) < 2:
-        return [_looked(index, view, count) for view in views]
-    proposed = [_looked(index, view, _PROPOSED * count) for view in views]
+        return [_lookup(index, view, count) for view in views]
+    proposed = [_lookup(index, view, _PROPOSED * count) for view in views]
     names = [observation.cameras[view.camera].name for view in views]
-    numbers, q = [look.neighbours.numbers for look in proposed], [look.q for look in proposed]
+    numbers, q = [lookup.neighbours.numbers for lookup in proposed], [lookup.q for lookup in proposed]
     kept = votes.elected(views, names, numbers, q, count)
-    return [_only(look, chosen) for look, chosen in zip(proposed, kept, strict=True)]
+    return [_only(lookup, chosen) for lookup, chosen in zip(proposed, kept, strict=True)]
 
 
 def check_elevation(index: ExampleIndex, observation: Observation, frames: Mapping[int, ViewFrame]) -> None:
@@ -72,22 +72,24 @@ def _off(index: ExampleIndex, observation: Observation, camera: int, frame: View
     return abs(frame.elevation(observation.cameras[camera]) - index.recipe.elevation)
 
 
-def _looked(index: ExampleIndex, view: PersonView, count: int) -> Looked:
+def _lookup(index: ExampleIndex, view: PersonView, count: int) -> Lookup:
     neighbours = index.nearest(view.description, count)
     q = index.poses(neighbours.numbers, view.frame)
-    return Looked(view.camera, view.frame, view.square, view.where, neighbours, q)
+    return Lookup(view.camera, view.frame, view.square, view.where, neighbours, q)
 
 
-def either_way(look: Looked, away: np.ndarray, count: int) -> Looked:
+def either_way(lookup: Lookup, away: np.ndarray, count: int) -> Lookup:
     """`count` of its examples, the first as it ranks them: half that face the camera and half that turn away (K,) bool,
     as far as there are."""
     rank = np.empty(len(away), int)
     for side in (away, ~away):
         rank[side] = np.arange(np.count_nonzero(side))
-    return _only(look, np.sort(np.argsort(rank, kind="stable")[:count]))
+    return _only(lookup, np.sort(np.argsort(rank, kind="stable")[:count]))
 
 
-def _only(look: Looked, chosen: np.ndarray) -> Looked:
+def _only(lookup: Lookup, chosen: np.ndarray) -> Lookup:
     """The same with some of its examples, by their places among them."""
-    numbers, distance = look.neighbours.numbers[chosen], look.neighbours.distance[chosen]
-    return look._replace(neighbours=look.neighbours._replace(numbers=numbers, distance=distance), q=look.q[chosen])
+    numbers, distance = lookup.neighbours.numbers[chosen], lookup.neighbours.distance[chosen]
+    return lookup._replace(
+        neighbours=lookup.neighbours._replace(numbers=numbers, distance=distance), q=lookup.q[chosen]
+    )

@@ -17,7 +17,7 @@ from estimator.vision.person_view import ViewFrame, described
 from estimator.vision.standing import LEAST_SHARE, largest_part, standing_places
 
 CUES = (Depth.name, Outline.name)
-"""Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""
+"""Of which one is needed, the first of those that are used: what separates a person from the rest of a picture."""
 
 
 class PersonEvidence(NamedTuple):
@@ -43,7 +43,7 @@ def sees_person(observation: Observation, evidence: PersonEvidence) -> bool:
     return any(_shown(cues, evidence.cue) for cues in observation.cues)
 
 
-def can_be_looked_up(observation: Observation, evidence: PersonEvidence) -> bool:
+def can_look_up(observation: Observation, evidence: PersonEvidence) -> bool:
     """Whether some camera sees the person, and where they are."""
     return any(True for _ in persons(observation, evidence))
 

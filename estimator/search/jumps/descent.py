@@ -1,4 +1,4 @@
-"""A short descent of joint angles within their bounds, from where closed forms led to."""
+"""A short descent of joint angles within their bounds, from where closed forms lead to."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from estimator.data.observation import Observation
 from estimator.search.jumps.anatomy import RigidPart, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
 from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions
-from estimator.search.jumps.parts import limbs_kept, part_mirrored
+from estimator.search.jumps.parts import part_mirrored, with_limbs_on_rays
 from estimator.search.jumps.pose_on_rays import PoseOnRays, pose_on_rays, turned
 from humanoid.kinematics.body import Body
 
@@ -86,7 +86,7 @@ class KinematicJumps:
 
     def _with_limbs(self, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray | None:
         mirrored = part_mirrored(self.body, self.anatomy, on_rays, part)
-        return None if mirrored is None else limbs_kept(self.body, self.anatomy, mirrored, part)
+        return None if mirrored is None else with_limbs_on_rays(self.body, self.anatomy, mirrored, part)
 
 
 def only_camera(observation: Observation) -> Camera | None:

@@ -39,8 +39,8 @@ def limb_solutions(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, near: 
     off = reached - eyes
     missed = np.sqrt((np.square(off).sum(axis=2) - np.square((off * rays).sum(axis=2)).clip(0.0)).clip(0.0).max(axis=1))
     moved = np.sqrt(np.square(reached - points[1:]).sum(axis=2).max(axis=1))
-    kept: list[int] = []
+    distinct: list[int] = []
     for k in np.argsort(errors, kind="stable"):
-        if errors[k] < near and all(np.abs(reached[k] - reached[i]).max() > SAME_PLACE for i in kept):
-            kept.append(int(k))
-    return [LimbSolution(turns[k], float(missed[k]), float(moved[k])) for k in sorted(kept)]
+        if errors[k] < near and all(np.abs(reached[k] - reached[i]).max() > SAME_PLACE for i in distinct):
+            distinct.append(int(k))
+    return [LimbSolution(turns[k], float(missed[k]), float(moved[k])) for k in sorted(distinct)]

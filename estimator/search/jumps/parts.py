@@ -39,7 +39,7 @@ def part_mirrored(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: Rigid
     return mirrored
 
 
-def limbs_kept(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
+def with_limbs_on_rays(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
     """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
     solution within reach is."""
     q = on_rays.q

@@ -89,9 +89,9 @@ def ball_turns(axes, upper, end, upper_target, end_target, side, out):  # type: 
     before, after = np.empty((3, 3)), np.empty((3, 3))
     frame_of(upper, end, side, before)
     frame_of(upper_target, end_target, side, after)
-    two_turns(axes[0], axes[1], axes[2], _carried(before, after, axes[2]), two)
+    two_turns(axes[0], axes[1], axes[2], _rotate_between_frames(before, after, axes[2]), two)
     across = before[0] if abs(dot(before[0], axes[2])) < abs(dot(before[1], axes[2])) else before[1]
-    wanted = _carried(before, after, across)
+    wanted = _rotate_between_frames(before, after, across)
     for k in range(2):
         back = rotated(axes[1], -two[k, 1], rotated(axes[0], -two[k, 0], wanted))
         out[k, 0], out[k, 1] = two[k, 0], two[k, 1]
@@ -99,7 +99,7 @@ def ball_turns(axes, upper, end, upper_target, end_target, side, out):  # type: 
 
 
 @jit
-def _carried(before, after, v):  # type: ignore[no-untyped-def]
+def _rotate_between_frames(before, after, v):  # type: ignore[no-untyped-def]
     """v (3,) turned as unit vectors in the rows of `before` (3, 3) turn into those of `after` (3, 3)."""
     turned = times(dot(before[0], v), after[0])
     return plus(plus(turned, dot(before[1], v), after[1]), dot(before[2], v), after[2])

@@ -27,7 +27,7 @@ from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.lines import axes_of, meeting_point
 from estimator.search.jumps.subproblems import turn_between
 from estimator.search.jumps.vectors import rotated
-from estimator.search.proposals.limb_ik_kernels import look_at_each, solve_each
+from estimator.search.proposals.limb_ik_kernels import forward_each, solve_each
 from estimator.search.proposals.limb_ik_lines import aim_back, aimed, in_world, lines_in, log_line_volumes
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.errors import InputError
@@ -124,13 +124,13 @@ class LimbIK:
         solve_each(*self._limb, np.ascontiguousarray(ends), swivels, picks, turns, ways, volumes)
         return self._arms(turns, ways, volumes)
 
-    def looked_at(self, angles: np.ndarray) -> tuple[np.ndarray, Arms]:
+    def forward(self, angles: np.ndarray) -> tuple[np.ndarray, Arms]:
         """Where the end is in the parent's frame [m], (N, 3), and what `solved` would say of angles (N, m)."""
         count = len(angles)
         ends, volumes = np.zeros((count, 3)), np.full(count, -np.inf)
         ways = np.zeros(count, dtype=np.int64)
         turns = np.ascontiguousarray(angles - self.rest)
-        look_at_each(*self._limb, turns, ends, ways, volumes)
+        forward_each(*self._limb, turns, ends, ways, volumes)
         return ends, self._arms(turns, ways, volumes)
 
     @property
@@ -165,7 +165,7 @@ class ImageProposal:
             remedy = "one feature, and kernels that all speak of it"
             raise InputError("proposal of limbs", "is of an image that does not say where an end is", remedy=remedy)
 
-    def drawn(self, rng: np.random.Generator, placed: PlacedBodies) -> Arms:
+    def sample(self, rng: np.random.Generator, placed: PlacedBodies) -> Arms:
         """One arm for each of N configurations, whose trunk it is put on.
 
         Where `ok` is false, the place was out of reach, outside of the limits with its swivel, or singular, and angles
@@ -187,10 +187,10 @@ class ImageProposal:
         return Arms(angles, ok, log_density)
 
     def log_density(self, angles: np.ndarray, placed: PlacedBodies) -> np.ndarray:
-        """Logarithms (N,) of the density with which `drawn` has these angles (N, m), on the trunks of N configurations;
-        -inf where it never has. Its integral over the angles is the share of draws that are ok."""
+        """Logarithms (N,) of the density with which `sample` has these angles (N, m), on the trunks of N
+        configurations; -inf where it never has. Its integral over the angles is the share of draws that are ok."""
         ik = self.ik
-        ends, arms = ik.looked_at(angles)
+        ends, arms = ik.forward(angles)
         rows = np.flatnonzero(arms.ok)
         some = placed.of(rows)
         ends = in_world(ends[rows], ik.parent, some)

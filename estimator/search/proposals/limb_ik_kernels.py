@@ -231,7 +231,7 @@ def solve_each(axes, through, points, low, high, loose, targets, swivels, picks,
 
 
 @jit
-def look_at_each(axes, through, points, low, high, loose, turns, ends, counts, volumes):  # type: ignore[no-untyped-def]
+def forward_each(axes, through, points, low, high, loose, turns, ends, counts, volumes):  # type: ignore[no-untyped-def]
     """Fill ends (N, 3) [m], counts (N,) of ways to the same end and swivel, and volumes (N,) of given turns (N, m).
 
     axes, through (m, 3), points (3, 3), low, high (m,), loose: of the limb. counts is 0 where the turns themselves are

@@ -63,7 +63,7 @@ def train_templates(
     """Templates of a subject's limbs for a rig; equal arguments give equal templates.
 
     limbs: names of those that get one, and the other side's with them; all unless given. poses: so many are painted.
-    progress: is told how many of how many are done.
+    progress: called with how many of how many are done.
 
     Raises
     ------

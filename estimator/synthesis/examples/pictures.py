@@ -22,7 +22,7 @@ _CANVAS = 260  # px of the square that is painted: the square that is cut out of
 _SQUARE = 200  # px of that square in the picture, before it is scaled
 _ELEVATIONS = 5.0  # degrees, standard deviation about the index's
 _DISTANCES = 2.0, 4.5  # m
-_STEP = 3  # px between the points that the middle of the person is told by
+_STEP = 3  # px between the points that the middle of the person is computed from
 _FEET = 0.07  # m above the lowest point: what depth takes for the floor
 _GIRTH, _LENGTH = 0.07, 0.04  # standard deviations of a variant's, as shares
 _LIGHT = 0.35, 0.75  # ambient
@@ -132,8 +132,8 @@ class ExamplePainter:
 
 
 def _background(rng: np.random.Generator) -> np.ndarray:
-    """Uneven, so that the outline is told from it here more, there less, and in one of two pictures speckled, (H, W, 3)
-    float32: some of it is taken for the person's."""
+    """Uneven, so that the outline stands out from it here more, there less, and in one of two pictures speckled, (H, W,
+    3) float32: some of it is taken for the person's."""
     coarse = rng.uniform(20.0, 230.0) + _UNEVEN * rng.standard_normal((4, 4))
     grey = cv2.resize(coarse.astype(np.float32), (_CANVAS, _CANVAS), interpolation=cv2.INTER_CUBIC)
     if rng.random() < 0.5:

@@ -41,11 +41,11 @@ class PoseSampler:
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """A pose (nq,)."""
-        q = self._drawn(rng)
+        q = self._random_pose(rng)
         for _ in range(_TRIES):
             if self._collision.penetration(self.body.at(q)) <= OVERLAP:
                 break
-            q = self._drawn(rng)
+            q = self._random_pose(rng)
         return q
 
     def near(self, q: np.ndarray, rng: np.random.Generator, farthest: float) -> np.ndarray:
@@ -64,7 +64,7 @@ class PoseSampler:
             step *= max(0.5, 0.95 * farthest / moved)
         return q
 
-    def _drawn(self, rng: np.random.Generator) -> np.ndarray:
+    def _random_pose(self, rng: np.random.Generator) -> np.ndarray:
         body, q = self.body, self.body.neutral.copy()
         q[self._open] = rng.uniform(body.lower[self._open], body.upper[self._open])
         q[self._index] = self._rest + self._std * rng.standard_normal(len(self._index))

@@ -40,7 +40,7 @@ class RigExample(NamedTuple):
 class RigPainter:
     """Paints poses of bodies as all cameras of a rig see them at one instant.
 
-    graph: the limbs whose placements are told. variants: the bodies in the pictures. box (2, 3) [m]: where the middle
+    graph: the limbs whose placements are given. variants: the bodies in the pictures. box (2, 3) [m]: where the middle
     of the limbs may be; a body with a fixed root stays where it is.
     """
 
@@ -104,18 +104,18 @@ class RigPainter:
         )  # fmt: skip
         grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (0, 0), rng.uniform(*_BLUR))
         grey = grey + np.float32(rng.uniform(*_NOISE)) * rng.standard_normal(grey.shape, dtype=np.float32)
-        return patch_view(camera, grey, _as_told(nearness > 0.0, rng))
+        return patch_view(camera, grey, _with_background_errors(nearness > 0.0, rng))
 
 
-def _as_told(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _with_background_errors(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A mask (H, W) bool as a background tells it: the outline moved by up to a pixel, some pieces missing or too
     many."""
-    told = mask.astype(np.uint8)
+    noisy = mask.astype(np.uint8)
     block = np.ones((1 + int(rng.integers(2)), 1 + int(rng.integers(2))), np.uint8)
-    told = np.asarray(cv2.dilate(told, block) if rng.random() < 0.5 else cv2.erode(told, block), np.uint8)
+    noisy = np.asarray(cv2.dilate(noisy, block) if rng.random() < 0.5 else cv2.erode(noisy, block), np.uint8)
     rows, columns = np.nonzero(mask)
     for _ in range(int(rng.integers(_SPECKS + 1)) if len(rows) else 0):
         k = int(rng.integers(len(rows)))
         centre = int(columns[k] + rng.integers(-6, 7)), int(rows[k] + rng.integers(-6, 7))
-        cv2.circle(told, centre, int(rng.integers(1, 4)), int(rng.integers(2)), -1)
-    return np.asarray(told > 0)
+        cv2.circle(noisy, centre, int(rng.integers(1, 4)), int(rng.integers(2)), -1)
+    return np.asarray(noisy > 0)

@@ -15,7 +15,7 @@ from estimator.data.formats.npz import read_npz
 from estimator.data.media.threads import one_thread
 from estimator.numerics.pool import Workers, worker_pool
 from estimator.search.examples.bits import Bits, learned_bits
-from estimator.search.examples.hashing import HashTables, drawn_keys, packed
+from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
 from estimator.synthesis.examples.poses import sampler_of
@@ -52,16 +52,16 @@ def train_index(
     _check(subject, recipe)
     body = Body(subject)
     painting = Painting(subject.urdf, subject.source, subject.base, recipe, _side(body, recipe))
-    kept = _Kept(parts, f"{FORMAT}{painting!r}")
+    store = _PieceStore(parts, f"{FORMAT}{painting!r}")
     counts = [-(-recipe.pairs // PAIRS_AT_ONCE), -(-recipe.examples // EXAMPLES_AT_ONCE)]
-    told = _Told(progress, sum(counts))
+    piece_progress = _PieceProgress(progress, sum(counts))
     with worker_pool(painting, processes) as workers:
         workers.show(Gallery(painting))
-        bits = _bits(list(_made(workers, kept, "pairs", Gallery.pairs, range(counts[0]), told)), recipe)
+        bits = _bits(list(_made(workers, store, "pairs", Gallery.pairs, range(counts[0]), piece_progress)), recipe)
         work = partial(Gallery.examples, bits=bits)
-        made = list(_made(workers, kept, "examples", work, range(counts[1]), told))
+        made = list(_made(workers, store, "examples", work, range(counts[1]), piece_progress))
     q, codes = (np.concatenate([part[name] for part in made])[: recipe.examples] for name in ("q", "codes"))
-    keys = drawn_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
+    keys = random_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
     return ExampleIndex(recipe, body.q_names, painting.side, q, bits, HashTables(codes, keys))
 
 
@@ -127,7 +127,7 @@ def _count(total: int, at_once: int, piece: int) -> int:
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _PieceStore:
     """Pieces that are done, as files of a folder; none without one. what: all that decides what comes out."""
 
     folder: Path | None
@@ -154,7 +154,7 @@ class _Kept:
 
 
 @dataclass
-class _Told:
+class _PieceProgress:
     """Progress over all pieces."""
 
     report: Report | None
@@ -169,21 +169,21 @@ class _Told:
 
 def _made(
     workers: Workers[Gallery],
-    kept: _Kept,
+    store: _PieceStore,
     kind: str,
     work: Callable[[Gallery, int], dict[str, np.ndarray]],
     pieces: Sequence[int],
-    told: _Told,
+    piece_progress: _PieceProgress,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """What comes out of every piece, in their order; some at a time, since each is told and kept when done."""
+    """What comes out of every piece, in their order; some at a time, since each is counted and stored when done."""
     for first in range(0, len(pieces), workers.size):
         some = pieces[first : first + workers.size]
-        done = {k: arrays for k in some if (arrays := kept.of(kind, k)) is not None}
+        done = {k: arrays for k in some if (arrays := store.of(kind, k)) is not None}
         missing = [k for k in some if k not in done]
         for k, arrays in zip(missing, workers.each(work, missing), strict=True):
-            kept.put(kind, k, arrays)
+            store.put(kind, k, arrays)
             done[k] = arrays
-        told.more(len(some))
+        piece_progress.more(len(some))
         yield from (done[k] for k in some)
 
 

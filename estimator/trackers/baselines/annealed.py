@@ -84,8 +84,8 @@ class Annealed(Initialisation):
         energy = FrameEnergy(self.search, observation, before)
         particles, layers = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
         mixture, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
-        told = {"annealing_power": layers.power, "effective_sample_size": layers.effective_count}
-        _, result = classify_frame(self.search, observation, mixture, told)
+        diagnostics = {"annealing_power": layers.power, "effective_sample_size": layers.effective_count}
+        _, result = classify_frame(self.search, observation, mixture, diagnostics)
         return ParticleState(mixture, observation.time, replace(particles, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
@@ -104,5 +104,5 @@ SPEC = Spec(
     group="annealed",
     settings=AnnealedSettings(),
     defaults=FROM_A_PAPER,
-    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
+    unused=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

@@ -79,12 +79,12 @@ class Condensation(Initialisation):
         )
         after = Particles(states, weights, particles.owner[ancestor])
         mixture, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
-        told = {
+        diagnostics = {
             "effective_sample_size": np.array(effective_count(weights)),
             "log_evidence": np.array(log_evidence),
             "resampled": np.array(True),
         }
-        _, result = classify_frame(self.search, observation, mixture, told)
+        _, result = classify_frame(self.search, observation, mixture, diagnostics)
         return ParticleState(mixture, observation.time, replace(after, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
@@ -108,5 +108,5 @@ SPEC = Spec(
     group="condensation",
     settings=CondensationSettings(),
     defaults=FROM_A_PAPER,
-    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
+    unused=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

@@ -1,6 +1,6 @@
 """The multiple-hypothesis tracker of Cham and Rehg 1999, in the 3D form of CSS section 6.
 
-Modes are carried on at constant velocity; samples are drawn within their covariance, and the same dynamical noise is
+Modes are predicted at constant velocity; samples are drawn within their covariance, and the same dynamical noise is
 added in every direction, however well the image holds it; each sample descends. What CSS changes is the sampling: it
 scales the covariance instead.
 """
@@ -36,8 +36,8 @@ from estimator.trackers.mixture_state import (
     search_counts,
 )
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
+from humanoid.support.unused import unused_where
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _spec(name: str, sentence: str, settings: MultipleHypothesisSettings, defaul
         group="multiple_hypothesis",
         settings=settings,
         defaults=defaults,
-        idle=(ONLY_TO_BEGIN, idle_where("search.follow", "no search begins where its parent was")),
+        unused=(ONLY_TO_BEGIN, unused_where("search.follow", "no search begins where its parent was")),
         keeps_limits=_within_limits,
     )
 

@@ -28,7 +28,7 @@ from estimator.trackers.mixture_state import (
 )
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.kinematics.body import Body
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ def without_limits(search: ModeSearch) -> ModeSearch:
     )
 
 
-_IDLE = (
+_UNUSED = (
     ONLY_TO_BEGIN,
-    idle_where("search.weigh search.weigh_samples", "a single mode has all the weight"),
+    unused_where("search.weigh search.weigh_samples", "a single mode has all the weight"),
 )
 
 
@@ -94,7 +94,7 @@ def _spec(name: str, sentence: str, settings: SingleModeSettings, defaults: Mapp
         group="single_mode",
         settings=settings,
         defaults=together(ONLY_FILTERS, NO_CAPTURE, defaults),
-        idle=_IDLE,
+        unused=_UNUSED,
         keeps_limits=lambda own: own.limits,
     )
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.css.points_beside import BesideSettings, PointsBeside
-from estimator.trackers.css.settings import IDLE, CssSettings
+from estimator.trackers.css.settings import UNUSED, CssSettings
 from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.trackers.spec import Spec, by_search
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 _GROUP = "css_dual"
 
@@ -38,9 +38,9 @@ SPEC = Spec(
     make=by_search(CssDual),
     group=_GROUP,
     settings=CssDualSettings(),
-    idle=(
-        *(rule.of_group("css", _GROUP) for rule in IDLE),
-        idle_where(
+    unused=(
+        *(rule.of_group("css", _GROUP) for rule in UNUSED),
+        unused_where(
             f"{_GROUP}.beside.evidence.shared {_GROUP}.beside.points.mistaken {_GROUP}.beside.points.lost",
             "a keypoint is of one landmark",
         ),

@@ -71,7 +71,7 @@ class Proposals:
         predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
         self._previous = [self._previous_pose(m.q, q) for m, q in zip(prior.modes, predicted, strict=True)]
 
-    def kept(self) -> list[Hypothesis]:
+    def parent_poses(self) -> list[Hypothesis]:
         """Every parent where it was."""
         return [
             self._continued(i, m.q, self._own[i], self._origin(i, Family.KEPT)) for i, m in enumerate(self._prior.modes)
@@ -93,8 +93,8 @@ class Proposals:
         hypotheses = []
         for i in np.unique(parents):
             proposal, origin = self._proposal(int(i)), self._origin(int(i), Family.SAMPLE)
-            drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
-            about = [self._continued(int(i), q, self._own[i], origin) for q in drawn]
+            samples = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
+            about = [self._continued(int(i), q, self._own[i], origin) for q in samples]
             hypotheses += [h._replace(relative_to_previous=True) for h in about]
         return hypotheses
 
@@ -124,15 +124,15 @@ class Proposals:
         first searched without a past, then as jumps of the whole body from the best parent. Those that turn their back
         to the only camera pay for it, as in a first frame."""
         search, how = self._search, ExampleSearch()
-        looks = search.examples.lookup_without_prior(self._observation, how.neighbours)
-        starts = example_starts(search.body, looks, how.away)
+        lookups = search.examples.lookup_without_prior(self._observation, how.neighbours)
+        starts = example_starts(search.body, lookups, how.away)
         explored = search.explored(search.screened(starts, self._case, count), self._case)
-        paid = self._settings.example_penalty if self._settings.transition else 0.0
+        penalty = self._settings.example_penalty if self._settings.transition else 0.0
         best, hypotheses = int(np.argmax(self._prior.weights)), []
         for candidate in search.distinct(explored, count):
-            origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), paid)
+            origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), penalty)
             h = self._continued(best, candidate.q, candidate.hypothesis.association, origin)
-            hypotheses.append(h._replace(prior_score=h.prior_score + candidate.hypothesis.prior_score - paid))
+            hypotheses.append(h._replace(prior_score=h.prior_score + candidate.hypothesis.prior_score - penalty))
         return hypotheses
 
     def _parents(self, count: int) -> np.ndarray:
@@ -143,7 +143,7 @@ class Proposals:
         if self._settings.transition:
             return PreviousPose(q, q_predicted)
         # flow is a term of its own in the image likelihood (CSS section 3.1.2), where there is any
-        return PreviousPose(q, paid=False) if self._case.likelihood.cameras else None
+        return PreviousPose(q, has_transition=False) if self._case.likelihood.cameras else None
 
     def _origin(self, i: int, family: Family) -> Origin:
         """Of hypotheses that moved from mode i."""
@@ -166,7 +166,7 @@ class Proposals:
     ) -> list[Hypothesis]:
         """Hypotheses whose parents were wrong too: they have a flat penalty instead of the transition's, where
         there is one, and no flow leads to them from where the parent was."""
-        paid = penalty if self._settings.transition else 0.0
+        flat_penalty = penalty if self._settings.transition else 0.0
         hypotheses = []
         for i in self._parents(count):
             q = propose(self._prior.modes[i].q)
@@ -174,7 +174,7 @@ class Proposals:
                 continue
             origin = self._origin(int(i), family)
             if origin.previous is not None:
-                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None), paid)
+                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None), flat_penalty)
             h = self._continued(int(i), q, self._own[i], origin)
             hypotheses.append(h._replace(prior_score=h.prior_score - origin.penalty))
         return hypotheses

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.data.observation import Observation
-from estimator.inference.chains.each_point import Normals, told_each, updated_each
+from estimator.inference.chains.each_point import Normals, messages_each, updated_each
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED
 from estimator.inference.chains.kalman import PointChain, PointSettings
@@ -39,7 +39,7 @@ class BesideSettings(CheckedSettings):
 
     points: how they move. evidence: how keypoints are detected. exchange: what the chains tell each other, see
     `estimator.inference.chains.exchange.messages`. farthest: standard deviation [sizes of the person] up to which a
-    missing keypoint is told from where the chain has it; 0 for never.
+    missing keypoint is filled in from where the chain has it; 0 for never.
     Raises InputError where a value cannot be.
     """
 
@@ -93,11 +93,11 @@ class PointsBeside:
     """A tracker of hypotheses, which sees missing keypoints where the chain of keypoints expects them, with the doubt
     that is left about that, and all others as they are.
 
-    Each keypoint is a chain of its own, as features that are independent are. It is told the keypoint that was
+    Each keypoint is a chain of its own, as features that are independent are. It receives the keypoint that was
     detected, which may be wrong, and where the tracker's hypotheses expect it (J Sigma J'). What the
-    tracker is told in turn is what the chain expects before the frame is looked at: never what the tracker itself said
-    of this frame. By the default exchange a chain without a detection is told nothing, so that in a gap its uncertainty
-    grows as its motion says, whatever the tracker makes of it.
+    tracker receives in turn is what the chain expects before the frame is looked at: never what the tracker itself said
+    of this frame. By the default exchange a chain without a detection receives nothing, so that in a gap its
+    uncertainty grows as its motion says, whatever the tracker makes of it.
     """
 
     def __init__(self, inner: TrackerProtocol[Any], search: ModeSearch, settings: BesideSettings) -> None:
@@ -129,7 +129,7 @@ class PointsBeside:
             inner, np.zeros((cameras, marks), dtype=bool), np.zeros((cameras, marks, 4)),
             np.tile(np.eye(4), (cameras, marks, 1, 1)),
         )  # fmt: skip
-        return self._begun(empty, observation), result
+        return self._with_new_keypoints(empty, observation), result
 
     def step(
         self, rng: np.random.Generator, state: BesideState, observation: Observation
@@ -141,8 +141,8 @@ class PointsBeside:
         inner, result = self.inner.step(rng, state.inner, filled)
         after = self._updated(state.inner, expected, observation)
         if result.extra:
-            result = replace(result, extra={**result.extra, **_kept(observation, filled)})
-        return self._begun(replace(after, inner=inner), observation), result
+            result = replace(result, extra={**result.extra, **_filled_arrays(observation, filled)})
+        return self._with_new_keypoints(replace(after, inner=inner), observation), result
 
     def seen_as(self, observation: Observation, result: FrameResult) -> Observation:
         """See `estimator.trackers.capabilities.Capabilities.seen_as`."""
@@ -169,7 +169,7 @@ class PointsBeside:
         missing &= spread <= self.settings.farthest * self._sizes(expected.mixture, observation)[:, None]
         return _with(observation, expected.mean[..., :2], np.where(missing, spread, 0.0))
 
-    def _begun(self, state: BesideState, observation: Observation) -> BesideState:
+    def _with_new_keypoints(self, state: BesideState, observation: Observation) -> BesideState:
         """With the keypoints that are seen for the first time."""
         new = _detected(observation) & ~state.known
         if not new.any():
@@ -178,7 +178,7 @@ class PointsBeside:
         sizes = self._sizes(state.mixture, observation)
         mean, covariance = state.mean.copy(), state.covariance.copy()
         for c, k in np.argwhere(new):
-            began = self._chain(sizes[c]).begun(observation.pixels[c, k][None], sigma[c, k] ** 2 * np.eye(2))
+            began = self._chain(sizes[c]).initial_state(observation.pixels[c, k][None], sigma[c, k] ** 2 * np.eye(2))
             mean[c, k], covariance[c, k] = began.mean[0], began.covariance
         return replace(state, known=state.known | new, mean=mean, covariance=covariance)
 
@@ -205,8 +205,8 @@ class PointsBeside:
             detected = Normals(observation.pixels[c, known, None], sigma[c, known, None, None, None] ** 2 * np.eye(2))
             by_pose = self._by_pose(before.mixture, std, camera)
             theirs = Normals(by_pose.mean[known], by_pose.covariance[known])
-            told = told_each(detected, seen, theirs, s.evidence, s.exchange)
-            after, spread = updated_each(mean[c, known], covariance[c, known], told)
+            received = messages_each(detected, seen, theirs, s.evidence, s.exchange)
+            after, spread = updated_each(mean[c, known], covariance[c, known], received)
             mean[c, known], covariance[c, known] = after, self._chain(sizes[c]).bounded(spread)
         return replace(expected, mean=mean, covariance=covariance)
 
@@ -233,20 +233,20 @@ class PointsBeside:
 
 def _with(observation: Observation, pixels: np.ndarray, std: np.ndarray) -> Observation:
     """With keypoints at pixels (C, L, 2), of standard deviations std (C, L) [px], where these are above 0."""
-    kept = std > 0.0
-    if not kept.any():
+    is_filled = std > 0.0
+    if not is_filled.any():
         return observation
     least = float(observation.confidence[_detected(observation)].min(initial=1.0))
     return replace(
         observation,
-        pixels=np.where(kept[..., None], pixels, observation.pixels),
-        confidence=np.where(kept, least, observation.confidence),
-        spread=np.where(kept, std, 0.0),
+        pixels=np.where(is_filled[..., None], pixels, observation.pixels),
+        confidence=np.where(is_filled, least, observation.confidence),
+        spread=np.where(is_filled, std, 0.0),
     )
 
 
-def _kept(observation: Observation, filled: Observation) -> dict[str, np.ndarray]:
-    """Which keypoints of a frame were kept, for `_with`; 0 where none was."""
+def _filled_arrays(observation: Observation, filled: Observation) -> dict[str, np.ndarray]:
+    """Which keypoints of a frame were filled in, for `_with`; 0 where none was."""
     std = np.zeros(observation.confidence.shape) if filled.spread is None else filled.spread
     return {"kept_pixels": np.where((std > 0.0)[..., None], filled.pixels, 0.0), "kept_std": std}
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.css.budget import BudgetSettings
 from estimator.trackers.css.frame_proposals import SHAPES, ProposalSettings
-from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
 from humanoid.support.settings import CheckedSettings, setting
+from humanoid.support.unused import ONE_CAMERA, PICTURES, unused_where, unused_without
 
 REFINE_BEST, REFINE_ALL = REFINED = ("best", "all")
 
@@ -22,7 +22,7 @@ class CssSettings(CheckedSettings):
     transition: penalise the change since the parent; off in the paper, whose search is static (footnote 5). keep:
     search from the parents' own poses too, not from samples alone. momentum: share of its velocity that carries a
     parent to where pictures are looked at too (constant velocity beside driftless dynamics). refine: which searches
-    are led to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
+    are searched to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
     search.
 
     budget: how many searches a frame gets. What the parents leave of it is shared in proportion to:
@@ -78,21 +78,21 @@ PAPER = CssSettings(
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
-IDLE = (
-    idle_where("css.swapped_readings", search__exchange=False),
-    idle_where("cost.transition_potential cost.transition_nu", css__transition=False),
-    idle_where("css.jump_penalty css.limb_penalty css.momentum", css__transition=False),
-    idle_where("css.jump_penalty", css__jumps=0),
-    idle_where("css.limb_samples", css__limb_searches=0),
-    idle_where("css.limb_penalty", css__limb_searches=0, css__exchanges=0),
-    idle_where("css.examples css.lost_examples css.example_penalty", search__index=""),
-    idle_where("css.example_penalty", css__examples=0, css__lost_examples=0),
-    idle_where("css.example_penalty", css__transition=False),
-    idle_where("css.lost_examples", css__keep=False),
-    idle_where("search.index", search__start=BY_KEYPOINTS, css__examples=0, css__lost_examples=0),
-    idle_where("css.budget.alarm", css__budget__calm=1.0),
-    idle_where("css.budget.alarm", css__keep=False),
-    idle_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
-    idle_without(PICTURES, "css.momentum css.limb_searches css.limb_samples css.limb_penalty css.exchanges"),
+UNUSED = (
+    unused_where("css.swapped_readings", search__exchange=False),
+    unused_where("cost.transition_potential cost.transition_nu", css__transition=False),
+    unused_where("css.jump_penalty css.limb_penalty css.momentum", css__transition=False),
+    unused_where("css.jump_penalty", css__jumps=0),
+    unused_where("css.limb_samples", css__limb_searches=0),
+    unused_where("css.limb_penalty", css__limb_searches=0, css__exchanges=0),
+    unused_where("css.examples css.lost_examples css.example_penalty", search__index=""),
+    unused_where("css.example_penalty", css__examples=0, css__lost_examples=0),
+    unused_where("css.example_penalty", css__transition=False),
+    unused_where("css.lost_examples", css__keep=False),
+    unused_where("search.index", search__start=BY_KEYPOINTS, css__examples=0, css__lost_examples=0),
+    unused_where("css.budget.alarm", css__budget__calm=1.0),
+    unused_where("css.budget.alarm", css__keep=False),
+    unused_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
+    unused_without(PICTURES, "css.momentum css.limb_searches css.limb_samples css.limb_penalty css.exchanges"),
 )  # fmt: skip
-"""What has no effect on it (`estimator.trackers.spec.Spec.idle`)."""
+"""What has no effect on it (`estimator.trackers.spec.Spec.unused`)."""

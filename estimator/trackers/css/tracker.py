@@ -16,7 +16,7 @@ from estimator.inference.merge import bhattacharyya
 from estimator.inference.mixture import Mixture, mixture_of
 from estimator.inference.origin import Family
 from estimator.search.cost_model import ALL_DETECTED
-from estimator.search.examples.person_seen import can_be_looked_up
+from estimator.search.examples.person_seen import can_look_up
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate
@@ -26,7 +26,7 @@ from estimator.search.search_pool import search_pool
 from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.css.budget import Source, allocated
 from estimator.trackers.css.frame_proposals import Proposals
-from estimator.trackers.css.settings import IDLE, PAPER, REFINE_ALL, CssSettings
+from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, observable
@@ -76,8 +76,8 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         case = FrameProblem(self.search.associations(observation), elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
-        candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
-        looks_up = by_index and can_be_looked_up(observation, self.search.evidence)
+        candidates = self.search.explored(proposals.parent_poses(), case) if self.settings.keep else []
+        looks_up = by_index and can_look_up(observation, self.search.evidence)
         lost = looks_up and (state.unseen > 0.0 or self._lost(candidates, case, observation))
         doubt = 1.0 if lost else 1.0 - float(prior.weights[0])
         left = self.settings.budget.left(len(candidates), _rise(candidates, prior), doubt)
@@ -90,8 +90,8 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         mixture = self.search.best_of(candidates, case, self.settings.modes, rng, every=every)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        told = self._searches(candidates, StepCounts.between(before, self.search.steps))
-        return classify_frame(self.search, observation, mixture, told)
+        diagnostics = self._searches(candidates, StepCounts.between(before, self.search.steps))
+        return classify_frame(self.search, observation, mixture, diagnostics)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -157,7 +157,7 @@ def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str
         group="css",
         settings=settings,
         defaults=defaults,
-        idle=IDLE,
+        unused=UNUSED,
         may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
     )
 

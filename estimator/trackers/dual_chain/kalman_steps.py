@@ -1,4 +1,4 @@
-"""Steps of a pose that are led to seen features: Kalman's update of each step, one for every way to see them and every
+"""Steps of a pose towards seen features: Kalman's update of each step, one for every way to see them and every
 length of a step."""
 
 from __future__ import annotations
@@ -56,27 +56,27 @@ class Length(NamedTuple):
 def kalman_steps(
     centres: np.ndarray,
     lengths: Sequence[Length],
-    told: FeatureDensity,
+    received: FeatureDensity,
     predicted: np.ndarray,
     jacobian: np.ndarray,
 ) -> KalmanSteps:
-    """Steps of some lengths from centres (N, D), given what is told of the features F that they move.
+    """Steps of some lengths from centres (N, D), given the message about the features F that they move.
 
-    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing leads these. jacobian
-    (N, F, 2, D): of the features. Each kernel of `told` is one normal density, exact where features are linear in the
-    degrees of freedom; one that says nothing is the step as it is.
+    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing moves these. jacobian
+    (N, F, 2, D): of the features. Each kernel of `received` is one normal density, exact where features are linear in
+    the degrees of freedom; one that says nothing is the step as it is.
     """
     whole = np.isfinite(predicted).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(1, 2, 3))
     at = np.where(whole[:, None, None], predicted, 0.0).reshape(len(centres), -1)
     H = np.where(whole[:, None, None, None], jacobian, 0.0).reshape(len(centres), -1, centres.shape[1])
-    precision, height = told.precisions()
+    precision, height = received.precisions()
     (count, size), kernels, each = centres.shape, len(height), len(lengths)
     log_weight, mean = np.empty((count, each * kernels)), np.empty((count, each * kernels, size))
     root = np.empty((count, each * kernels, size, size))
     _update(
         centres, at, H, whole, np.array([length.std for length in lengths]),
-        np.log([length.share for length in lengths]), told.mean.reshape(kernels, -1), precision,
-        told.log_weight + height, log_weight, mean, root,
+        np.log([length.share for length in lengths]), received.mean.reshape(kernels, -1), precision,
+        received.log_weight + height, log_weight, mean, root,
     )  # fmt: skip
     return KalmanSteps(log_weight - np.logaddexp.reduce(log_weight, axis=1)[:, None], mean, root)
 
@@ -88,8 +88,8 @@ def _update(  # type: ignore[no-untyped-def]
     """Fill log_weight (N, E), mean (N, E, D) and root (N, E, D, D), all lengths of one kernel after the other's.
 
     centres (N, D), at (N, P) [px] and H (N, P, D): where features are, and their derivatives; whole (N,): whether they
-    have an image. std (L, D), log_share (L,): of steps. means (K, P) [px], precisions (K, P, P), heights (K,): of what
-    is told, the logarithms of kernels in their means.
+    have an image. std (L, D), log_share (L,): of steps. means (K, P) [px], precisions (K, P, P), heights (K,): of the
+    message, the logarithms of kernels in their means.
     """
     count, size = centres.shape
     kernels, pixels = means.shape

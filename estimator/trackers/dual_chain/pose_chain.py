@@ -1,7 +1,7 @@
 """A chain of poses by weighted samples, drawn part by part from where an image shows their features.
 
 Likelihood sampling (Taycher and Darrell 2003; Taycher et al. 2004, section 4) as one chain of several: samples come
-from what is told of the features, by inverse kinematics, and from the past, and are weighed by past, features and
+from messages about the features, by inverse kinematics, and from the past, and are weighed by past, features and
 outlines.
 """
 
@@ -42,7 +42,7 @@ class PoseChainSettings(CheckedSettings):
     particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
     "past", whole poses from the past alone, as CONDENSATION has it. kernels: of the past, by which parts are weighed.
     by_past, by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
-    led from the past to the features. groups: of samples that the features are expected by.
+    Kalman-updated from the past by the features. groups: of samples that the features are expected by.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
     and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
     but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
@@ -88,11 +88,11 @@ class _Way(NamedTuple):
 class PoseChain:
     """One frame's chain of poses (`estimator.inference.chains.exchange.FeatureChain`).
 
-    camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
+    camera: of the features in messages. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
     likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
-    pose_prior, if_hidden: see `PoseTarget`. told: filled with how it went: samples, effective_sample_size, powers,
-    accepted.
+    pose_prior, if_hidden: see `PoseTarget`. diagnostics: filled with how it went: samples, effective_sample_size,
+    powers, accepted.
     """
 
     rng: np.random.Generator
@@ -104,7 +104,7 @@ class PoseChain:
     past: bool = True
     pose_prior: PosePrior | None = None
     if_hidden: tuple[float, float] = (0.0, 0.0)
-    told: dict[str, float] = field(default_factory=dict)
+    diagnostics: dict[str, float] = field(default_factory=dict)
 
     @property
     def body(self) -> Body:
@@ -156,20 +156,20 @@ class PoseChain:
         """
         if self.settings.draws == BY_PAST:
             return self._by_past(self._target(prior, message))
-        self.told["samples"] = self.told["effective_sample_size"] = 0.0
+        self.diagnostics["samples"] = self.diagnostics["effective_sample_size"] = 0.0
         ways = self._ways(prior)
         few = max(int(self.settings.renewed * self.settings.particles), _FEWEST) if len(ways) > 1 else 0
         counts = (max(self.settings.particles - few, _FEWEST), few)
         strata = [self._stratum(prior, message, way, count) for way, count in zip(ways, counts, strict=False)]
-        told = [-np.inf if result is None else result.log_evidence for result in strata]
+        log_evidences = [-np.inf if result is None else result.log_evidence for result in strata]
         odds = np.array([way.odds for way in ways])
-        weights, log_evidence = _shares(odds / odds.sum(), np.array(told))
+        weights, log_evidence = _shares(odds / odds.sum(), np.array(log_evidences))
         if strata[0] is None and not weights.any():
             return self.without_samples(prior)
         each = [np.full(len(r.x), w / len(r.x)) for r, w in zip(strata, weights, strict=True) if r is not None]
         x = np.vstack([r.x for r in strata if r is not None])
         if len(strata) > 1:
-            self.told["renewed"] = float(weights[1:].sum())
+            self.diagnostics["renewed"] = float(weights[1:].sum())
             x = x[systematic(self.rng, np.concatenate(each), self.settings.particles)]
         return self._even(prior, x), log_evidence
 
@@ -196,44 +196,53 @@ class PoseChain:
         s = self.settings
         some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
         target = replace(self._target(prior, message), elsewhere=way.elsewhere)
-        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
-        if drawn is None:
+        partial = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
+        if partial is None:
             return None
-        # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
-        told = target.told(target.prepared(drawn.x))
-        possible = np.isfinite(told)
-        log_weight = np.where(possible, told - drawn.told, -np.inf)
-        begun = GUIDED if way.elsewhere and self.outlines else 0.0
+        # parts were chosen by the message about each alone: in the end they are weighed by that about all
+        log_message = target.log_message(target.prepared(partial.x))
+        possible = np.isfinite(log_message)
+        log_weight = np.where(possible, log_message - partial.log_message, -np.inf)
+        least_power = GUIDED if way.elsewhere and self.outlines else 0.0
         box = SampleBox(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
-        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
+        result = tempered(self.rng, partial.x, log_weight, target, box, s.tempering, least_power)
         if result is None:
             return None
         if not way.elsewhere:
-            self.told["samples"], self.told["effective_sample_size"] = float(possible.sum()), result.effective
-            self.told["powers"], self.told["accepted"] = float(result.powers), result.accepted
-        return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)
+            self.diagnostics["samples"], self.diagnostics["effective_sample_size"] = (
+                float(possible.sum()),
+                result.effective,
+            )
+            self.diagnostics["powers"], self.diagnostics["accepted"] = float(result.powers), result.accepted
+        return result._replace(log_evidence=result.log_evidence + partial.log_evidence)
 
     def without_samples(self, prior: Expected) -> tuple[ParticleSet, float]:
         """Where the image shows nothing that a pose could be drawn from: what was expected."""
-        self.told["samples"], self.told["effective_sample_size"] = 0.0, 0.0
+        self.diagnostics["samples"], self.diagnostics["effective_sample_size"] = 0.0, 0.0
         return self._even(prior, prior.samples), -np.inf
 
     def _by_past(self, target: PoseTarget) -> tuple[ParticleSet, float]:
         """Whole poses of the past, selected by features and outlines (Isard and Blake 1998)."""
         x = target.prior.samples
         placed = target.prepared(x)
-        log_weight = target.told(placed) + target.likelihood(placed)
+        log_weight = target.log_message(placed) + target.likelihood(placed)
         if not np.isfinite(log_weight).any():
             return self.without_samples(target.prior)
         weights, log_mean = normalised(log_weight)
-        self.told["samples"] = float(np.isfinite(log_weight).sum())
-        self.told["effective_sample_size"] = effective_count(weights)
+        self.diagnostics["samples"] = float(np.isfinite(log_weight).sum())
+        self.diagnostics["effective_sample_size"] = effective_count(weights)
         return self._even(target.prior, x[systematic(self.rng, weights, len(x))]), log_mean
 
     def _target(self, prior: Expected, message: Message | None) -> PoseTarget:
-        told = nothing_seen(self.parts.features.names) if message is None else message
+        received = nothing_seen(self.parts.features.names) if message is None else message
         return PoseTarget(
-            self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior, if_hidden=self.if_hidden
+            self.parts,
+            self.camera,
+            self.outlines,
+            prior,
+            received,
+            pose_prior=self.pose_prior,
+            if_hidden=self.if_hidden,
         )
 
     def _even(self, prior: Expected, x: np.ndarray) -> ParticleSet:

@@ -16,19 +16,19 @@ from estimator.search.proposals.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
 from estimator.trackers.dual_chain.pose_target import BY_IMAGE, GUIDED, TRIES, PoseTarget
 
-_WAYS = 6  # to see the features of a part, that lead it
-_WIDER = 1.3  # are led steps, which are linear, than those of the past
+_WAYS = 6  # to see the features of a part, that update it
+_WIDER = 1.3  # are Kalman-updated steps, which are linear, than those of the past
 _BY_PAST, _UPDATED, _BY_IMAGE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
 class PartialSamples:
-    """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what each was chosen by: what the
-    message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean of
-    that under what was expected."""
+    """Even samples of some parts: tangents x (N, nv), and log_message (N,), the sum of what each was chosen by: what
+    the message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean
+    of that under what was expected."""
 
     x: np.ndarray
-    told: np.ndarray
+    log_message: np.ndarray
     log_evidence: float = 0.0
 
 
@@ -37,7 +37,7 @@ class PartDraws:
     """How the parts of one frame are drawn.
 
     past: whether they also come from the past. by_past, by_image: shares of what comes from the past as it is, and from
-    inverse kinematics of the end of a limb; all others are steps from the past that are led to the features.
+    inverse kinematics of the end of a limb; all others are steps from the past, Kalman-updated by the features.
     """
 
     rng: np.random.Generator
@@ -49,17 +49,17 @@ class PartDraws:
     def all_parts(self, x: np.ndarray) -> PartialSamples | None:
         """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
         nothing that one can be drawn from."""
-        drawn: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
+        partial: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
         for part in range(self.target.parts.count):
-            drawn = None if drawn is None else self._with_part(drawn, part)
-        return drawn
+            partial = None if partial is None else self._with_part(partial, part)
+        return partial
 
-    def _with_part(self, drawn: PartialSamples, part: int) -> PartialSamples | None:
+    def _with_part(self, partial: PartialSamples, part: int) -> PartialSamples | None:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
-        elsewhere, count = part in target.elsewhere, len(drawn.x)
-        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.told))
+        elsewhere, count = part in target.elsewhere, len(partial.x)
+        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (partial.x, partial.log_message))
         reach = target.past_of(part)
         kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
         steps, centres = reach.steps, reach.centres[kernel]
@@ -82,17 +82,17 @@ class PartDraws:
             angles = x[:, group] + target.prior.reference[proposal.ik.entries]
             log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
         past = own if self.past else target.of_group(x, part)
-        told = target.evidence(placed, target.parts.of_part[part])
+        log_message = target.evidence(placed, target.parts.of_part[part])
         if elsewhere:
-            told = told + GUIDED * target.outlines_of(part, placed)
-        ok &= np.isfinite(log_q) & np.isfinite(told)
+            log_message = log_message + GUIDED * target.outlines_of(part, placed)
+        ok &= np.isfinite(log_q) & np.isfinite(log_message)
         if not ok.any():
             return None
         log_weight = np.full(len(x), -np.inf)
-        log_weight[ok] = (past + told - log_q)[ok]
+        log_weight[ok] = (past + log_message - log_q)[ok]
         weights, log_mean = normalised(log_weight)
         kept = systematic(self.rng, weights, count)
-        return PartialSamples(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
+        return PartialSamples(x[kept], before[kept] + log_message[kept], partial.log_evidence + log_mean)
 
     def _sampled(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, updated: KalmanSteps,
@@ -105,7 +105,7 @@ class PartDraws:
         x[np.ix_(by_past, group)] = steps.moved_group(self.rng, centres[by_past], group)
         x[np.ix_(is_updated, group)] = updated.sample(self.rng, 1)[is_updated, 0]
         if proposal is not None:
-            limbs = proposal.drawn(self.rng, self.target.prepared(x[by_image]))
+            limbs = proposal.sample(self.rng, self.target.prepared(x[by_image]))
             x[np.ix_(by_image, group)] = limbs.angles - self.target.prior.reference[proposal.ik.entries]
             ok[by_image] = limbs.ok
         lower, upper = steps.lower[group], steps.upper[group]
@@ -114,7 +114,7 @@ class PartDraws:
         return x, ok
 
     def _shares(self, part: int, seen: bool) -> np.ndarray:
-        """Of draws by past, led and by the image (3,)."""
+        """Of draws by the past, Kalman-updated and by the image (3,)."""
         if not self.past:
             return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
         by_image = (BY_IMAGE if part in self.target.elsewhere else self.by_image) if seen else 0.0
@@ -124,12 +124,12 @@ class PartDraws:
     def _kalman_updated(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, kernel: np.ndarray, part: int
     ) -> KalmanSteps:
-        """Where the features that a part moves lead it, on each of the poses x (N, nv): from its centre (N, nv), that
+        """Where the features that a part moves put it, on each of the poses x (N, nv): from its centre (N, nv), that
         of a kernel (N,), or, where the past says nothing, from rest."""
         target, parts = self.target, self.target.parts
         group, moved = parts.dofs[part], parts.of_part[part]
         names = [parts.features.names[f] for f in moved]
-        told = self.target.message.guide.over(parts.features.names).marginal(names).merged().reduced(_WAYS)
+        received = self.target.message.guide.over(parts.features.names).marginal(names).merged().reduced(_WAYS)
         centres, std = centres[:, group], _WIDER * steps.std[group]
         lengths = [Length(1.0 - steps.share, std), Length(steps.share, steps.wide * std)]
         if not self.past:
@@ -145,7 +145,7 @@ class PartDraws:
             at, centres = at[first], centres[first]
         predicted, jacobian = parts.features.in_image(target.body, target.at(at), target.camera, moved)
         lengths = [length for length in lengths if length.share > 0.0]
-        return kalman_steps(centres, lengths, told, predicted, jacobian[..., group]).of(rows)
+        return kalman_steps(centres, lengths, received, predicted, jacobian[..., group]).of(rows)
 
     def _seen_end(self, part: int) -> ImageProposal | None:
         """Where the image may show the end of a limb; None for the trunk, and where nothing tells."""
@@ -153,8 +153,8 @@ class PartDraws:
             return None
         parts = self.target.parts
         name = parts.features.names[int(parts.of_part[part][-1])]
-        told = self.target.message.guide.over(parts.features.names).marginal([name]).merged()
-        seen = np.flatnonzero(told.known[:, 0])
+        received = self.target.message.guide.over(parts.features.names).marginal([name]).merged()
+        seen = np.flatnonzero(received.known[:, 0])
         if not len(seen):
             return None
-        return ImageProposal(parts.ik[part - 1], self.target.camera, told.of(seen))
+        return ImageProposal(parts.ik[part - 1], self.target.camera, received.of(seen))

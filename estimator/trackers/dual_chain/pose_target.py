@@ -1,4 +1,4 @@
-"""What a frame expects and is told of poses, as the density that samples of them are drawn from."""
+"""What a frame expects and receives of poses, as the density that samples of them are drawn from."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class PoseTarget:
     What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
     parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
 
-    camera: in which features are told. outlines: what else the picture says, None where nothing. elsewhere: the parts,
-    by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses people
-    take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
-    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
-    that has none (`EvidenceSettings.if_hidden`).
+    camera: of the features in the message. outlines: what else the picture says, None where nothing. elsewhere: the
+    parts, by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses
+    people take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much
+    more an association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and
+    for one that has none (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts
@@ -57,7 +57,7 @@ class PoseTarget:
     elsewhere: Mapping[int, Reach] = field(default_factory=dict)
     pose_prior: PosePrior | None = None
     if_hidden: tuple[float, float] = (0.0, 0.0)
-    _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
+    _marginals: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
     _if_hidden: dict[tuple[bool, ...], FeatureDensity] = field(default_factory=dict, init=False)
 
     @property
@@ -77,7 +77,7 @@ class PoseTarget:
         """See `Target`: poses at tangents x (N, nv)."""
         return self.body.placed(self.at(x))
 
-    def told(self, samples: PlacedBodies) -> np.ndarray:
+    def log_message(self, samples: PlacedBodies) -> np.ndarray:
         """See `Target`: by the message about all features; -inf where they have no image."""
         return self.evidence(samples, range(len(self.parts.features.names)))
 
@@ -99,18 +99,18 @@ class PoseTarget:
         value = np.zeros(len(samples.q))
         if not hidden.any():
             return value
-        told, pixels = self._told_of(tuple(range(self.parts.features.count))), self.pixels(samples)
+        received, pixels = self._marginal(tuple(range(self.parts.features.count))), self.pixels(samples)
         for which in np.unique(hidden[hidden.any(axis=1)], axis=0):
             rows = (hidden == which).all(axis=1)
-            value[rows] = self._told_if_hidden(tuple(which.tolist())).log_density(pixels[rows])
-            value[rows] -= told.log_density(pixels[rows])
+            value[rows] = self._message_if_hidden(tuple(which.tolist())).log_density(pixels[rows])
+            value[rows] -= received.log_density(pixels[rows])
         return value
 
-    def _told_if_hidden(self, hidden: tuple[bool, ...]) -> FeatureDensity:
+    def _message_if_hidden(self, hidden: tuple[bool, ...]) -> FeatureDensity:
         """The message about all features to poses that hide some of them, made once."""
         if hidden not in self._if_hidden:
-            told = self._told_of(tuple(range(len(hidden))))
-            self._if_hidden[hidden] = told.if_hidden(np.array(hidden), *self.if_hidden)
+            received = self._marginal(tuple(range(len(hidden))))
+            self._if_hidden[hidden] = received.if_hidden(np.array(hidden), *self.if_hidden)
         return self._if_hidden[hidden]
 
     def outlines_of(self, part: int, samples: PlacedBodies) -> np.ndarray:
@@ -123,19 +123,19 @@ class PoseTarget:
         """What the message says of some features of N poses (N,); -inf where they have no image."""
         if not len(features):
             return np.zeros(len(placed.q))
-        told = self._told_of(tuple(int(f) for f in features))
+        received = self._marginal(tuple(int(f) for f in features))
         pixels = self.pixels(placed)[:, list(features)]
         whole = np.isfinite(pixels).all(axis=(1, 2))
         value = np.full(len(pixels), -np.inf)
-        value[whole] = told.log_density(pixels[whole])
+        value[whole] = received.log_density(pixels[whole])
         return value
 
-    def _told_of(self, features: tuple[int, ...]) -> FeatureDensity:
+    def _marginal(self, features: tuple[int, ...]) -> FeatureDensity:
         """The message about some features, made once."""
-        if features not in self._told:
+        if features not in self._marginals:
             names = self.parts.features.names
-            self._told[features] = self.message.evidence.over(names).marginal([names[f] for f in features])
-        return self._told[features]
+            self._marginals[features] = self.message.evidence.over(names).marginal([names[f] for f in features])
+        return self._marginals[features]
 
     def at(self, x: np.ndarray) -> np.ndarray:
         """Configurations (N, nq) at tangents x (N, nv)."""
@@ -152,7 +152,7 @@ BY_IMAGE = 0.6  # share of a limb that may be anywhere
 TRIES = 8  # for each sample of it that is kept: of arms by inverse kinematics a fifth are inside their limits
 
 
-GUIDED = 0.5  # the power of what its outlines say by which these are chosen, beside what is told of its features
+GUIDED = 0.5  # the power of what its outlines say by which these are chosen, beside the message about its features
 
 
 def anywhere(parts: PoseParts, prior: Expected) -> Reach:

@@ -40,7 +40,7 @@ from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from estimator.vision.skin import SkinModel
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.landmarks import mirror_index
-from humanoid.support.idle import PICTURES, idle_where, idle_without
+from humanoid.support.unused import PICTURES, unused_where, unused_without
 
 _FIELDS = {
     "pose_q": Field("f", ("N", "nq")),
@@ -122,7 +122,7 @@ class DualChain(Initialisation):
         covariance = (pixels - middle).T @ (pixels - middle) / max(len(pixels), 1) + 4.0 * np.eye(len(middle))
         skin = self.seen.learned(observation, middle.reshape(-1, 2))
         extent = self.search.model.extent(camera, first.mixture.modes[0].q)
-        points = self._points(extent).begun(middle.reshape(-1, 2), covariance)
+        points = self._points(extent).initial_state(middle.reshape(-1, 2), covariance)
         return DualState(first.mixture, first.time, states, first.particles.owner, points, skin), result
 
     def step(
@@ -141,11 +141,13 @@ class DualChain(Initialisation):
         energy = FrameEnergy(self.search, observation, state.mixture)
         particles = Particles(samples.q, samples.weights, np.zeros(len(samples.q), dtype=np.int64))
         mixture, owner = summarised(self.search, energy, particles, samples.q, state.mixture, dt, self._summary)
-        told = {name: np.array(value) for name, value in pose.told.items()} | _of_points(points.features(after))
+        diagnostics = {name: np.array(value) for name, value in pose.diagnostics.items()} | _of_points(
+            points.features(after)
+        )
         if observable(observation) or len(detections.mean):
-            _, result = classify_frame(self.search, observation, mixture, told)
+            _, result = classify_frame(self.search, observation, mixture, diagnostics)
         else:
-            result = result_of(observation, mixture, "unobserved", told)
+            result = result_of(observation, mixture, "unobserved", diagnostics)
         return DualState(mixture, observation.time, samples.q, owner, after, state.skin), result
 
     def _points(self, size: float) -> PointChain:
@@ -165,12 +167,12 @@ class DualChain(Initialisation):
         evidence = evidence_of(detections, self._evidence, said[-1])
         if not s.past:
             evidence = _of_all(evidence)
-        told = messages(said, evidence, s.exchange if s.chain else APART)
+        received = messages(said, evidence, s.exchange if s.chain else APART)
         if s.past or evidence.density.known.all():
-            samples, _ = pose.update(expected, told[0])
+            samples, _ = pose.update(expected, received[0])
         else:
             samples, _ = pose.without_samples(expected)
-        return samples, points.update(going, told[1])[0] if s.chain else going
+        return samples, points.update(going, received[1])[0] if s.chain else going
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
         """See `estimator.trackers.base.TrackerProtocol`."""
@@ -213,19 +215,19 @@ def _of_all(evidence: Evidence) -> Evidence:
 
 
 _PLAIN = PoseChainSettings(particles=1000, tempering=TemperingSettings(powers=1))
-_IDLE = (
+_UNUSED = (
     ONLY_TO_BEGIN,
     *DYNAMICS_ALONE,
-    idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
-    idle_where(
+    unused_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
+    unused_where(
         "dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.lost dual_chain.pose.renewed",
         dual_chain__past=False,
     ),
-    idle_where("dual_chain.pose.groups", dual_chain__chain=False),
-    idle_where(
+    unused_where("dual_chain.pose.groups", dual_chain__chain=False),
+    unused_where(
         "dual_chain.pose.tempering.survival dual_chain.pose.tempering.moves", dual_chain__pose__tempering__powers=1
     ),
-    idle_without(PICTURES, "dual_chain.outline"),
+    unused_without(PICTURES, "dual_chain.outline"),
 )
 
 
@@ -237,7 +239,7 @@ def _spec(name: str, sentence: str, settings: DualChainSettings) -> Spec:
         group="dual_chain",
         settings=settings,
         defaults=together(ONLY_FILTERS, AS_DETECTED),
-        idle=_IDLE,
+        unused=_UNUSED,
     )
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.data.image_cues import ImageCues
-from estimator.search.examples.lookup import Looked
+from estimator.search.examples.lookup import Lookup
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.vision.cues.cue_picture import CuePicture, Dots, PixelLines, dimmed
 from estimator.vision.edge_histogram import edges_by_direction
@@ -19,15 +19,15 @@ NAME = "examples"
 
 
 def lookup_picture(
-    body: Body, anatomy: Anatomy, side: float, cues: ImageCues, looked: Looked, modes: Sequence[np.ndarray]
+    body: Body, anatomy: Anatomy, side: float, cues: ImageCues, lookup: Lookup, modes: Sequence[np.ndarray]
 ) -> CuePicture:
     """The edges that a person was looked up by, the limbs of the examples, the nearest the strongest, and those of the
     modes that were reached, the likeliest the strongest.
 
     side [m]: of the square that was cut out. modes (K) of (nq,).
     """
-    to_square = square_transform(cues.camera, looked.frame, side)
-    rows, columns = np.nonzero(np.any(edges_by_direction(looked.square, looked.where), axis=0))
+    to_square = square_transform(cues.camera, lookup.frame, side)
+    rows, columns = np.nonzero(np.any(edges_by_direction(lookup.square, lookup.where), axis=0))
     edges = (np.stack([columns, rows], axis=1) - to_square[:, 2]) / to_square[0, 0]
     return CuePicture(
         NAME,
@@ -35,7 +35,7 @@ def lookup_picture(
         cv2.cvtColor(dimmed(cues.picture), cv2.COLOR_GRAY2BGR),
         [
             Dots(edges, "text", 0.7),
-            _limbs(body, anatomy, cues, list(looked.q), "hypothesis"),
+            _limbs(body, anatomy, cues, list(lookup.q), "hypothesis"),
             _limbs(body, anatomy, cues, modes, "good"),
         ],
         [("edges looked up", "text"), ("examples", "hypothesis"), ("modes", "good")],

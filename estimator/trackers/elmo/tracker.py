@@ -18,8 +18,8 @@ from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.inference.reweighting import diffusion_std, reweighted
 from estimator.search.cost_model import per_dof
-from estimator.search.examples.lookup import Looked
-from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
+from estimator.search.examples.lookup import Lookup
+from estimator.search.examples.person_seen import CUES, can_look_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
@@ -37,7 +37,7 @@ from estimator.trackers.mixture_state import MixtureState, classify_frame, predi
 from estimator.trackers.spec import Spec, by_search
 from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import ROOT_JOINT, Body
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Elmo(Initialisation):
         """See `estimator.trackers.base.TrackerProtocol`."""
         if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
-            return self._judged(observation, mixture, None)
+            return self._classify(observation, mixture, None)
         self.search.examples.check(observation)
         return self._searched(observation, None)
 
@@ -89,7 +89,7 @@ class Elmo(Initialisation):
         if self.settings.keep and sees_person(observation, self.search.evidence):
             return True
         if self.settings.neighbours:
-            return can_be_looked_up(observation, self.search.evidence)
+            return can_look_up(observation, self.search.evidence)
         return enough_keypoints(observation)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
@@ -110,38 +110,40 @@ class Elmo(Initialisation):
         """See `Capabilities.pictures`: what was looked up, and the modes that came of it."""
         anatomy, modes = self.search.jumps.anatomy, list(result.q)
         shown: dict[int, CuePicture] = {}
-        for look in self.looked(observation):
-            cues = observation.cues[look.camera]
-            shown[look.camera] = lookup_picture(self.body, anatomy, self.search.examples.index.side, cues, look, modes)
+        for lookup in self.lookups(observation):
+            cues = observation.cues[lookup.camera]
+            shown[lookup.camera] = lookup_picture(
+                self.body, anatomy, self.search.examples.index.side, cues, lookup, modes
+            )
         return shown
 
-    def looked(self, observation: Observation) -> list[Looked]:
+    def lookups(self, observation: Observation) -> list[Lookup]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
         s = self.settings
-        return self.search.examples.looked(observation, s.neighbours, s.votes) if s.neighbours else []
+        return self.search.examples.lookups(observation, s.neighbours, s.votes) if s.neighbours else []
 
-    def _lookup_without_prior(self, observation: Observation) -> list[Looked]:
+    def _lookup_without_prior(self, observation: Observation) -> list[Lookup]:
         s = self.settings
         return self.search.examples.lookup_without_prior(observation, s.neighbours, s.votes) if s.neighbours else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         anew = state is None or state.seen < state.time  # who was hidden may have turned
-        looks = self._lookup_without_prior(observation) if anew else self.looked(observation)
-        starts = self._starts(looks, state, anew)
+        lookups = self._lookup_without_prior(observation) if anew else self.lookups(observation)
+        starts = self._starts(lookups, state, anew)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameProblem(self.search.associations(observation), 0.0, likelihood)
-        mixture = self._modes(starts, looks, observation, case, anew)  # 3
+        mixture = self._modes(starts, lookups, observation, case, anew)  # 3
         if state is not None:
             mixture = self._weighed(mixture, state, observation)  # 6
             if self.settings.settle:
-                mixture = self._settled(mixture, state, case._replace(dt=observation.time - state.seen))
+                mixture = self._refine_with_transition(mixture, state, case._replace(dt=observation.time - state.seen))
             mixture = self._moving(mixture, state, observation.time)
-        told = _told(looks, starts, StepCounts.between(before, self.search.steps))
-        return self._judged(observation, mixture, told)
+        diagnostics = _diagnostics(lookups, starts, StepCounts.between(before, self.search.steps))
+        return self._classify(observation, mixture, diagnostics)
 
-    def _starts(self, looks: Sequence[Looked], state: ElmoState | None, anew: bool) -> list[Hypothesis]:
-        starts = example_starts(self.body, looks, self.settings.away if anew else 0.0)
+    def _starts(self, lookups: Sequence[Lookup], state: ElmoState | None, anew: bool) -> list[Hypothesis]:
+        starts = example_starts(self.body, lookups, self.settings.away if anew else 0.0)
         if state is not None and self.settings.keep:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
@@ -149,7 +151,7 @@ class Elmo(Initialisation):
     def _modes(
         self,
         starts: Sequence[Hypothesis],
-        looks: Sequence[Looked],
+        lookups: Sequence[Lookup],
         observation: Observation,
         case: FrameProblem,
         anew: bool,
@@ -159,8 +161,8 @@ class Elmo(Initialisation):
         if s.rounds == 0:
             return self._likeliest(starts, case)
         if not anew:
-            return best_reached(search, [starts], looks, observation, case, s.descent._replace(again=0), s.modes)
-        return best_reached(search, sides(self.body, starts, looks), looks, observation, case, s.descent, s.modes)
+            return best_reached(search, [starts], lookups, observation, case, s.descent._replace(again=0), s.modes)
+        return best_reached(search, sides(self.body, starts, lookups), lookups, observation, case, s.descent, s.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -200,7 +202,7 @@ class Elmo(Initialisation):
         best = np.array([scores[turned == way].max() for way in turned])
         return np.asarray(scores - (1.0 - share) * best)
 
-    def _settled(self, weighed: Mixture, state: ElmoState, case: FrameProblem) -> Mixture:
+    def _refine_with_transition(self, weighed: Mixture, state: ElmoState, case: FrameProblem) -> Mixture:
         """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
         one pose are one, of the weight of the likelier."""
         candidates = [self._candidate(mode, state, case) for mode in weighed.modes]
@@ -224,19 +226,19 @@ class Elmo(Initialisation):
         )
         return replace(mixture, modes=tuple(modes))
 
-    def _judged(
-        self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
+    def _classify(
+        self, observation: Observation, mixture: Mixture, diagnostics: Mapping[str, np.ndarray] | None
     ) -> tuple[ElmoState, FrameResult]:
-        after, result = classify_frame(self.search, observation, mixture, told)
+        after, result = classify_frame(self.search, observation, mixture, diagnostics)
         return ElmoState(after.mixture, after.time, after.time), result
 
 
-def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
+def _diagnostics(lookups: Sequence[Lookup], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
     counts = {f: sum(h.origin.family is f for h in starts) for f in (Family.EXAMPLE, Family.KEPT)}
     return {
         **search_counts(counts, steps),
-        "looked_at": np.array(sum(look.neighbours.looked_at for look in looks)),
-        "fell_back": np.array(sum(look.neighbours.fell_back for look in looks)),
+        "looked_at": np.array(sum(lookup.neighbours.comparisons for lookup in lookups)),
+        "fell_back": np.array(sum(lookup.neighbours.fell_back for lookup in lookups)),
     }
 
 
@@ -258,9 +260,9 @@ def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDE
         group="elmo",
         settings=settings,
         defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
-        idle=(
-            idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
-            idle_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
+        unused=(
+            unused_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
+            unused_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
         ),
         looks_up=lambda own: own.neighbours > 0,
     )

@@ -37,8 +37,8 @@ class AssemblySettings(CheckedSettings):
     first pull, from wherever the body is. alone_place [m], alone_turn [rad]: the same floors where there is one camera:
     how far away a limb is, hardly anything says, and samples collapse there without being right.
 
-    clusters: places that are told apart in a belief, of which the limb's ends are about `apart` [m] from each other or
-    more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
+    clusters: places that are distinguished in a belief, of which the limb's ends are about `apart` [m] from each other
+    or more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
     place whose ends are nearer than this. exchange [nats]: what a hypothesis pays that takes limbs for each other or
     the front for the back, or leaves one out. jump [nats]: what it pays at most for being far from all modes of the
     frame before. forgetting: power of the parent's weight that is handed on.
@@ -124,7 +124,7 @@ def assembled(
     search: of the body. graph: its limbs, or those of the same subject with other lengths. beliefs (L): of each limb,
     of `PLACEMENTS`; one without points draws nothing. observation: the frame, its pictures left to the likelihood.
     before: the mixture of a frame `elapsed` [s] ago. rng: of what is sampled near modes; without one nothing is.
-    left_over: the person in the pictures, None where that does not count. heard: by outermost limb, other places.
+    left_over: the person in the pictures, None where that does not count. received: by outermost limb, other places.
 
     Raises
     ------
@@ -139,8 +139,8 @@ def assembled(
     case = FrameProblem(search.associations(observation), elapsed, pulls=fine)
     frame = _Frame(search, graph, pulls, case, likelihood, before, s, left_over)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
-    drawn = frame.drawn(coarse)
-    hypotheses = [h for q, k in drawn for h in frame.hypotheses(q, k, made[k])]
+    coarse_poses = frame.coarse_poses(coarse)
+    hypotheses = [h for q, k in coarse_poses for h in frame.hypotheses(q, k, made[k])]
     best = frame.refined(frame.best(search.explored(hypotheses, case), count + search.settings.spare), case)
     if rng is not None and likelihood is not None and s.rounds:
         best = frame.moved_on(rng, likelihood, frame.best(best, count))
@@ -166,7 +166,7 @@ class _Frame(NamedTuple):
         """Modes of the frame before."""
         return () if self.before is None else self.before.modes
 
-    def drawn(self, coarse: Sequence[LimbPull]) -> list[tuple[np.ndarray, int]]:
+    def coarse_poses(self, coarse: Sequence[LimbPull]) -> list[tuple[np.ndarray, int]]:
         """Poses (nq,) that the choices have drawn the body to, coarsely, each with the choice's index; and the modes of
         the frame before, for the first."""
         body, starts = self.search.body, []
@@ -193,9 +193,9 @@ class _Frame(NamedTuple):
         """The mode of the frame before that a pose (nq,) continues, -1 for none, and what it hands on [nats]."""
         handed_on, posed = self.settings.forgetting * before.log_scores, self.search.body.at(q)
         model, dt = self.search.model, self.case.dt
-        paid = np.array([model.transition(m.q, dt).value(posed) for m in before.modes]) - handed_on
-        best = int(np.argmin(paid))
-        return (best, float(handed_on[best])) if paid[best] <= self.settings.jump else (-1, 0.0)
+        transition_energy = np.array([model.transition(m.q, dt).value(posed) for m in before.modes]) - handed_on
+        best = int(np.argmin(transition_energy))
+        return (best, float(handed_on[best])) if transition_energy[best] <= self.settings.jump else (-1, 0.0)
 
     def scores(self, searched: Sequence[Scored]) -> np.ndarray:
         """Log-weights (N,) of hypotheses as far as they are searched: their own, what the limbs' likelihood says of

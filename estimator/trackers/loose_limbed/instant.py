@@ -67,7 +67,7 @@ class InstantReader:
 
     def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, detectors: PartDetectorSettings) -> None:
         self._model, self._graph, self._seen, self._detectors = model, graph, seen, detectors
-        self._kept: deque[tuple[tuple[ImageCues, ...], list[LimbView]]] = deque(maxlen=_KEPT)
+        self._recent_views: deque[tuple[tuple[ImageCues, ...], list[LimbView]]] = deque(maxlen=_KEPT)
         self._box: tuple[tuple[Camera, ...], np.ndarray] | None = None
 
     def shows_person(self, observation: Observation) -> bool:
@@ -144,9 +144,9 @@ class InstantReader:
         return load_templates(self._detectors.templates) if self._detectors.templates else None
 
     def _views(self, observation: Observation) -> list[LimbView]:
-        for cues, views in self._kept:
+        for cues, views in self._recent_views:
             if cues is observation.cues:
                 return views
         views = limb_views(observation)
-        self._kept.append((observation.cues, views))
+        self._recent_views.append((observation.cues, views))
         return views

@@ -26,7 +26,7 @@ def left_over_places(
 ) -> dict[int, list[PlacementCluster]]:
     """By outermost limb, places in the hull of the person as views show them where what is explained is not known
     (`estimator.trackers.loose_limbed.limbs.left_over.LeftOver.views`), by the likelihood of the whole views."""
-    settings = replace(settings, poses=_POSES, kept=_KEPT, count=_COUNT)
+    settings = replace(settings, poses=_POSES, survivors=_KEPT, count=_COUNT)
     part_proposals, covariance = hull_proposals(rng, graph, likelihood, left, settings), np.diag(_STD**2)
     places = {
         i: [PlacementCluster(point, covariance, 1.0) for point in part_proposals[i].points] for i in outermost(graph)

@@ -176,8 +176,8 @@ def _with(base: Choice, limb: int, place: PlacementCluster | None, cost: float) 
 
 def _distinct(made: Sequence[Choice]) -> list[Choice]:
     """Each once: on short graphs several mistakes are the same."""
-    kept: dict[bytes, Choice] = {}
+    distinct: dict[bytes, Choice] = {}
     for choice in made:
         key = b"".join(b"-" if p is None else p.point.tobytes() for p in choice.places)
-        kept.setdefault(key, choice)
-    return list(kept.values())
+        distinct.setdefault(key, choice)
+    return list(distinct.values())

@@ -111,10 +111,10 @@ class LimbPulls:
         t, R = limb_placements(self._graph, body, rest)
         goal, turn = placements_of(pull.target)
         nearest = drawn[np.argmin([body.support(int(joint)).sum() for joint in self._joint[drawn]])]
-        carried = turn[nearest] @ R[nearest].T
+        rotation = turn[nearest] @ R[nearest].T
         ends = np.concatenate([t[drawn], (t + self._length * R[:, :, 2])[drawn]])
         fitted = similarity_onto(ends, np.concatenate([goal[drawn], (goal + self._length * turn[:, :, 2])[drawn]]))
-        placed = (carried, goal[nearest] - carried @ t[nearest]), (fitted.R, fitted.t)
+        placed = (rotation, goal[nearest] - rotation @ t[nearest]), (fitted.R, fitted.t)
         posed = body.at(rest)
         return [with_root(rest, R @ posed.rotations[1], R @ posed.translations[1] + t) for R, t in placed]
 

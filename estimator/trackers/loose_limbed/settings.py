@@ -19,7 +19,7 @@ class LooseLimbedSettings(CheckedSettings):
     to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
     such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
     a past. smoothing: the frame before is inferred again with this one and the next, as in the paper; without, what was
-    believed of it stays. tied: share of what the next frame is told of each limb that is as the assembled poses have
+    believed of it stays. tied: share of what the next frame receives of each limb that is as the assembled poses have
     it; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
     start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of

@@ -125,8 +125,8 @@ class LooseLimbed:
         result, mixture = self.inferred(rng, graph, state, observation, anew=past is None, behind=len(behind))
         limbs = len(self.graph.limbs)
         present = result.beliefs[len(behind) * limbs : (len(behind) + 1) * limbs]
-        told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
-        after, judgement = classify_frame(self._search, observation, mixture, told)
+        diagnostics = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
+        after, judgement = classify_frame(self._search, observation, mixture, diagnostics)
         if state is not None and behind:
             believed, beliefs = state.seen, self._tied(rng, result.beliefs[:limbs], state.mixture)
         elif state is not None and past is not None and self.settings.smoothing:
@@ -163,7 +163,7 @@ class LooseLimbed:
         return result, mixture
 
     def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
-        """What the next frame is told: some of it as the assembled poses have each limb, since limbs alone do not know
+        """What the next frame receives: some of it as the assembled poses have each limb, since limbs alone do not know
         that two of them are in one place."""
         tied = []
         for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):

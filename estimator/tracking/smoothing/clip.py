@@ -43,7 +43,7 @@ def smooth_track(
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Parts that the smoothing pushed into each other are parted again
-    (`estimator.energy.descent.contact`). `progress` is told how many frames of how many are done.
+    (`estimator.energy.descent.contact`). `progress` is called with how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues)

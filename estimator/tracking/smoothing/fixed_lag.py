@@ -45,7 +45,7 @@ class FixedLag:
         self._search = search
         self._settings = settings or SmoothSettings()
         self._motion = self._settings.motion(search.model)
-        self._settled: list[_Frame] = []
+        self._output_frames: list[_Frame] = []
         self._window: list[_Frame] = []
 
     def push(self, observation: Observation, result: FrameResult) -> list[tuple[int, np.ndarray]]:
@@ -64,15 +64,15 @@ class FixedLag:
         return [self._give() for _ in range(len(self._window))]
 
     def _smooth(self) -> None:
-        frames = [*self._settled, *self._window]
+        frames = [*self._output_frames, *self._window]
         times = np.array([f.time for f in frames])
-        q = [f.q[None] if f.q is not None else f.modes for f in self._settled] + [f.modes for f in self._window]
-        energy = [np.zeros(1)] * len(self._settled) + [f.energy for f in self._window]
+        q = [f.q[None] if f.q is not None else f.modes for f in self._output_frames] + [f.modes for f in self._window]
+        energy = [np.zeros(1)] * len(self._output_frames) + [f.energy for f in self._window]
         path = best_path(self._search.body, q, energy, times, self._motion)
-        for frame, k in zip(self._window, path[len(self._settled) :].tolist(), strict=True):
+        for frame, k in zip(self._window, path[len(self._output_frames) :].tolist(), strict=True):
             frame.keep(k)
         costs = [f.costs[f.chosen] for f in frames]
-        held = np.arange(len(frames)) < len(self._settled)
+        held = np.arange(len(frames)) < len(self._output_frames)
         chain = FrameChain(self._search.body, costs, times, self._motion, self._settings.tolerance)
         poses = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
         for frame, pose in zip(frames, poses, strict=True):
@@ -80,6 +80,6 @@ class FixedLag:
 
     def _give(self) -> tuple[int, np.ndarray]:
         frame = self._window.pop(0)
-        self._settled = [*self._settled, frame][-REACH:]
+        self._output_frames = [*self._output_frames, frame][-REACH:]
         assert frame.q is not None
         return frame.index, frame.q

@@ -116,7 +116,7 @@ class Matcher:
         return []
 
     def leading(self, followed: Any) -> list[Term]:
-        """Terms by which a hypothesis is led from a past to where the image is looked at around it: those of `since`,
+        """Terms by which a hypothesis is moved from a past to where the image is looked at around it: those of `since`,
         unless the cue leads more firmly than it weighs."""
         return self.since(followed)
 

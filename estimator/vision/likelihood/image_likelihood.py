@@ -99,7 +99,7 @@ class ImageLikelihood:
         return [term for camera, said in pairs for term in camera.since(said)]
 
     def leading(self, followed: Sequence[Followed]) -> list[Term]:
-        """The terms by which a hypothesis is led from a past to where the pictures are looked at around it."""
+        """The terms by which a hypothesis is moved from a past to where the pictures are looked at around it."""
         pairs = zip(self.cameras, followed, strict=True)
         return [term for camera, said in pairs for term in camera.leading(said)]
 

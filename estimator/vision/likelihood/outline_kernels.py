@@ -61,7 +61,7 @@ def _turned(Rc, R, k):  # type: ignore[no-untyped-def]
 
 
 @jit
-def look_past(xs, ys, limb, nearest):  # type: ignore[no-untyped-def]
+def lower_depths(xs, ys, limb, nearest):  # type: ignore[no-untyped-def]
     """Lower nearest (P,), depths [m], to that of the axis of a limb at those of points xs, ys (P,) [px] that are inside
     of it.
 
@@ -139,16 +139,16 @@ def outline_values(  # type: ignore[no-untyped-def]
         for k in range(count):
             if seen[k]:
                 before, after = k * own, (k + 1) * own  # no limb hides its own outline
-                look_past(flat_xs[:before], flat_ys[:before], limbs[k], flat_nearest[:before])
-                look_past(flat_xs[after:], flat_ys[after:], limbs[k], flat_nearest[after:])
-                look_past(cells[0], cells[1], limbs[k], covering)
+                lower_depths(flat_xs[:before], flat_ys[:before], limbs[k], flat_nearest[:before])
+                lower_depths(flat_xs[after:], flat_ys[after:], limbs[k], flat_nearest[after:])
+                lower_depths(cells[0], cells[1], limbs[k], covering)
         for f in range(points.shape[1]):
             px, py, depth = in_camera(points[n, f], Rc, tc)
             x_of[0], y_of[0], ahead = project_from_camera(px, py, depth, intrinsics, lens)
             before_it[0] = depth if ahead else -np.inf
             for k in range(count):
                 if seen[k] and owner[f] != k:
-                    look_past(x_of, y_of, limbs[k], before_it)
+                    lower_depths(x_of, y_of, limbs[k], before_it)
             hidden[n, f] = ahead and before_it[0] < depth
         for k in range(count):
             values[n, k] = 0.0

@@ -20,7 +20,7 @@ from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed
 from humanoid.support.settings import CheckedSettings, setting
 
 _OUTSIDE = 1e-3  # least share of either in a picture
-_FARTHEST = 255  # px to an edge that are told apart
+_FARTHEST = 255  # px to an edge that are distinguished
 _NONE = 255  # the orientation of what is no edge
 
 
@@ -32,9 +32,8 @@ class OutlineSettings(CheckedSettings):
     the whole foreground count as, however many points are looked at; 0 leaves it out.
     edge_noise: standard deviation of an edge from the outline, as a share of the body's size in the image.
     edge_missing: probability that an outline has no edge. strength: of an edge that counts, 0 to 1. orientations: kinds
-    of edges that are told apart. mask_error: share of the silhouette that is wrong. stations: points along each side of
-    a limb. cells: points of the foreground.
-    Raises InputError where a value cannot be.
+    of edges that are distinguished. mask_error: share of the silhouette that is wrong. stations: points along each side
+    of a limb. cells: points of the foreground. Raises InputError where a value cannot be.
     """
 
     edge_evidence: float = setting(25.0, at_least=0)

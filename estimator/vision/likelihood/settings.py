@@ -10,8 +10,8 @@ from typing import Any
 from estimator.vision.cues.base import Cue
 from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.likelihood.registry import CUES, register
-from humanoid.support.idle import IdleRule
 from humanoid.support.settings import CheckedSettings, setting
+from humanoid.support.unused import UnusedRule
 
 _USE = "use_"
 
@@ -60,9 +60,9 @@ def cue_settings(names: Iterable[str] | None = None, *, working_size: int = CueS
     return made if names is None else made.using(names)
 
 
-def idle_rules() -> tuple[IdleRule, ...]:
+def unused_rules() -> tuple[UnusedRule, ...]:
     """The settings of a cue that is not looked at have no effect."""
-    return tuple(IdleRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES)
+    return tuple(UnusedRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES)
 
 
 @cache

@@ -41,9 +41,9 @@ def all_pairs(count: int) -> tuple[tuple[int, int], ...]:
     return tuple(combinations(range(count), 2))
 
 
-def log_marginal(log_density: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+def log_marginal(log_density: np.ndarray, measurements: Sequence[int]) -> np.ndarray:
     """Logarithm of the density of some of the measurements, in their order, the others summed over."""
-    gone = tuple(i for i in range(log_density.ndim) if i not in kept)
+    gone = tuple(i for i in range(log_density.ndim) if i not in measurements)
     return np.asarray(logsumexp(log_density, axis=gone) if gone else log_density)
 
 
@@ -84,5 +84,5 @@ def fitted(
     return made(solution.x)
 
 
-def _marginal(density: np.ndarray, kept: tuple[int, int]) -> np.ndarray:
-    return np.asarray(density.sum(axis=tuple(i for i in range(density.ndim) if i not in kept)))
+def _marginal(density: np.ndarray, measurements: tuple[int, int]) -> np.ndarray:
+    return np.asarray(density.sum(axis=tuple(i for i in range(density.ndim) if i not in measurements)))

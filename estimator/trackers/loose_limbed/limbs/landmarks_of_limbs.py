@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.trackers.loose_limbed.limbs.potential_learning import drawn_configurations
+from estimator.trackers.loose_limbed.limbs.potential_learning import random_configurations
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 
@@ -46,7 +46,7 @@ def landmarks_of_limbs(body: Body, graph: LimbGraph) -> tuple[LimbLandmarks, ...
     """Of every limb of a graph, in poses drawn from the body's stabilisers within its limits. Found by their places
     alone; what moves by less than 11 % of the limb's length counts. Depends on the body's lengths: once a body is
     enough. Raises InputError for a body that lacks a link of the graph."""
-    q = drawn_configurations(body, _POSES, np.random.default_rng(_SEED))
+    q = random_configurations(body, _POSES, np.random.default_rng(_SEED))
     points = body.landmarks_of(body.placed(np.ascontiguousarray(q)))
     t, R = limb_placements(graph, body, q)
     size = longest_of(graph)
@@ -54,7 +54,7 @@ def landmarks_of_limbs(body: Body, graph: LimbGraph) -> tuple[LimbLandmarks, ...
 
 
 def longest_of(graph: LimbGraph) -> float:
-    """Length of the longest limb [m], by which errors of detectors are told: they grow with the person."""
+    """Length of the longest limb [m], with which errors of detectors are scaled: they grow with the person."""
     return max(limb.length for limb in graph.limbs)
 
 

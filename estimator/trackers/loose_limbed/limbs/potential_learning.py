@@ -86,7 +86,7 @@ def _later(body: Body, q: np.ndarray, good: np.ndarray, frames: float) -> tuple[
     return q[k], later
 
 
-def drawn_poses(
+def random_poses(
     body: Body,
     graph: LimbGraph,
     count: int,
@@ -94,14 +94,14 @@ def drawn_poses(
     speed: np.ndarray,
     rng: np.random.Generator,
 ) -> LimbPoses:
-    """Poses of any subject where nobody was captured, see `drawn_configurations`. A pose `dt` later is off by speed
+    """Poses of any subject where nobody was captured, see `random_configurations`. A pose `dt` later is off by speed
     (nv,) [1/s] times dt times normal numbers."""
-    q = drawn_configurations(body, count, rng)
+    q = random_configurations(body, count, rng)
     pairs = {dt: (q, body.integrated(q, dt * speed * rng.standard_normal((count, body.nv)))) for dt in steps}
     return limb_poses(graph, body, q, pairs)
 
 
-def drawn_configurations(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+def random_configurations(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
     """Configurations (count, nq) of any subject, a free root at the origin.
 
     Joints are drawn from their stabilisers' normal densities within the limits, those without one evenly within the
@@ -246,5 +246,5 @@ def potentials_for(graph: LimbGraph, body: Body, speed: np.ndarray, path: str = 
     shipped = shipped_potentials()
     if set(shipped.limbs) == set(graph.names):
         return shipped.of_graph(graph, body)
-    poses = drawn_poses(body, graph, _DRAWN, _STEPS, speed, np.random.default_rng(_SEED))
+    poses = random_poses(body, graph, _DRAWN, _STEPS, speed, np.random.default_rng(_SEED))
     return learned_potentials(graph, body, poses, LearnSettings())

@@ -48,9 +48,9 @@ def window(
 ) -> Graph:
     """The graph of one instant or more: limb l at instant k is node k L + l, and behind them the limbs of the past.
 
-    Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past tells the
-    first instant, and is told nothing; with ten limbs it and two instants are 30 nodes. share: lambda0, of the outlier
-    process, which is even in the instant's box.
+    Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past sends to
+    the first instant, and receives nothing; with ten limbs it and two instants are 30 nodes. share: lambda0, of the
+    outlier process, which is even in the instant's box.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _view(cues: ImageCues) -> LimbView:
 def shows_person(views: Sequence[LimbView], least: float = 0.002) -> bool:
     """Whether a view has the person in at least that share of its pixels, or none knows where the person is and some
     picture is not of one colour."""
-    told = [view for view in views if view.foreground.size]
-    if told:
-        return any(float((view.foreground == 1).mean()) >= least for view in told)
+    with_foreground = [view for view in views if view.foreground.size]
+    if with_foreground:
+        return any(float((view.foreground == 1).mean()) >= least for view in with_foreground)
     return any(max(float(np.abs(m).max()) for m in view.ridges.first) > 0.0 for view in views)

@@ -33,12 +33,11 @@ class HullSettings(CheckedSettings):
     not show the person where a limb is, if two others do. places: cells that limbs are tried in, at most. directions:
     of a limb's axis, without its sense. evenness: 0 would draw only the poses that lie best in the hull, whose fit is 0
     to 2, and large values any. poses: evaluated of a limb at first, half in either sense. rounds: of looking on about
-    the best. kept: of which it is looked on. tries: poses about each. metres, radians: deviations of those, half as
-    large in each further round. count: candidates of a limb, at most. apart [m], turned [rad]: any two of them differ
-    by one of these at least, in the proximal joint or the axis. temper: share of the log ratio in a weight: views and
-    cues are not quite as independent as the likelihood takes them, and a good candidate is to be looked at even beside
-    a better one.
-    Raises InputError where a value cannot be.
+    the best. survivors: the poses that are looked on about. tries: poses about each. metres, radians: deviations of
+    those, half as large in each further round. count: candidates of a limb, at most. apart [m], turned [rad]: any two
+    of them differ by one of these at least, in the proximal joint or the axis. temper: share of the log ratio in a
+    weight: views and cues are not quite as independent as the likelihood takes them, and a good candidate is to be
+    looked at even beside a better one. Raises InputError where a value cannot be.
     """
 
     spacing: float = setting(0.06, at_least=0.01)
@@ -48,7 +47,7 @@ class HullSettings(CheckedSettings):
     evenness: float = setting(0.15, at_least=0)
     poses: int = setting(4000, at_least=2)
     rounds: int = setting(2, at_least=0)
-    kept: int = setting(200, at_least=1)
+    survivors: int = setting(200, at_least=1, formerly=("kept",))
     tries: int = setting(8, at_least=1)
     metres: float = setting(0.04, at_least=0)
     radians: float = setting(0.25, at_least=0)
@@ -93,7 +92,7 @@ def _proposals(
     t, R = np.concatenate([middle, middle]) - half * axis, _rolled(rng, axis)
     log = likelihood.log_ratio(index, t, R)
     for k in range(settings.rounds):
-        best = _distinct(t, R, log, settings.kept, 0.5 * settings.apart, 0.5 * settings.turned)
+        best = _distinct(t, R, log, settings.survivors, 0.5 * settings.apart, 0.5 * settings.turned)
         near = np.repeat(points_of(t[best], R[best]), settings.tries, axis=0)
         off = np.array([settings.metres, settings.radians]).repeat(3) * 0.5**k
         more_t, more_R = placements_of(PLACEMENTS.moved(near, off * rng.standard_normal((len(near), 6))))
@@ -117,9 +116,9 @@ def _fitting(
     fit = np.empty((len(cells), len(ways)))
     size = np.array([0.5 * (limb.end - limb.start), cone[2:].mean()])
     _fits(size, hull.middles(cells), _frames(ways), hull.low, hull.spacing, hull.state, fit)
-    drawn = fit.ravel() + settings.evenness * rng.gumbel(size=fit.size)
-    count = min(settings.poses // 2, int(np.isfinite(drawn).sum()))
-    chosen = np.sort(np.argpartition(-drawn, count - 1)[:count]) if count else np.zeros(0, np.int64)
+    noisy_fit = fit.ravel() + settings.evenness * rng.gumbel(size=fit.size)
+    count = min(settings.poses // 2, int(np.isfinite(noisy_fit).sum()))
+    chosen = np.sort(np.argpartition(-noisy_fit, count - 1)[:count]) if count else np.zeros(0, np.int64)
     cell, way = np.divmod(chosen, len(ways))
     middle = hull.middles(cells[cell]) + hull.spacing * rng.uniform(-0.5, 0.5, (count, 3))
     between = math.sqrt(2.0 * math.pi / len(ways))  # rad, from direction to direction
@@ -155,21 +154,21 @@ def _distinct(t: np.ndarray, R: np.ndarray, log: np.ndarray, count: int, apart: 
     at once; none that cannot be."""
     order = np.argsort(-log, kind="stable")
     order = order[np.isfinite(log[order])]
-    kept = np.empty(count, np.int64)
-    many = _unlike(t[order], np.ascontiguousarray(R[order, :, 2]), apart**2, math.cos(min(turned, math.pi)), kept)
-    return np.asarray(order[kept[:many]])
+    distinct = np.empty(count, np.int64)
+    many = _unlike(t[order], np.ascontiguousarray(R[order, :, 2]), apart**2, math.cos(min(turned, math.pi)), distinct)
+    return np.asarray(order[distinct[:many]])
 
 
 @jit
-def _unlike(t, axis, square, cosine, kept):  # type: ignore[no-untyped-def]
-    """Fills kept (K,) with the first of t (N, 3), axis (N, 3) that are like none before; returns how many."""
+def _unlike(t, axis, square, cosine, distinct):  # type: ignore[no-untyped-def]
+    """Fills distinct (K,) with the first of t (N, 3), axis (N, 3) that are like none before; returns how many."""
     count = 0
     for i in range(t.shape[0]):
-        if count == kept.shape[0]:
+        if count == distinct.shape[0]:
             break
         new = True
         for j in range(count):
-            k = kept[j]
+            k = distinct[j]
             away, along = 0.0, 0.0
             for c in range(3):
                 away += (t[i, c] - t[k, c]) ** 2
@@ -178,7 +177,7 @@ def _unlike(t, axis, square, cosine, kept):  # type: ignore[no-untyped-def]
                 new = False
                 break
         if new:
-            kept[count] = i
+            distinct[count] = i
             count += 1
     return count
 

@@ -36,7 +36,8 @@ class ViewRays(NamedTuple):
 
 
 def person_depth(landmarks: Sequence[LimbLandmarks], rays: np.ndarray, size: float) -> float | None:
-    """How far away a person is [m] whose landmarks are on rays (L, 3), NaN where missing; None where it cannot be told.
+    """How far away a person is [m] whose landmarks are on rays (L, 3), NaN where missing; None where it cannot be
+    computed.
 
     Two landmarks of a limb are nowhere farther away than where they look as far apart as they are, which is where they
     are if they are across the line of sight. Many limbs are not, so that a low quantile is taken. size [m]: length of

@@ -20,7 +20,7 @@ _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window i
 
 @dataclass(frozen=True)
 class FlowSettings(CheckedSettings):
-    """How flow is found and judged.
+    """How flow is found and checked.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
         Half leads the points that are refined (`estimator.vision.cues.flow.point_flow`) well; at a quarter limbs are
@@ -112,7 +112,7 @@ def _around(first: int, count: int, pixels: int, blocks: int) -> tuple[int, int]
     """Where a range of so many blocks of a side of the image [px] begins and ends, with a margin [px]."""
     start, stop = first * pixels // blocks - _MARGIN, -(-(first + count) * pixels // blocks) + _MARGIN
     missing = -(-max(0, _LEAST_BOX - (stop - start)) // 2)
-    return max(0, start - missing) // 2 * 2, min(pixels, stop + missing)  # even: maps are also judged at half the size
+    return max(0, start - missing) // 2 * 2, min(pixels, stop + missing)  # even: maps are also checked at half the size
 
 
 Maps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -124,7 +124,7 @@ def _flow_maps(before: np.ndarray, now: np.ndarray, settings: FlowSettings) -> M
     search.setFinestScale(settings.finest_scale)
     search.setVariationalRefinementIterations(0)  # it takes as long as the search and evens motion boundaries out
     forward, backward = search.calc(before, now, None), search.calc(now, before, None)
-    # the flows are judged at half the resolution, where they were found
+    # the flows are checked at half the resolution, where they were found
     height, width = before.shape
     half = (max(1, width // 2), max(1, height // 2))
     there, back = (cv2.resize(flow, half, interpolation=cv2.INTER_AREA) for flow in (forward, backward))

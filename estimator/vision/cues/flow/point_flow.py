@@ -1,4 +1,4 @@
-"""Single points carried from one frame to the next, more exactly than the dense flow does."""
+"""Single points followed from one frame to the next, more exactly than the dense flow does."""
 
 from __future__ import annotations
 
@@ -58,17 +58,19 @@ def _moved(
 
 
 def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How far the pixels (N, 2) move, (N, 2), led by the dense field; how sure that is, (N,); the pixels."""
+    """How far the pixels (N, 2) move, (N, 2), near where the dense field moves them; how sure that is, (N,); the
+    pixels."""
     x, y = cells.astype(np.int64).T
-    led = cells + flow.flow[y, x]
-    places, sure = _refined(flow, cells, led)
+    predicted = cells + flow.flow[y, x]
+    places, sure = _refined(flow, cells, predicted)
     lost = sure <= 0.0
-    places[lost], sure[lost] = led[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
+    places[lost], sure[lost] = predicted[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
     return places - cells, sure, cells
 
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Refined places (N, 2) of points led to `guess`, and how sure each is, (N,), zero where it was lost."""
+    """Refined places (N, 2) of points that flow moves to `guess`, and how sure each is, (N,), zero where it was
+    lost."""
     places, there = _tracked(flow.before, flow.now, points, guess)
     back, again = _tracked(flow.now, flow.before, places, points)
     missed = np.square(back - points).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The silhouette as a cue: told from the background, matched from the body's outline to its own and back."""
+"""The silhouette as a cue: separated from the background, matched from the body's outline to its own and back."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class SilhouetteCueSettings(SilhouetteSettings):
-    """How the person is told from the background, and how their outline enters the energy.
+    """How the person is separated from the background, and how their outline enters the energy.
 
     evidence: independent measurements that the foreground's outline counts as, 0 for none: half from the model's
         contour to the outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way
@@ -134,7 +134,7 @@ def _beside(pictures: CameraPictures, persons: PersonMasks, settings: Silhouette
 
 
 def _noted(pictures: CameraPictures, background: Background | None, frames: int, so: str = "") -> Background | None:
-    """The same; the user is told why there is none, and what follows from it."""
+    """The same; a message says why there is none, and what follows from it."""
     if background is None:
         why = "the camera moves" if frames >= FEWEST_FRAMES else "the clip is too short"
         pictures.note(f"{why}, no background model{so}")

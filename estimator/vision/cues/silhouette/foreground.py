@@ -44,7 +44,7 @@ class Silhouette:
     nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
     distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
     known (H, W) bool: where the background is known; elsewhere the mask is True for want of knowledge.
-    certain (M,) bool: whether the outline point bounds a region that was told from a known background.
+    certain (M,) bool: whether the outline point bounds a region that was separated from a known background.
     """
 
     mask: np.ndarray
@@ -64,7 +64,7 @@ def foreground_mask(image: np.ndarray, background: Background, settings: Silhoue
     small holes filled.
     """
     squared = departure(smoothed(image), background, settings).squared
-    return _told_apart(squared, np.ones(squared.shape, dtype=bool), background.known, settings)
+    return _segment(squared, np.ones(squared.shape, dtype=bool), background.known, settings)
 
 
 @one_thread()
@@ -77,12 +77,10 @@ def person_mask(
         return _tidy(person, settings.smallest * person.size)
     near = widened(person, _REACH)
     squared = np.where(near, departure(smoothed(image), background, settings).squared, np.float32(0.0))
-    return _told_apart(squared, person, background.known, settings)
+    return _segment(squared, person, background.known, settings)
 
 
-def _told_apart(
-    squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings
-) -> np.ndarray:
+def _segment(squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings) -> np.ndarray:
     """Foreground (H, W) bool by squared departures from the background where this is known, and `elsewhere`."""
     mask = _tidy(((squared > 1.0) & known) | (elsewhere & ~known), settings.smallest * squared.size)
     trimmed, box = np.zeros_like(mask), box_about(mask, _BESIDE)
@@ -128,20 +126,20 @@ def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
 def _count(label, areas):  # type: ignore[no-untyped-def]
     """Add the pixels of each part, label (H, W), to areas (P,)."""
     for y in range(label.shape[0]):
-        begun, part = 0, label[y, 0]
+        start, part = 0, label[y, 0]
         for x in range(label.shape[1]):
             if label[y, x] != part:
-                areas[part] += x - begun
-                begun, part = x, label[y, x]
-        areas[part] += label.shape[1] - begun
+                areas[part] += x - start
+                start, part = x, label[y, x]
+        areas[part] += label.shape[1] - start
 
 
 @jit
-def _of_parts(label, kept, mask):  # type: ignore[no-untyped-def]
-    """Fill a mask (H, W) with whether the part that each pixel is in, label (H, W), is kept (P,) bool."""
+def _of_parts(label, is_large, mask):  # type: ignore[no-untyped-def]
+    """Fill a mask (H, W) with whether the part that each pixel is in, label (H, W), is large: is_large (P,) bool."""
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
-            mask[y, x] = kept[label[y, x]]
+            mask[y, x] = is_large[label[y, x]]
 
 
 @one_thread()

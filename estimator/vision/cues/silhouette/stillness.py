@@ -34,7 +34,7 @@ def camera_moves(pictures: list[np.ndarray]) -> bool:
     height, width = reference.shape
     cell = (corners[:, 0] * (_CELLS / width, _CELLS / height)).astype(int) @ (1, _CELLS)
     occupied, count = np.unique(cell, return_counts=True)
-    # a few textured places may all lie on the person; then nothing can be told, nor need it be
+    # a few textured places may all lie on the person; then nothing can be found out, nor need it be
     if len(occupied) < _CELLS**2 / 4:
         return False
     shares = []

@@ -21,7 +21,7 @@ _UNEXPLAINED = 0.35  # share of the texture's variance that may differ where the
 
 @dataclass(frozen=True)
 class SilhouetteSettings(CheckedSettings):
-    """How the background is learned and the person told from it.
+    """How the background is learned and the person separated from it.
 
     frames: so many of a clip's frames are looked at; each costs about 0.1 s once.
     still: motion from one to the next up to which a place counts as still [px, of a picture of 320 px].

@@ -1,4 +1,4 @@
-"""Settings that were changed and have no effect: the user is told of them."""
+"""Settings that were changed and have no effect, for messages to the user."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from estimator.search.settings import BY_KEYPOINTS
-from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
 from estimator.tracking.setting_changes import refused
 from estimator.tracking.settings import Settings
-from estimator.vision.likelihood.settings import idle_rules
+from estimator.tracking.unused_rules import RULES
+from estimator.vision.likelihood.settings import unused_rules
 from humanoid.support.errors import InputError
-from humanoid.support.idle import ONE_CAMERA, PICTURES, IdleRule
 from humanoid.support.settings import every_setting
+from humanoid.support.unused import ONE_CAMERA, PICTURES, UnusedRule
 
 FIT_GROUPS = ("cost", "search", "cues")
 """The groups that a fit of the subject uses, with any tracker; the fit itself tracks with the default one."""
@@ -23,7 +23,7 @@ FIT_GROUPS = ("cost", "search", "cues")
 _NOT_IN_FIT = ("search.follow", "search.start", "search.index")
 
 
-class Idle(NamedTuple):
+class UnusedSetting(NamedTuple):
     """A changed setting without effect: its name with its groups in front, and why."""
 
     name: str
@@ -43,34 +43,36 @@ def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -
     return replace(settings, search=replace(settings.search, start=BY_KEYPOINTS, index=""))
 
 
-def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool) -> list[Idle]:
+def unused_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool) -> list[UnusedSetting]:
     """The settings that `changes` make other than the tracker's own and that nevertheless have no effect.
 
     settings: with the changes. fits: whether the subject is fitted to the clip, which some act on.
     """
-    reasons, acting = _idle(tracker, settings), set()
+    reasons, acting = _reasons(tracker, settings), set()
     changed = changed_names(tracker, settings)
     if fits and tracker != DEFAULT:
-        in_fit = _idle(DEFAULT, fit_settings(tracker, settings, changes)) | dict.fromkeys(_NOT_IN_FIT, "")
+        in_fit = _reasons(DEFAULT, fit_settings(tracker, settings, changes)) | dict.fromkeys(_NOT_IN_FIT, "")
         acting = {name for name in changed if name.startswith(FIT_GROUPS) and not _covered(name, in_fit)}
-    return [Idle(name, _why(name, reasons)) for name in changed if name not in acting and _covered(name, reasons)]
+    return [
+        UnusedSetting(name, _why(name, reasons)) for name in changed if name not in acting and _covered(name, reasons)
+    ]
 
 
-def idle_with_input(
+def unused_with_input(
     tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool, pictures: bool, cameras: int
-) -> list[Idle]:
+) -> list[UnusedSetting]:
     """Those that have no effect on this input, where no pictures are looked at, or not for this, or several cameras are
-    there. settings: with the cues that were chosen; the rest is as in `idle_settings`."""
+    there. settings: with the cues that were chosen; the rest is as in `unused_settings`."""
     reasons: dict[str, str] = {}
     if cameras > 1:
         reasons |= dict.fromkeys(_needing(tracker, ONE_CAMERA), f"it is for one camera, there are {cameras}")
     if not pictures:
         reasons |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are looked at")
     changed = [name for name in changed_names(tracker, settings) if not name.startswith("cues.use_")]
-    idle = [Idle(name, _why(name, reasons)) for name in changed if _covered(name, reasons)]
-    known = {i.name for i in idle}
-    more = idle_settings(tracker, settings, changes, fits=fits) if pictures else []
-    return idle + [i for i in more if i.name not in known and not i.name.startswith("cues.use_")]
+    unused = [UnusedSetting(name, _why(name, reasons)) for name in changed if _covered(name, reasons)]
+    known = {i.name for i in unused}
+    more = unused_settings(tracker, settings, changes, fits=fits) if pictures else []
+    return unused + [i for i in more if i.name not in known and not i.name.startswith("cues.use_")]
 
 
 def changed_names(tracker: str, settings: Settings) -> list[str]:
@@ -93,7 +95,7 @@ def without(changes: Mapping[str, Any], names: Collection[str]) -> dict[str, Any
     return left
 
 
-def _idle(tracker: str, settings: Settings) -> dict[str, str]:
+def _reasons(tracker: str, settings: Settings) -> dict[str, str]:
     """Names of settings and groups without effect, and why."""
     values, reasons = _values(settings), dict[str, str]()
     for rule in _rules(tracker):
@@ -107,8 +109,8 @@ def _needing(tracker: str, needs: str) -> list[str]:
     return [name for rule in _rules(tracker) if rule.needs == needs for name in rule.names]
 
 
-def _rules(tracker: str) -> tuple[IdleRule, ...]:
-    return (*RULES, *idle_rules(), *TRACKERS[tracker].idle)
+def _rules(tracker: str) -> tuple[UnusedRule, ...]:
+    return (*RULES, *unused_rules(), *TRACKERS[tracker].unused)
 
 
 def _values(settings: Settings) -> dict[str, Any]:

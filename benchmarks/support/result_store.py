@@ -41,13 +41,13 @@ class Piece(Protocol):
         """All that decides what comes out, but the code: JSON values."""
         ...
 
-    def work(self, kept: Kept) -> Figures:
-        """Do it; other pieces that it needs are in `kept` or are done there."""
+    def work(self, store: ResultStore) -> Figures:
+        """Do it; other pieces that it needs are in `store` or are done there."""
         ...
 
 
 @dataclass(frozen=True)
-class Kept:
+class ResultStore:
     """The pieces that are done, a file each in a folder; and where they may put what is not kept."""
 
     folder: Path
@@ -93,36 +93,36 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def all_done(label: str, kept: Kept, pieces: Sequence[Piece], jobs: int) -> list[Figures]:
+def all_done(label: str, store: ResultStore, pieces: Sequence[Piece], jobs: int) -> list[Figures]:
     """What comes out of every piece, in their order; so many processes do those that are not done yet, with progress
     and the time left. Raises InputError for no process."""
     if jobs < 1:
         raise InputError("--jobs", f"is {jobs}", remedy="1 or more")
-    missing = {kept.path(piece): piece for piece in pieces if kept.done(piece) is None}
+    missing = {store.path(piece): piece for piece in pieces if store.done(piece) is None}
     left = list(missing.values())
     if len(left) < len(pieces):
         tell(f"{label}: {len(pieces) - len(left)} of {len(pieces)} are kept from before")
     try:
         with reported(label) as progress:
-            _do(kept, left, jobs, lambda done: progress(done, len(left)))
+            _do(store, left, jobs, lambda done: progress(done, len(left)))
     except (KeyboardInterrupt, SystemError) as stop:
         if not is_interruption(stop):
             raise
         tell("interrupted: the same command with the same --work goes on")
         sys.exit(INTERRUPTED)
-    return [kept.of(piece) for piece in pieces]
+    return [store.of(piece) for piece in pieces]
 
 
-def _do(kept: Kept, pieces: Sequence[Piece], jobs: int, progress: Callable[[int], None]) -> None:
+def _do(store: ResultStore, pieces: Sequence[Piece], jobs: int, progress: Callable[[int], None]) -> None:
     if min(jobs, len(pieces)) < 2:
         for i, piece in enumerate(pieces):
-            kept.of(piece)
+            store.of(piece)
             progress(i + 1)
         return
     spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
     pool = ProcessPoolExecutor(min(jobs, len(pieces)), spawn, quiet)
     try:
-        waiting: list[Future[Figures]] = [pool.submit(kept.of, piece) for piece in pieces]
+        waiting: list[Future[Figures]] = [pool.submit(store.of, piece) for piece in pieces]
         for i, future in enumerate(as_completed(waiting)):
             future.result()
             progress(i + 1)
@@ -136,7 +136,7 @@ def removed(run: Path) -> None:
         path.unlink()
 
 
-def kept_clip(folder: Path, render: Callable[[Path], object]) -> RenderedClip:
+def cached_clip(folder: Path, render: Callable[[Path], object]) -> RenderedClip:
     """The clip that `render` renders into a folder, rendered only if it is not there to the end."""
     if not (folder / DONE).is_file():
         render(folder)

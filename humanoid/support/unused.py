@@ -8,7 +8,7 @@ PICTURES, ONE_CAMERA = "pictures", "one camera"
 """What a setting may need of the input: that pictures are looked at, that there is one camera."""
 
 
-class IdleRule(NamedTuple):
+class UnusedRule(NamedTuple):
     """Settings that have no effect, or groups that stand for all in them, by their names with their groups in front;
     where all of `where` have these values, or, where it is given, on input without what they need. because: why, where
     the values do not say it."""
@@ -18,7 +18,7 @@ class IdleRule(NamedTuple):
     because: str = ""
     needs: str = ""
 
-    def of_group(self, old: str, new: str) -> IdleRule:
+    def of_group(self, old: str, new: str) -> UnusedRule:
         """The same of settings that stand in the group `new` instead of `old`."""
 
         def moved(name: str) -> str:
@@ -40,12 +40,12 @@ def _said(value: Any) -> str:
     return "empty" if value == "" else f"{value:g}" if value == 0 else str(value)
 
 
-def idle_where(names: str, because: str = "", **where: Any) -> IdleRule:
+def unused_where(names: str, because: str = "", **where: Any) -> UnusedRule:
     """names: separated by blanks. where: names with two underscores for their dots."""
     conditions = tuple((name.replace("__", "."), value) for name, value in where.items())
-    return IdleRule(tuple(names.split()), conditions, because)
+    return UnusedRule(tuple(names.split()), conditions, because)
 
 
-def idle_without(needs: str, names: str) -> IdleRule:
+def unused_without(needs: str, names: str) -> UnusedRule:
     """Settings, their names separated by blanks, that need `PICTURES` or `ONE_CAMERA`."""
-    return IdleRule(tuple(names.split()), needs=needs)
+    return UnusedRule(tuple(names.split()), needs=needs)
