@@ -37,7 +37,7 @@ def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: s
     InputError: an unknown unit; without one, cameras that cannot be as far apart as they would be in metres.
     """
     if unit is None:
-        centres = np.array([camera.centre_world for camera in cameras])
+        centres = np.array([camera.origin_world for camera in cameras])
         first = centres[0] if len(centres) > 1 else np.zeros(3)
         farthest = float(np.linalg.norm(centres - first, axis=1).max())
         if farthest > FARTHEST:
