@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
+from estimator.runs.filtering import evenly_spaced, frame_rate
 from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -56,9 +57,23 @@ class Scene:
 
     @property
     def rate(self) -> float:
-        """Instants per second, 30 where there is only one."""
+        """Instants per second, 30 where there is only one; the usual one where they are not evenly spaced."""
         span = float(self.time[-1] - self.time[0]) if len(self) > 1 else 0.0
-        return (len(self) - 1) / span if span > 0.0 else 30.0
+        if not span > 0.0:
+            return 30.0
+        return (len(self) - 1) / span if evenly_spaced(self.time) else frame_rate(self.time)
+
+    def paced(self, frames: Iterable[np.ndarray], rows: range) -> Iterator[np.ndarray]:
+        """The pictures of some instants as a film of `rate` shows them for as long as they last: of unevenly spaced
+        instants some more than once, or not at all."""
+        if len(rows) < 3 or evenly_spaced(self.time[rows]):
+            yield from frames
+            return
+        time, rate = self.time[rows], self.rate
+        instants = time[0] + np.arange(round((time[-1] - time[0]) * rate) + 1) / rate
+        shown = np.clip(np.searchsorted(time, instants + 0.5 / rate, side="right") - 1, 0, len(rows) - 1)
+        for picture, count in zip(frames, np.bincount(shown, minlength=len(rows)), strict=True):
+            yield from [picture] * int(count)
 
     def others(self, t: int) -> list[tuple[int, np.ndarray, float]]:
         """(index, q, weight) of the hypotheses at instant t other than the best one, lightest first."""

@@ -22,11 +22,12 @@ from estimator.data.formats.opensim import write_mot, write_trc
 from estimator.data.formats.osim import write_osim
 from estimator.runs.bvh_skeleton import bvh_motion
 from estimator.runs.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
+from estimator.runs.even_times import EvenMotion, even_motion
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.runs.joint_table import joint_columns, std_columns
 from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
-from estimator.runs.run_reader import Run
+from estimator.runs.run_reader import Run, landmarks_along
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
@@ -40,11 +41,13 @@ Writer = Callable[[Run, Path, str], None]
 class Exporter:
     """A format that runs are written in; register it with `register`.
 
-    name: as `--format` and a file's ending have it. write: see `Writer`.
+    name: as `--format` and a file's ending have it. write: see `Writer`. one_rate: frames at uneven times are written
+    at even ones (see `even_motion`).
     """
 
     name: str
     write: Writer
+    one_rate: bool = False
 
 
 def export(
@@ -64,7 +67,7 @@ def export(
     InputError: an unknown format, degrees of a format other than csv, or a file that cannot be written.
     """
     path = Path(path)
-    chosen = (format or path.suffix.lstrip(".")).lower()
+    chosen = chosen_format(path, format)
     if chosen not in EXPORTERS:
         raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(EXPORTERS)}")
     if degrees and chosen != "csv":
@@ -72,6 +75,11 @@ def export(
     with replacing(path) as temporary:
         (_csv_degrees if degrees else EXPORTERS[chosen].write)(run, temporary, path.name)
     return path
+
+
+def chosen_format(path: Path, format: str | None) -> str:
+    """The format that is named, or that the file's ending names."""
+    return (format or path.suffix.lstrip(".")).lower()
 
 
 def export_arrays(run: Run) -> dict[str, np.ndarray]:
@@ -148,27 +156,29 @@ def _mot(run: Run, path: Path, name: str) -> None:
 
 def _c3d(run: Run, path: Path, name: str) -> None:
     """Landmarks as points, the angles of mot as POINT:ANGLES, sliding joints as POINT:SCALARS; where nothing was seen
-    they are missing."""
-    _need_frames(run)
-    names, values = opensim_coordinates(run.body, run.q)
+    they are missing. Frames at uneven times become even ones, see `even_motion`."""
+    motion = _even(run)
+    names, values = opensim_coordinates(run.body, motion.q)
     kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
-    seen = (run.status != "unobserved")[:, None]
+    seen = motion.seen[:, None]
     turns = [i for i, n in enumerate(names) if n in ROOT_TURNS or kinds.get(n) in ("turn", "endless")]
     slides = [i for i, n in enumerate(names) if kinds.get(n) == "slide"]
     angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")
     scalars = Channels([names[i] for i in slides], np.where(seen, 1e3 * values[:, slides], np.nan), "mm")
-    landmarks = np.where(seen[..., None], run.landmarks, np.nan)
-    write_c3d(path, run.body.landmark_names, landmarks, run.time, angles, scalars)
+    points = run.landmarks if motion.q is run.q else landmarks_along(run.body, motion.q)
+    landmarks = np.where(seen[..., None], points, np.nan)
+    write_c3d(path, run.body.landmark_names, landmarks, motion.time, angles, scalars)
 
 
 def _bvh(run: Run, path: Path, name: str) -> None:
-    _need_frames(run)
-    write_bvh(path, bvh_motion(run.body, run.q, run.time))
+    motion = _even(run)
+    write_bvh(path, bvh_motion(run.body, motion.q, motion.time))
 
 
-def _need_frames(run: Run) -> None:
+def _even(run: Run) -> EvenMotion:
     if not run.frame_count:
         raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+    return even_motion(run.body, run.q, run.time, run.status != "unobserved")
 
 
 def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
@@ -191,8 +201,8 @@ EXPORTERS: Registry[Exporter] = Registry(
         Exporter("mot", _mot),
         Exporter("osim", _osim),
         *(Exporter(f"{model}-mot", partial(_gait_mot, model)) for model in GAIT_MODELS),
-        Exporter("c3d", _c3d),
-        Exporter("bvh", _bvh),
+        Exporter("c3d", _c3d, one_rate=True),
+        Exporter("bvh", _bvh, one_rate=True),
     ),
 )
 """Formats by name. `viz.exporters` registers those that show the body."""

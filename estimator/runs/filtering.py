@@ -99,6 +99,12 @@ def frame_rate(time: np.ndarray) -> float:
     return 1.0 / step if step > 0.0 else 0.0
 
 
+def evenly_spaced(time: np.ndarray) -> bool:
+    """Whether frames at time (T,) [s], two at least, are off even times by a small share of a frame at most."""
+    even = np.linspace(time[0], time[-1], len(time))
+    return bool(np.abs(time - even).max() * (len(time) - 1) < _EVEN * (time[-1] - time[0]))
+
+
 def _check(cutoff: float, rate: float) -> None:
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise InputError("filter", f"{shown(cutoff)} Hz is no cut-off", remedy="6 is usual for walking")
@@ -126,8 +132,7 @@ class _Clock:
     @staticmethod
     def of(time: np.ndarray, rate: float) -> _Clock:
         span, count = float(time[-1] - time[0]), len(time)
-        mean = np.linspace(time[0], time[-1], count)
-        if np.abs(time - mean).max() * (count - 1) < _EVEN * span:
+        if evenly_spaced(time):
             return _Clock(time, time, (count - 1) / span, even=True)
         count = max(round(span * rate), 1) + 1
         return _Clock(time, np.linspace(time[0], time[-1], count), (count - 1) / span, even=False)

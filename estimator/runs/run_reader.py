@@ -402,11 +402,7 @@ class Run(Summarised):
     @cached_property
     def landmarks(self) -> np.ndarray:
         """(T, L, 3) of `q`, in the world [m]."""
-        body, q = self.body, self.q
-        points = np.full((len(q), len(body.landmark_names), 3), np.nan)
-        for t in np.flatnonzero(np.isfinite(q).all(axis=1)):
-            points[t] = body.landmarks(body.at(q[t]))
-        return points
+        return landmarks_along(self.body, self.q)
 
     @cached_property
     def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:
@@ -447,6 +443,14 @@ class Run(Summarised):
         some = self.path >= 0
         out[some] = per_mode[some, self.path[some]]
         return out
+
+
+def landmarks_along(body: Body, q: np.ndarray) -> np.ndarray:
+    """Landmarks (T, L, 3) in the world [m] of configurations q (T, nq), NaN where there is none."""
+    points = np.full((len(q), len(body.landmark_names), 3), np.nan)
+    for t in np.flatnonzero(np.isfinite(q).all(axis=1)):
+        points[t] = body.landmarks(body.at(q[t]))
+    return points
 
 
 _MOST = 50_000_000  # entries that are filled up

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pinocchio as pin
 
 from estimator.data.formats.motion_table import MotionTable
 from estimator.runs.coordinates import JointEntry, joint_entries
@@ -136,6 +135,4 @@ def _at(body: Body, q: np.ndarray, own: np.ndarray, times: np.ndarray) -> np.nda
         return np.repeat(q, len(times), axis=0)
     before = np.clip(np.searchsorted(own, times, side="right") - 1, 0, len(own) - 2)
     share = np.clip((times - own[before]) / (own[before + 1] - own[before]), 0.0, 1.0)
-    return np.array(
-        [body.clamp(pin.interpolate(body.model, q[b], q[b + 1], s)) for b, s in zip(before, share, strict=True)]
-    )
+    return body.interpolated(q[before], q[before + 1], share)

@@ -208,6 +208,12 @@ class Body(Summarised):
         _clamp_each(moved, self.bounded_q, self.lower, self.upper)
         return moved
 
+    def interpolated(self, q0: np.ndarray, q1: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Configurations (N, nq) at shares (N,) of the shortest ways from q0 to q1 (N, nq), within the limits."""
+        return np.array(
+            [self.clamp(pin.interpolate(self.model, a, b, s)) for a, b, s in zip(q0, q1, share, strict=True)]
+        ).reshape(-1, self.nq)
+
     def differences(self, q0: np.ndarray, q: np.ndarray) -> np.ndarray:
         """`difference` to many: tangents (N, nv) at q0 (nq,) to q (N, nq)."""
         tangents = np.empty((len(q), self.nv))

@@ -215,7 +215,13 @@ def export(
     opened = _filtered(_opened(run), filter)
     import viz.exporters  # noqa: F401 - registers those that show the body
     from estimator.runs import export as formats
+    from estimator.runs.filtering import evenly_spaced, frame_rate
 
+    chosen, known = formats.chosen_format(Path(file), format), formats.EXPORTERS
+    if chosen in known and known[chosen].one_rate and len(opened.time) > 2 and not evenly_spaced(opened.time):
+        rate = frame_rate(opened.time)
+        said = f"frames are not evenly spaced: {chosen} has poses between them, at {rate:.4g} a second"
+        warnings.warn(said, InputWarning, stacklevel=2)
     return formats.export(opened, Path(file), format, degrees=degrees)
 
 

@@ -43,7 +43,8 @@ def write_overlay(
     layer = limb_layer(run) if limbs and isinstance(run, Run) else None
     scene = as_scene(run)
     chosen = chosen_cameras(scene, camera)
-    return write_film(path, pictures(scene, chosen, hypotheses, progress, limbs=layer), scene.rate)
+    frames = pictures(scene, chosen, hypotheses, progress, limbs=layer)
+    return write_film(path, scene.paced(frames, range(len(scene))), scene.rate)
 
 
 def pictures(

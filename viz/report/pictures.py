@@ -77,7 +77,7 @@ def _encoded(scene: Scene, rows: range, longest: int, progress: Progress | None)
     everybody = list(range(len(scene.cameras)))
     with tempfile.TemporaryDirectory() as folder:
         frames = pictures(scene, everybody, True, progress, rows=rows, longest=longest)
-        return write_film(Path(folder) / "film.mp4", frames, scene.rate).read_bytes()
+        return write_film(Path(folder) / "film.mp4", scene.paced(frames, rows), scene.rate).read_bytes()
 
 
 def without_picture(scene: Scene) -> list[str]:
