@@ -114,15 +114,24 @@ BONES = {  # parent and offset, y up, z forward, x left, in units of which a leg
 }  # fmt: skip
 
 
-def puppet(R_file: np.ndarray, heading: float, scale: float) -> str:
-    """A walk-in-place of the bones above, in a file whose axes are turned by R_file, facing `heading` [rad]."""
+def puppet(
+    R_file: np.ndarray, heading: float, scale: float, zero: dict[str, np.ndarray] | None = None, tilt: float = 0.0
+) -> str:
+    """A walk-in-place of the bones above, in a file whose axes are turned by R_file, facing `heading` [rad].
+
+    zero: how each joint's own frame is turned, which changes what the pose of all zeros is, and nothing else. tilt
+    [rad]: of the person, forwards.
+    """
+    turned = {name: np.eye(3) for name in BONES} if zero is None else zero
     names, rng = list(BONES), np.random.default_rng(3)
     swing = (
         rng.uniform(-30.0, 30.0, (6, len(names), 3)) * np.array([n not in ("Hips", "Head_end") for n in names])[:, None]
     )
 
     def joint(name: str) -> str:
-        offset = " ".join(f"{v:.9f}" for v in scale * R_file @ np.array(BONES[name][1], dtype=float))
+        parent = BONES[name][0]
+        own_offset = scale * R_file @ np.array(BONES[name][1], dtype=float)
+        offset = " ".join(f"{v:.9f}" for v in (turned[parent].T if parent else np.eye(3)) @ own_offset)
         if name.endswith("_end"):
             return (
                 f"End Site {{ OFFSET {offset} }}".replace(" OFFSET", "\nOFFSET")
@@ -154,8 +163,10 @@ def puppet(R_file: np.ndarray, heading: float, scale: float) -> str:
             own = _from_degrees(swing[t, names.index(name)])
             if name == "Hips":
                 values += (scale * R_file @ R_heading @ np.array([0.3 * t, 10.0, 0.5 * t])).tolist()
-                own = R_heading @ own
-            values += _zyx_degrees(R_file @ own @ R_file.T)
+                own = R_heading @ np.array(pin.rpy.rpyToMatrix(tilt, 0.0, 0.0)) @ own
+            parent = BONES[name][0]
+            before = turned[parent].T if parent else np.eye(3)
+            values += _zyx_degrees(before @ R_file @ own @ R_file.T @ turned[name])
         rows.append(" ".join(f"{v:.9f}" for v in values))
     return f"HIERARCHY\n{joint('Hips')}\nMOTION\nFrames: 6\nFrame Time: 0.05\n" + "\n".join(rows) + "\n"
 
@@ -184,6 +195,44 @@ def test_axes_heading_and_unit_do_not_matter(tmp_path: Path) -> None:
         np.testing.assert_allclose(other.points, plain.points, atol=1e-6)
     twice = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0)), unit=2.0 * plain.unit)
     np.testing.assert_allclose(twice.points, 2.0 * plain.points, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_skeleton_whose_zero_pose_does_not_stand_is_upright(seed: int, tmp_path: Path) -> None:
+    """Whatever the zero pose is, the frames tell; as in rigs whose bones lie along their joints' own axes."""
+    plain = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0)))
+    rng = np.random.default_rng(seed)
+    along_x = {
+        name: np.array(pin.Quaternion.FromTwoVectors(np.array([1.0, 0.0, 0.0]), _child(name)).toRotationMatrix())
+        for name in BONES
+    }
+    anyhow = {name: np.array(pin.exp3(rng.normal(scale=2.0, size=3))) for name in BONES}
+    z_up = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    for R, zero in ((np.eye(3), along_x), (np.eye(3), anyhow), (z_up, anyhow), (-np.eye(3)[[1, 0, 2]], anyhow)):
+        other = load_mocap(written(tmp_path, puppet(R, 0.4 * seed, 1.0, zero)))
+        np.testing.assert_allclose(other.points, plain.points, atol=1e-6)
+
+
+def _child(name: str) -> np.ndarray:
+    """The way to a joint's first child."""
+    return next((np.array(o, dtype=float) for p, o in BONES.values() if p == name and np.any(o)), np.ones(3))
+
+
+def test_where_nobody_can_know_which_way_is_up_it_is_asked_for(tmp_path: Path) -> None:
+    """A person who lies, by a rest pose that stands, may as well be one who stands in a world of other axes."""
+    lying = written(tmp_path, puppet(np.eye(3), 0.0, 1.0, tilt=0.5 * np.pi))
+    with pytest.raises(InputError, match=r"which way is up\? its rest pose stands along y, the person along z .*--up"):
+        load_mocap(lying)
+    upright = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0)))
+    stands = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0, tilt=0.5 * np.pi)), up="z")
+    np.testing.assert_allclose(np.ptp(stands.points[0, :, 2]), np.ptp(upright.points[0, :, 2]), rtol=1e-6)
+    lies = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0, tilt=0.5 * np.pi)), up="y")
+    assert np.ptp(lies.points[0, :, 2]) < 0.6 * np.ptp(upright.points[0, :, 2])
+    halfway = {name: np.array(pin.exp3(np.array([0.0, 1.0, 2.0]))) for name in BONES}
+    with pytest.raises(InputError, match="the person stands along none of its axes"):
+        load_mocap(written(tmp_path, puppet(np.array(pin.exp3(np.array([0.7, 0.6, 0.5]))), 0.0, 1.0, halfway)))
+    with pytest.raises(InputError, match="up: is 'up'"):
+        load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0)), up="up")
 
 
 def captured(body: Body, q: np.ndarray, fps: float) -> Mocap:

@@ -9,15 +9,19 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from estimator.data.formats.bvh import BvhMotion, read_bvh
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 
 CMU_UNIT = 0.0254 / 0.45  # [m]
 """Metres in one unit of the CMU database (mocap.cs.cmu.edu): its skeletons have a length scale of 0.45 to the inch."""
 
+UPS = ("x", "y", "z", "-x", "-y", "-z")
+"""The ways in which up may point in a file."""
+_OPPOSITE = 0.7  # cosine from which legs and trunk lead in opposite directions
+_CLEAR = 0.7  # length of the mean of directions from which a person stands most of the time
 _UNITS = (1e-6, 1e3)  # metres in one unit
 _FARTHEST = 1e4  # m from where a person moves to where the person began
 _SHORTEST = 1e-3  # of thigh and shank: a bone shorter than this share of them has no direction
-_SKELETON = "a skeleton that stands up in its offsets is needed"
+_SKELETON = "a skeleton with all bones is needed"
 _ADULT_LEG = 0.83  # thigh and shank of an adult [m], for files that do not tell their unit
 _CMU_FOREARM = 1.4
 
@@ -59,16 +63,20 @@ class Mocap:
         return len(self.points) / self.fps
 
 
-def load_mocap(path: str | Path, *, unit: float | None = None) -> Mocap:
+def load_mocap(path: str | Path, *, unit: float | None = None, up: str | None = None) -> Mocap:
     """Read a BVH file of a person: the joints of MotionBuilder's names, which most converters use.
 
     unit: metres in one unit of the file. Unless given, it is 0.0564 for skeletons of the CMU database and otherwise
-    makes thigh and shank together 0.83 m.
+    makes thigh and shank together 0.83 m. up: the file's axis that points up, one of `UPS`; unless given it is found
+    from the rest pose, if that stands, and the frames.
 
     Raises
     ------
-    InputError: see `read_bvh`; a joint is missing, a bone has no length, or the unit cannot be.
+    InputError: see `read_bvh`; a joint is missing, a bone has no length, the unit or the axis cannot be, or nobody can
+        know which way is up.
     """
+    if up is not None and up not in UPS:
+        raise InputError("up", f"is {shown(up)}", remedy=f"one of {', '.join(UPS)}")
     if unit is not None and not _UNITS[0] <= unit <= _UNITS[1]:
         raise InputError("unit", f"is {unit:g}", remedy=f"a positive number of metres, {_UNITS[0]:g} to {_UNITS[1]:g}")
     motion = read_bvh(path)
@@ -82,9 +90,7 @@ def load_mocap(path: str | Path, *, unit: float | None = None) -> Mocap:
         unit = CMU_UNIT if of_cmu else _ADULT_LEG / _leg_length(names, points)
     if not unit * np.abs(points - points[0, 0]).max() < _FARTHEST:
         raise InputError(motion.source, f"the person is over {_FARTHEST:g} m from where the motion began")
-    axes = _axes(names, rest)
-    if not axes[2].any():
-        raise InputError(motion.source, "head and feet of its rest pose are at one height", remedy=_SKELETON)
+    axes = _axes(names, rest, points, up, motion.source)
     upright = unit * points @ axes.T
     return Mocap(names, _facing_x(names, upright), 1.0 / motion.frame_time, unit, str(path))
 
@@ -141,15 +147,47 @@ def _leg_length(names: tuple[str, ...], points: np.ndarray) -> float:
     return float((np.linalg.norm(hip - knee, axis=-1) + np.linalg.norm(knee - ankle, axis=-1)).mean())
 
 
-def _axes(names: tuple[str, ...], rest: np.ndarray) -> np.ndarray:
-    """R_world_file: up is the file's axis along which head and feet of its rest pose (L, 3) are farthest apart."""
-    feet = 0.5 * (rest[names.index("left_ankle")] + rest[names.index("right_ankle")])
-    rise = rest[names.index("head_top")] - feet
-    axis = int(np.argmax(np.abs(rise)))
-    up = np.zeros(3)
-    up[axis] = np.sign(rise[axis])
+def _axes(names: tuple[str, ...], rest: np.ndarray, points: np.ndarray, up: str | None, source: str) -> np.ndarray:
+    """R_world_file: up is one of the file's axes.
+
+    Of a rest pose (L, 3) that stands it is the axis along which head and feet are farthest apart; of another, as in
+    skeletons whose bones lie along their joints' own axes, that along which they are so in the frames (T, L, 3) on
+    average. Where the two are at odds, or a person does not stand in most frames either, nobody can know.
+    """
+    if up is None:
+        of_rest, of_frames = _rise(names, rest), _rise(names, points).mean(axis=0)
+        stands, clear = _stands(names, rest), float(np.abs(of_frames).max()) > _CLEAR
+        chosen = _axis(of_rest if stands else of_frames)
+        if not (stands or clear) or (stands and clear and _axis(of_frames) != chosen):
+            said = f"its rest pose stands along {_axis(of_rest)}, the person along {_axis(of_frames)}"
+            problem = said if stands else "the person stands along none of its axes for most of the time"
+            raise InputError(source, f"which way is up? {problem}", remedy=f"say it: --up, one of {', '.join(UPS)}")
+        up = chosen
+    axis = "xyz".index(up[-1])
+    upward = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)[axis]
     first = np.eye(3)[(axis + 1) % 3]
-    return np.stack([first, np.cross(up, first), up])
+    return np.stack([first, np.cross(upward, first), upward])
+
+
+def _rise(names: tuple[str, ...], points: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., 3) from the feet to the head of points (..., L, 3); zero where they are at one place."""
+    feet = 0.5 * (points[..., names.index("left_ankle"), :] + points[..., names.index("right_ankle"), :])
+    rise = points[..., names.index("head_top"), :] - feet
+    return np.asarray(rise / np.maximum(np.linalg.norm(rise, axis=-1, keepdims=True), 1e-12))
+
+
+def _axis(direction: np.ndarray) -> str:
+    """The file's axis that is nearest to a direction (3,): one of `UPS`."""
+    axis = int(np.argmax(np.abs(direction)))
+    return ("-" if direction[axis] < 0.0 else "") + "xyz"[axis]
+
+
+def _stands(names: tuple[str, ...], rest: np.ndarray) -> bool:
+    """Whether both legs of a pose (L, 3) lead away from the head."""
+    hips, ankles = (np.array([rest[names.index(f"{s}_{n}")] for s in ("left", "right")]) for n in ("hip", "ankle"))
+    trunk, legs = rest[names.index("head_base")] - hips.mean(axis=0), ankles - hips
+    lengths = np.linalg.norm(legs, axis=1) * np.linalg.norm(trunk)
+    return bool((legs @ trunk < -_OPPOSITE * lengths).all() and (lengths > 0.0).all())
 
 
 def _facing_x(names: tuple[str, ...], points: np.ndarray) -> np.ndarray:

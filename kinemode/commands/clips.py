@@ -60,6 +60,7 @@ def render(
     outliers: float = 0.01,
     missing: float = 0.02,
     unit: float | None = None,
+    up: str | None = None,
     masks: Flag = False,
     stereo: float = 0.0,
     depth: Flag = False,
@@ -127,6 +128,8 @@ def render(
         Share of the keypoints that are missing.
     unit
         Metres in one unit of the BVH file, where it is known.
+    up
+        The axis of the BVH file that points up: x, y, z, -x, -y or -z. It is found unless given.
     masks
         Also write the person's exact silhouettes.
     stereo
@@ -161,6 +164,7 @@ def render(
         fps=fps,
         seconds=seconds,
         unit=unit,
+        up=up,
         seed=seed,
         masks=masks,
         depths=depth,

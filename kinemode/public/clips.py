@@ -32,6 +32,7 @@ def render(
     fps: float = 30.0,
     seconds: float | None = None,
     unit: float | None = None,
+    up: str | None = None,
     seed: int = 0,
     videos: bool = True,
     masks: bool = False,
@@ -53,6 +54,7 @@ def render(
         `DetectorSettings`); unless given those that suit the motion.
     fps: frames per second. seconds: only so much of the motion; of a random one 4 unless given.
     unit: metres in one unit of a BVH file, where it is known (see `estimator.synthesis.mocap.load_mocap`).
+    up: the axis of a BVH file that points up ("x", "y", "z", "-x", "-y" or "-z"), where it is known; else it is found.
     seed: of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.
     videos: False leaves the pictures out. masks: also write the body's exact silhouettes. depths: also write the exact
         depth of every pixel.
@@ -66,7 +68,7 @@ def render(
     """
     check_arguments(
         folder=folder, motion=motion, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
-        detector=detector, fps=fps, seconds=seconds, unit=unit, videos=videos, progress=progress,
+        detector=detector, fps=fps, seconds=seconds, unit=unit, up=up, videos=videos, progress=progress,
     )  # fmt: skip
     check_as("subject or none", subject=subject)
     check_as("videos", masks=masks)
@@ -78,7 +80,7 @@ def render(
 
     return render_clip(
         folder, motion, subject=subject, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
-        detector=detector, fps=fps, seconds=seconds, unit=unit, seed=seed, videos=videos, masks=masks,
+        detector=detector, fps=fps, seconds=seconds, unit=unit, up=up, seed=seed, videos=videos, masks=masks,
         depths=depths, progress=progress or unreported,
     )  # fmt: skip
 

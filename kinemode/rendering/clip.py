@@ -44,6 +44,7 @@ def render_clip(
     fps: float = 30.0,
     seconds: float | None = None,
     unit: float | None = None,
+    up: str | None = None,
     seed: int = 0,
     videos: bool = True,
     masks: bool = False,
@@ -55,7 +56,7 @@ def render_clip(
     in_range("girth", girth, *_GIRTHS)
     keyed = motion_named(str(motion)) if is_authored(motion) else None
     body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
-    q, times = configurations(body, motion, fps, seconds, unit, seed)
+    q, times = configurations(body, motion, fps, seconds, seed, unit, up)
     scene, view = scene or SceneSettings(), view or ViewSettings()
     scene = replace(scene, background=scene.background or _background_of(motion))
     if keyed and view.azimuth is None:

@@ -36,7 +36,13 @@ def is_authored(motion: str | Path) -> bool:
 
 
 def configurations(
-    body: Body, motion: str | Path, fps: float, seconds: float | None, unit: float | None, seed: int
+    body: Body,
+    motion: str | Path,
+    fps: float,
+    seconds: float | None,
+    seed: int,
+    unit: float | None = None,
+    up: str | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """q (T, nq) and its times (T,) [s]; raises InputError, see `kinemode.render`."""
     if str(motion) == RANDOM:
@@ -52,7 +58,7 @@ def configurations(
         times = _times(fps, seconds, float(table.time[-1] - table.time[0]) + 1.0 / fps)
         q = motion_of(body, table, times)
         return (q if any(name.startswith(ROOT_POSITION) for name in table.names) else _on_the_floor(body, q)), times
-    mocap = load_mocap(motion, unit=unit)
+    mocap = load_mocap(motion, unit=unit, up=up)
     times = _times(fps, seconds, mocap.seconds)
     return retarget(body, mocap, times).q, times
 
