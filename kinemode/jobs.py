@@ -20,7 +20,7 @@ from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
-from estimator.tracking.fitting.fit import Fit
+from estimator.tracking.fitting.fit import Fit, bound_note
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into, stored_state
@@ -138,7 +138,10 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
-        fitted, estimates = _fitted(job, subject, inputs, cues)
+        fitted, estimates, of_fit = _fitted(job, subject, inputs, cues)
+        for note in of_fit:
+            warnings.warn(job.told(note), InputWarning, stacklevel=4)
+        notes += of_fit
         seen = [replace(o, estimate=estimates.get(o.index)) for o in inputs.observations]
         inputs = replace(inputs, observations=seen)
         return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
@@ -146,18 +149,18 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
 
 def _fitted(
     job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None
-) -> tuple[Subject, Mapping[int, PoseEstimate]]:
-    """The subject with the person's proportions and flesh, where they are to be fitted, and what is known of the pose
-    that the track begins with."""
+) -> tuple[Subject, Mapping[int, PoseEstimate], tuple[str, ...]]:
+    """The subject with the person's proportions and flesh, where they are to be fitted, what is known of the pose that
+    the track begins with, and notes."""
     if not job.fits(subject):
-        return subject, job.estimates
+        return subject, job.estimates, ()
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
-            return stored.subject, known  # fitted when the run began
+            return stored.subject, known, ()  # fitted when the run began
     shown = cues if job.fit == "auto" else None
     fit = person.fit_person(subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit)
-    return fit.subject, dict(sorted(fit.estimates.items())[:1])  # of the first frame that a track can begin with
+    return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes  # of the first frame that it can begin with
 
 
 def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
@@ -176,6 +179,10 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
             result = person.fit_person(loaded, inputs.observations, reader, seed=seed)
+            for note in result.notes:
+                warnings.warn(note, InputWarning, stacklevel=3)
+            if said := bound_note(result.subject):
+                warnings.warn(said, FindingWarning, stacklevel=3)
     if out is not None:
         result.subject.write(out)
     return result
@@ -262,7 +269,8 @@ def run_findings(run: Run) -> tuple[str, ...]:
     """What a run whose frames are all there says against its subject or its input."""
     results = list(run)
     leapt = leap_note(leaps(run.body, results))
-    return (*note_on_beginning(run.header.tracker, results), *([leapt] if leapt else []), *diagnosed(run))
+    own = [note for note in (leapt, bound_note(run.subject)) if note]
+    return (*note_on_beginning(run.header.tracker, results), *own, *diagnosed(run))
 
 
 def _header(

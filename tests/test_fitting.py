@@ -11,8 +11,8 @@ from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import Fit
-from estimator.tracking.fitting.lengths import LengthsEnergy, chosen_frames
+from estimator.tracking.fitting.fit import Fit, bound_note
+from estimator.tracking.fitting.lengths import SIZES, LengthsEnergy, chosen_frames
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
@@ -74,15 +74,44 @@ def test_sides_stay_tied_and_the_subject_is_the_scaled_one() -> None:
 
 
 def test_lengths_stay_within_their_hard_range() -> None:
-    """Cameras that stand 1.35 times as far away make a giant of the same picture."""
+    """Cameras that stand 1.5 times as far away make a giant of the same picture, beyond all that is allowed."""
     subject = body_of("human34").subject
     low, high = (np.array([getattr(p, f"scale_{end}") for p in subject.proportions]) for end in ("min", "max"))
-    away = tuple(replace(c, t_camera_world=1.35 * c.t_camera_world) for c in AROUND)
+    away = tuple(replace(c, t_camera_world=1.5 * c.t_camera_world) for c in AROUND)
     seen = [replace(o, cameras=away) for o in clip(subject, 0.5, 4)]
     fit = fit_person(subject, seen, settings=replace(FEW, rounds=1), track_settings=TRACK)
-    assert np.all((fit.scales >= low) & (fit.scales <= high))
-    thighs = fit.names.index("left_knee_flexion")
-    assert fit.scales[thighs] > 1.1
+    relative = fit.scales / fit.size
+    assert np.all((relative >= low - 1e-12) & (relative <= high + 1e-12))
+    assert 1.1 < fit.size <= SIZES[1]
+    assert "left_knee_flexion (largest)" in bound_note(fit.subject)
+    assert bound_note(subject) == ""
+
+
+@pytest.mark.parametrize("size", [0.55, 0.78, 1.18])
+def test_people_of_any_size_are_found_by_several_cameras(size: float) -> None:
+    """A child is no small adult whose lengths rest on their bounds: size first, then proportions around it."""
+    of_size = person()[0].resized(size)
+    seen = clip(of_size, 0.5)
+    fit = fit_person(body_of("human34").subject, seen, settings=FEW, track_settings=TRACK)
+    truth = size * np.array(list(person()[1].values()))
+    limbs = np.array([name not in ("left_clavicle_elevation", "skull") for name in fit.names])
+    assert np.abs(fit.scales / truth - 1.0)[limbs].max() < 0.04
+    assert bound_note(fit.subject) == ""
+    assert f"{fit.size:.2f} times as large" in fit.notes[0]
+    assert fit.size == pytest.approx(size, rel=0.06)
+    body, own = Body(fit.subject), Body(of_size)
+    placed = [body.landmarks(body.at(fit.poses[i])) for i in range(len(seen))]
+    true = [own.landmarks(own.at(q)) for q in authored_motion(own, np.linspace(0.3, 2.3, 8))]
+    assert np.mean(np.linalg.norm(np.array(placed) - np.array(true), axis=2)) < 0.015
+
+
+def test_one_camera_does_not_see_how_large_a_person_is() -> None:
+    child = body_of("human34").subject.resized(0.7)
+    seen = [
+        replace(o, cameras=o.cameras[:1], pixels=o.pixels[:1], confidence=o.confidence[:1]) for o in clip(child, 0.5, 3)
+    ]
+    fit = fit_person(body_of("human34").subject, seen, settings=replace(FEW, rounds=1), track_settings=TRACK)
+    assert fit.size == 1.0
 
 
 def test_nothing_usable_leaves_the_subject_as_it_is() -> None:

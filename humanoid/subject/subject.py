@@ -21,6 +21,7 @@ from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upr
 from humanoid.subject.urdf_flesh import Flesh
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
+from humanoid.subject.urdf_resize import resize
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes
@@ -105,6 +106,12 @@ class Subject(Summarised):
         """
         text = urdf_elements.scaled_urdf(self.urdf, self.source, scales)
         return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
+
+    def resized(self, factor: float) -> Subject:
+        """This subject larger or smaller as a whole, all lengths times a factor; angles and proportions stay."""
+        document = read_document(self.urdf, self.source)
+        resize(document, factor)
+        return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
 
     def reshaped(self, shapes: Mapping[int | str, Sequence[float]]) -> Subject:
         """This subject with other flesh on some parts; their places stay.

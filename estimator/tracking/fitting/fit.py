@@ -9,6 +9,8 @@ import numpy as np
 from estimator.data.observation import Observation, PoseEstimate
 from humanoid.subject.subject import Subject
 
+_AT_BOUND = 1e-3  # of a proportion, relative to the end of its range
+
 
 @dataclass(frozen=True)
 class ShapeFit:
@@ -41,7 +43,7 @@ class Fit:
     frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
     one. poses (F, nq), pose_covariance (F, nv, nv): of the subject with the fitted lengths, in these frames; how
     uncertain each pose is by its own frame, with the lengths as uncertain as they are. shape: of the flesh, None where
-    it was not fitted.
+    it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted.
     """
 
     subject: Subject
@@ -52,6 +54,14 @@ class Fit:
     poses: np.ndarray
     pose_covariance: np.ndarray
     shape: ShapeFit | None = None
+    size: float = 1.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        if self.size == 1.0:
+            return ()
+        return (f"the person is {self.size:.2f} times as large as the subject, which is resized as a whole",)
 
     @property
     def std(self) -> np.ndarray:
@@ -71,3 +81,21 @@ class Fit:
         if self.shape is not None:
             last = (self.shape.frames, self.shape.poses, self.shape.covariance)
         return {index: PoseEstimate(q, covariance) for index, q, covariance in zip(*last, strict=True)}
+
+
+def bounded_lengths(subject: Subject) -> tuple[str, ...]:
+    """The proportions of a fitted subject that rest on an end of their hard range."""
+    return tuple(p.joint for p in subject.proportions if p.scale_min > 1.0 - _AT_BOUND or p.scale_max < 1.0 + _AT_BOUND)
+
+
+def bound_note(subject: Subject) -> str:
+    """What is to be said of them, empty where there are none."""
+    names = bounded_lengths(subject)
+    if not names:
+        return ""
+    ends = (f"{p.joint} ({'least' if p.scale_min > 1.0 - _AT_BOUND else 'largest'})" for p in subject.proportions)
+    listed = ", ".join(end for end in ends if end.partition(" ")[0] in names)
+    return (
+        f"lengths rest on the bounds of what is allowed: {listed}. Angles are wrong where the person is beyond them:"
+        " look whether the cameras' unit is the metre, the keypoints are of this layout, and of one person"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from estimator.trackers.capabilities import energy_of
 from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.fitting.descent import bounded_step
-from estimator.tracking.fitting.fit import Fit
+from estimator.tracking.fitting.fit import Fit, bounded_lengths
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import DEFAULT, make_tracker
 from estimator.tracking.runner import run
@@ -30,6 +31,10 @@ from humanoid.subject.subject import Subject
 
 ENOUGH = 1e-4  # energy: a step that brings less is the last
 _SEARCH = SeekSettings(kkt_tolerance=1e-5)  # of every pose
+SIZES = (0.5, 1.25)
+"""Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
+_OTHER, _SAME = 0.1, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
+_ROUNDS = 4  # of resizing
 _UNSEEN = 1e-9  # curvature of directions that nothing is known of
 
 
@@ -40,7 +45,33 @@ def fit_lengths(
     settings: FitSettings,
     track_settings: Settings | None = None,
 ) -> Fit:
-    """Fit the proportions with left and right tied, the anthropometric prior and the hard range of each."""
+    """Fit the proportions with left and right tied, the anthropometric prior and the hard range of each.
+
+    Several cameras see how large a person is: where most lengths ask for another size, the subject as a whole is
+    resized first, within `SIZES`, and its proportions are fitted around that. The scales are relative to the resized
+    subject.
+    """
+    fit, size = _fitted(subject, observations, seed, settings, track_settings), 1.0
+    if not fit.names or not fit.observations or len(fit.observations[0].cameras) < 2:
+        return fit
+    recentred = bool(abs(np.log(fit.scales).mean()) > _OTHER or 2 * len(bounded_lengths(fit.subject)) > len(fit.names))
+    for _ in range(_ROUNDS if recentred else 0):
+        step = float(np.clip(size * np.exp(np.log(fit.scales).mean()), *SIZES)) / size
+        if abs(np.log(step)) < _SAME:
+            break
+        size *= step
+        fit = _fitted(subject.resized(size), observations, seed, settings, track_settings)
+    return replace(fit, size=size)
+
+
+def _fitted(
+    subject: Subject,
+    observations: Sequence[Observation],
+    seed: int,
+    settings: FitSettings,
+    track_settings: Settings | None,
+) -> Fit:
+    """The same of a subject as large as it is."""
     body = ProportionedBody(subject)
     used = chosen_frames(observations, settings)
     if not used:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
@@ -31,6 +32,8 @@ def fit_person(
     """
     settings = settings or FitSettings()
     first = fit_lengths(subject, observations, seed, settings, track_settings)
-    if cues is None:
-        return first
-    return fit_flesh(subject, first, cues, settings, track_settings or Settings())
+    fit, size = first, first.size
+    if cues is not None:
+        sized = subject if size == 1.0 else subject.resized(size)
+        fit = replace(fit_flesh(sized, first, cues, settings, track_settings or Settings()), size=size)
+    return fit if size == 1.0 else replace(fit, scales=size * fit.scales, covariance=size**2 * fit.covariance)
