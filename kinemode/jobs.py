@@ -20,7 +20,7 @@ from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
-from estimator.tracking.fitting.fit import Fit, bound_note
+from estimator.tracking.fitting.fit import Fit, bound_note, stature
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into, stored_state
@@ -53,6 +53,8 @@ from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
 from kinemode.terminal.progress import Reporter, unreported
 
+HEIGHTS = (0.5, 2.5)  # m, of people
+
 
 @dataclass(frozen=True)
 class TrackOptions:
@@ -74,6 +76,7 @@ class TrackOptions:
     estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
     index: PathLike | None = None
     start: str | None = None
+    height: float | None = None
 
 
 def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
@@ -113,8 +116,10 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
         wanted.progress,
         workers,
         wanted.estimates,
+        height=wanted.height,
     )
     _check_fit_choice(job.fit, loaded)
+    check_height(job.height, loaded)
     chosen.check(job.fits(loaded))
     return job
 
@@ -153,19 +158,30 @@ def _fitted(
     """The subject with the person's proportions and flesh, where they are to be fitted, what is known of the pose that
     the track begins with, and notes."""
     if not job.fits(subject):
-        return subject, job.estimates, ()
+        sized = subject if job.height is None else subject.resized(job.height / stature(subject))
+        return sized, job.estimates, ()
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
             return stored.subject, known, ()  # fitted when the run began
     shown = cues if job.fit == "auto" else None
-    fit = person.fit_person(subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit)
+    fit = person.fit_person(
+        subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit, height=job.height
+    )
     return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes  # of the first frame that it can begin with
 
 
-def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
+def fit_subject(
+    loaded: Subject,
+    files: InputFiles,
+    cues: str | Iterable[str],
+    seed: int,
+    out: PathLike | None,
+    height: float | None = None,
+) -> Fit:
     """What `kinemode.fit` does once its arguments are known to be of the right kinds, and its files to be there."""
     choice = cue_choice(cues)
+    _check_stature(height)
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
@@ -178,7 +194,7 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
-            result = person.fit_person(loaded, inputs.observations, reader, seed=seed)
+            result = person.fit_person(loaded, inputs.observations, reader, seed=seed, height=height)
             for note in result.notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
             if said := bound_note(result.subject):
@@ -186,6 +202,25 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
     if out is not None:
         result.subject.write(out)
     return result
+
+
+def check_height(height: float | None, subject: Subject) -> None:
+    """Raise InputError for a height that no person has, or of a subject that is taken as measured."""
+    if height is None:
+        return
+    _check_stature(height)
+    if not is_built_in(subject):
+        raise InputError("height", f"{subject.source} is taken as measured", remedy="leave it out")
+    stature(subject)
+
+
+def _check_stature(height: float | None) -> None:
+    if height is not None and not HEIGHTS[0] <= height <= HEIGHTS[1]:
+        raise InputError("height", "must be {:g} to {:g} m, got {:g}".format(*HEIGHTS, height))
+
+
+def _height_of(job: TrackingJob) -> dict[str, float]:
+    return {} if job.height is None else {"height": job.height}
 
 
 def is_built_in(subject: Subject) -> bool:
@@ -207,7 +242,7 @@ def frames_at_first(target: RunTarget) -> int | None:
 class TrackingJob:
     """How to track, which with the subject and the inputs decides the result; and where to, what reports the progress,
     and how many processes share the work. settings: the chosen ones with the cues that are looked at. name: of one of
-    several people, "" for the only one."""
+    several people, "" for the only one. height [m]: of the person, None where it is not known."""
 
     chosen: Chosen
     settings: Settings
@@ -219,6 +254,7 @@ class TrackingJob:
     workers: int
     estimates: Mapping[int, PoseEstimate]
     name: str = ""
+    height: float | None = None
 
     def told(self, note: str) -> str:
         """A note, with whom it is of where several people are tracked."""
@@ -288,7 +324,7 @@ def _header(
         image_sizes={c.name: c.image_size for c in cameras},
         times=inputs.times,
         tracker=job.tracker,
-        settings={**job.settings.to_dict(), "fit": job.fit, "person": job.person},
+        settings={**job.settings.to_dict(), "fit": job.fit, "person": job.person, **_height_of(job)},
         seed=job.seed,
         version=__version__,
         notes=notes,

@@ -138,6 +138,8 @@ def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip
             r"no.toml: \[cues\] use_flow: .*--cues asks for flow",
         ),
         ({"subject": str(clip.subject), "fit": "proportions"}, "fit: .*is taken as measured"),
+        ({"subject": str(clip.subject), "height": 1.7}, "height: .*is taken as measured"),
+        ({"subject": "human34", "height": 170.0}, "height: must be 0.5 to 2.5 m, got 170"),
     ):
         with pytest.raises(InputError, match=told):
             track(clip, out=tmp_path / "a.run", **how)

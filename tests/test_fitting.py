@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +12,7 @@ from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import Fit, bound_note
+from estimator.tracking.fitting.fit import Fit, bound_note, stature
 from estimator.tracking.fitting.lengths import SIZES, LengthsEnergy, chosen_frames
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
@@ -110,8 +111,30 @@ def test_one_camera_does_not_see_how_large_a_person_is() -> None:
     seen = [
         replace(o, cameras=o.cameras[:1], pixels=o.pixels[:1], confidence=o.confidence[:1]) for o in clip(child, 0.5, 3)
     ]
-    fit = fit_person(body_of("human34").subject, seen, settings=replace(FEW, rounds=1), track_settings=TRACK)
+    given, once = body_of("human34").subject, replace(FEW, rounds=1)
+    fit = fit_person(given, seen, settings=once, track_settings=TRACK)
     assert fit.size == 1.0
+    height = stature(child)
+    known = fit_person(given, seen, settings=once, track_settings=TRACK, height=height)
+    assert stature(known.subject) == pytest.approx(height, rel=1e-9)
+    assert known.notes == ()
+    assert np.mean(known.scales) == pytest.approx(0.7, rel=0.05)
+    true = authored_motion(Body(child), np.linspace(0.3, 2.3, 3))[:, :3]
+    apart = [np.linalg.norm(f.poses[:, :3] - true, axis=1).mean() for f in (fit, known)]
+    assert apart[1] < 0.25 < apart[0]
+    for k in range(3):
+        posed = Body(known.subject).at(known.poses[k])
+        pixels = seen[k].cameras[0].project(Body(known.subject).landmarks(posed))
+        assert np.nanmedian(np.linalg.norm(pixels - seen[k].pixels[0], axis=1)) < 4.0
+
+
+def test_a_height_that_the_cameras_contradict_is_said() -> None:
+    given = body_of("human34").subject
+    seen = clip(given, 0.5, 4)
+    fit = fit_person(given, seen, settings=replace(FEW, rounds=1), track_settings=TRACK, height=1.3)
+    assert re.search(r"the cameras see a person of 1\.[67]\d m", fit.notes[0])
+    assert "the height given is 1.30 m" in fit.notes[0]
+    assert fit_person(given, seen, settings=replace(FEW, rounds=1), track_settings=TRACK, height=1.70).notes == ()
 
 
 def test_nothing_usable_leaves_the_subject_as_it_is() -> None:

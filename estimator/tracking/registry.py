@@ -22,7 +22,7 @@ from humanoid.support.errors import InputError, shown
 from humanoid.support.plugins import Registry
 from humanoid.support.settings import MOST
 
-_BESIDE = ("fit", "person")  # what run files keep beside the settings
+_BESIDE = ("fit", "person", "height")  # what run files keep beside the settings
 DEFAULT = "css"
 """The tracker that is used where none is named, and by which a fit of the subject goes."""
 

@@ -150,6 +150,8 @@ class TrackerOptions:
     fit
         auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
+    height
+        The person's height [m], where it is known: one camera does not see how large somebody is.
     index
         Index of examples in which poses are looked up, see `train-index`: by elmo and psh, for the first pose with
         --start index, and by css beside its other starts. Where one is needed, that of the subject in the cache unless
@@ -162,6 +164,7 @@ class TrackerOptions:
     modes: int | None = None
     seed: int = 0
     fit: Literal["auto", "proportions", "off"] = "auto"
+    height: float | None = None
     index: Path | None = None
 
     def arguments(self) -> dict[str, Any]:

@@ -16,6 +16,7 @@ def fit(
     subject: SubjectOption = "human34",
     cues: str = "auto",
     seed: int = 0,
+    height: float | None = None,
     out: Path,
 ) -> None:
     """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
@@ -34,6 +35,8 @@ def fit(
         What the flesh is fitted to, see `track`; cues whose features lie on the contours of the body count.
     seed
         Seed of the random numbers.
+    height
+        The person's height [m], where it is known: one camera does not see how large somebody is.
     out
         The URDF file to write.
     """
@@ -45,6 +48,7 @@ def fit(
         **files.arguments(),
         cues=cues,
         seed=seed,
+        height=height,
         out=out,
         progress=km.reported,
     )

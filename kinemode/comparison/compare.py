@@ -96,7 +96,7 @@ def compare_trackers(
             )  # fmt: skip
             runs[name] = jobs.track_subject(loaded, files, how)
         loaded = runs[name].subject  # fitted now, and not again
-        wanted = replace(wanted, estimates=runs[name].estimates or {})
+        wanted = replace(wanted, estimates=runs[name].estimates or {}, height=None)
     runs = {name: runs[name] for name in names}
     with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
         by_name = courses(runs, compared_by, truth, files.cameras is not None, looked)

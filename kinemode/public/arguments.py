@@ -253,6 +253,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "girth": (_number, "a number"),
     "fps": (_number, "a number"),
     "seconds": _MAYBE_NUMBER,
+    "height": _MAYBE_NUMBER,
     "unit": _MAYBE_NUMBER,
     "up": (_or_none(_text), "a text"),
     "scene": (_or_none(_of("estimator.synthesis.settings", "SceneSettings")), "kinemode.SceneSettings"),

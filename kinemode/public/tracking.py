@@ -47,6 +47,7 @@ def track(
     modes: int | None = None,
     seed: int = 0,
     fit: str = "auto",
+    height: float | None = None,
     out: PathLike | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -94,6 +95,8 @@ def track(
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
         and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
         measured. "proportions" leaves the flesh as it is, "off" every subject.
+    height: of the person [m], where it is known: one camera does not see how large somebody is. The proportions are
+        fitted around a subject of that height; of a subject that is taken as measured it is refused.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: which of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping
@@ -130,7 +133,7 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress,
+        detect=detect, progress=progress, height=height,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
@@ -149,7 +152,7 @@ def track(
 
     wanted = jobs.TrackOptions(
         cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
-        index=index, start=start_by,
+        index=index, start=start_by, height=height,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
         return _work(person)(loaded, seen, wanted)
@@ -168,6 +171,7 @@ def fit(
     stereo: Pairs = None,
     depth: Named = None,
     seed: int = 0,
+    height: float | None = None,
     person: Persons = "auto",
     keypoint_size: Sizes = None,
     fps: Rates = None,
@@ -186,7 +190,7 @@ def fit(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect,
+        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height,
         progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
@@ -200,7 +204,7 @@ def fit(
     from kinemode import jobs
 
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
-        return jobs.fit_subject(loaded, seen, cues, seed, out)
+        return jobs.fit_subject(loaded, seen, cues, seed, out, height)
 
 
 def compare(
@@ -221,6 +225,7 @@ def compare(
     modes: int | None = None,
     seed: int = 0,
     fit: str = "auto",
+    height: float | None = None,
     resume: bool = False,
     overwrite: bool = False,
     person: Persons = "auto",
@@ -255,7 +260,7 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress,
+        detect=detect, progress=progress, height=height,
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
@@ -274,7 +279,7 @@ def compare(
 
     wanted = jobs.TrackOptions(
         cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
-        index=index, start=start_by,
+        index=index, start=start_by, height=height,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, Path(out) / "compare", progress) as seen:
         return compare_trackers(loaded, seen, trackers, wanted, reference)

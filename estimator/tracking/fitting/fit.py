@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
+from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError
 
+_HEIGHT_OFF = 0.03  # logarithm of heights from which two are said to differ
 _AT_BOUND = 1e-3  # of a proportion, relative to the end of its range
 
 
@@ -43,7 +46,8 @@ class Fit:
     frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
     one. poses (F, nq), pose_covariance (F, nv, nv): of the subject with the fitted lengths, in these frames; how
     uncertain each pose is by its own frame, with the lengths as uncertain as they are. shape: of the flesh, None where
-    it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted.
+    it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted. height
+    [m]: what the user knows of the person, None where nothing.
     """
 
     subject: Subject
@@ -55,10 +59,17 @@ class Fit:
     pose_covariance: np.ndarray
     shape: ShapeFit | None = None
     size: float = 1.0
+    height: float | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
+        if self.height is not None:
+            seen = stature(self.subject)
+            if abs(np.log(seen / self.height)) < _HEIGHT_OFF:
+                return ()
+            problem = f"the cameras see a person of {seen:.2f} m, the height given is {self.height:.2f} m"
+            return (f"{problem}: look whether the cameras' unit is the metre",)
         if self.size == 1.0:
             return ()
         return (f"the person is {self.size:.2f} times as large as the subject, which is resized as a whole",)
@@ -81,6 +92,19 @@ class Fit:
         if self.shape is not None:
             last = (self.shape.frames, self.shape.poses, self.shape.covariance)
         return {index: PoseEstimate(q, covariance) for index, q, covariance in zip(*last, strict=True)}
+
+
+def stature(subject: Subject) -> float:
+    """Height [m] of a subject that stands upright in its neutral pose, by its landmarks.
+
+    Raises
+    ------
+    InputError: it has no top of the head.
+    """
+    body = Body(subject)
+    if "head_top" not in body.landmark_names:
+        raise InputError("height", f"{subject.source} has no landmark head_top", remedy="leave it out")
+    return float(np.ptp(body.landmarks(body.at(body.neutral))[:, 2]))
 
 
 def bounded_lengths(subject: Subject) -> tuple[str, ...]:
