@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from estimator.runs.diagnosis import diagnose
 from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
 from kinemode.explain import run_settings
 
+_STEADY, _UPRIGHT = 0.8, 0.5  # length of the mean direction of a person who does not turn over; its part along z
 _FIRST = 5  # frames that are named
 
 
@@ -25,6 +28,30 @@ def diagnosed(run: Run, frame: int | None = None) -> tuple[str, ...]:
     settings = run_settings(run)
     limited = TRACKERS[run.header.tracker].keeps_limits(settings.own)
     return diagnose(run, settings.cost, frame, limited=limited).sentences
+
+
+def upright_note(run: Run) -> str:
+    """What is to be said of a person who does not stand along z, empty where one does, or nobody can tell.
+
+    Exports, gait and previews take z for up; angles do not depend on it.
+    """
+    names = run.body.landmark_names
+    if not run.body.has_free_root or not {"head_top", "left_ankle", "right_ankle"} <= set(names):
+        return ""
+    head, left, right = (run.landmarks[:, names.index(n)] for n in ("head_top", "left_ankle", "right_ankle"))
+    rise = head - 0.5 * (left + right)
+    rise = rise[np.isfinite(rise).all(axis=1)]
+    if not len(rise):
+        return ""
+    mean = np.mean(rise / np.linalg.norm(rise, axis=1, keepdims=True), axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    if np.linalg.norm(mean) < _STEADY or mean[2] > _UPRIGHT:
+        return ""
+    along = ("-" if mean[axis] < 0.0 else "") + "xyz"[axis]
+    return (
+        f"the person does not stand along z, but about along {along}: trc, mot, c3d and osim, gait and the preview"
+        f" take z for up. If {along} points up in the cameras' world, track with --up {along}"
+    )
 
 
 def status_counts(statuses: Iterable[str]) -> str:

@@ -30,7 +30,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
-from kinemode.findings import diagnosed
+from kinemode.findings import diagnosed, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
@@ -305,7 +305,7 @@ def run_findings(run: Run) -> tuple[str, ...]:
     """What a run whose frames are all there says against its subject or its input."""
     results = list(run)
     leapt = leap_note(leaps(run.body, results))
-    own = [note for note in (leapt, bound_note(run.subject)) if note]
+    own = [note for note in (leapt, bound_note(run.subject), upright_note(run)) if note]
     return (*note_on_beginning(run.header.tracker, results), *own, *diagnosed(run))
 
 

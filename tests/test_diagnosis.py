@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import kinemode as km
@@ -25,9 +26,10 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
 from kinemode.__main__ import main
-from kinemode.findings import diagnosed, findings, status_meanings
+from kinemode.findings import diagnosed, findings, status_meanings, upright_note
 from kinemode.terminal import report
 from tests.builders import body_of, camera_at
+from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 
 FRAMES = 12
@@ -237,3 +239,26 @@ def test_a_landmark_on_the_wrong_link_is_told_and_the_right_one_not(
     text = subject.urdf.replace('name="left_knee" link="left_shank"', 'name="left_knee" link="left_thigh"')
     with pytest.warns(km.FindingWarning, match="left_knee"):
         track(crouching, subject_from_text(text, source="wrong.urdf"), "wrong.run")
+
+
+def test_who_does_not_stand_along_z_is_said(tmp_path: Path) -> None:
+    """Not of a person who turns over, nor of one who stands, nor of a body without a head."""
+    subject = load_subject("human34")
+    body, rng = Body(subject), np.random.default_rng(0)
+
+    def turned(*rpy: float) -> np.ndarray:
+        q = body.neutral.copy()
+        q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(*rpy)).coeffs()
+        return body.integrate(q, 0.1 * rng.normal(size=body.nv) * (np.arange(body.nv) > 5))
+
+    lying = np.array([[turned(-0.5 * np.pi + 0.1 * rng.normal(), 0.0, 0.0)] for _ in range(8)])
+    standing = np.array([[turned(0.2 * rng.normal(), 0.0, 3.0 * rng.normal())] for _ in range(8)])
+    over = np.array([[turned(0.0, 2.0 * np.pi * t / 8.0, 0.0)] for t in range(8)])
+    runs = {name: made_run(tmp_path / f"{name}.run", subject, q) for name, q in
+            (("lying", lying), ("standing", standing), ("over", over))}  # fmt: skip
+    assert "about along y" in upright_note(runs["lying"])
+    assert "--up y" in upright_note(runs["lying"])
+    assert upright_note(runs["standing"]) == upright_note(runs["over"]) == ""
+    arm = load_subject("arm8")
+    still = np.tile(Body(arm).neutral, (3, 1, 1))
+    assert upright_note(made_run(tmp_path / "arm.run", arm, still)) == ""

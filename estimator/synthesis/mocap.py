@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from estimator.data.cameras.camera import UPS, world_with_up
 from estimator.data.formats.bvh import BvhMotion, read_bvh
 from humanoid.support.errors import InputError, shown
 
 CMU_UNIT = 0.0254 / 0.45  # [m]
 """Metres in one unit of the CMU database (mocap.cs.cmu.edu): its skeletons have a length scale of 0.45 to the inch."""
 
-UPS = ("x", "y", "z", "-x", "-y", "-z")
-"""The ways in which up may point in a file."""
 _OPPOSITE = 0.7  # cosine from which legs and trunk lead in opposite directions
 _CLEAR = 0.7  # length of the mean of directions from which a person stands most of the time
 _UNITS = (1e-6, 1e3)  # metres in one unit
@@ -163,10 +162,7 @@ def _axes(names: tuple[str, ...], rest: np.ndarray, points: np.ndarray, up: str 
             problem = said if stands else "the person stands along none of its axes for most of the time"
             raise InputError(source, f"which way is up? {problem}", remedy=f"say it: --up, one of {', '.join(UPS)}")
         up = chosen
-    axis = "xyz".index(up[-1])
-    upward = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)[axis]
-    first = np.eye(3)[(axis + 1) % 3]
-    return np.stack([first, np.cross(upward, first), upward])
+    return world_with_up(up)
 
 
 def _rise(names: tuple[str, ...], points: np.ndarray) -> np.ndarray:

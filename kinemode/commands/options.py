@@ -88,6 +88,9 @@ class InputOptions:
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
+    up
+        The axis of the cameras' world that points up: x, y, z, -x, -y or -z; z unless given. The world is then turned
+        so that z does.
     sync
         auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
         says how sure they are; what is not sure is refused.
@@ -111,6 +114,7 @@ class InputOptions:
     fps: Files = None
     offset: Files = None
     sync: Literal["off", "auto"] = "off"
+    up: str | None = None
     start: float | Literal["index"] | None = None
     end: float | None = None
 

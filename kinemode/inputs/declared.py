@@ -34,6 +34,7 @@ class Declared:
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].
     sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
+    up: the axis of the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`; None for z.
     """
 
     keypoint_size: Sizes = None
@@ -42,6 +43,7 @@ class Declared:
     start: float | str | None = None
     end: float | None = None
     sync: str = OFF
+    up: str | None = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

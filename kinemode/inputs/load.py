@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.cameras.camera import UPS, Camera, guessed_camera, in_world, world_with_up
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.data.formats.keypoints_layouts import formats_read
@@ -24,7 +24,7 @@ from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, at_places, timeline
 from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from humanoid.kinematics.body import Body
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import SYNC, Declared
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
@@ -148,6 +148,8 @@ def _names(files: InputFiles) -> list[str]:
 
 def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
     told, known = files.declared, _KnownCameras.of(files.cameras)
+    if told.up is not None:
+        known = known.upright(told.up)
     clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
@@ -236,6 +238,19 @@ class _KnownCameras(NamedTuple):
         if given is None or isinstance(given, Mapping):
             return _KnownCameras(given)
         return _KnownCameras(load_cameras(given), str(given))
+
+    def upright(self, up: str) -> _KnownCameras:
+        """The same in a world whose z points up; raises InputError for no axis, and where no camera is given."""
+        R_upright_world = world_with_up(_axis(up))
+        if self.cameras is None:
+            raise InputError("--up", "is of the cameras' world, and none is given", remedy="leave it out")
+        return self._replace(cameras={name: in_world(c, R_upright_world) for name, c in self.cameras.items()})
+
+
+def _axis(up: str) -> str:
+    if up not in UPS:
+        raise InputError("--up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+    return up
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:

@@ -56,6 +56,7 @@ def track(
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
+    up: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -111,6 +112,8 @@ def track(
     sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
         have offsets.
+    up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), z unless given: the world is
+        turned so that z does, as exports, gait and previews take it; references have to be of the turned world.
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)
@@ -133,12 +136,12 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height,
+        detect=detect, progress=progress, height=height, up=up,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
@@ -177,6 +180,7 @@ def fit(
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
+    up: str | None = None,
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -190,11 +194,11 @@ def fit(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height,
+        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
         progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    told = _declared(keypoint_size, fps, offset, start, end, sync)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -233,6 +237,7 @@ def compare(
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
+    up: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -260,13 +265,13 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height,
+        detect=detect, progress=progress, height=height, up=up,
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -286,10 +291,16 @@ def compare(
 
 
 def _declared(
-    keypoint_size: Sizes, fps: Rates, offset: Offsets, start: float | None, end: float | None, sync: str
+    keypoint_size: Sizes,
+    fps: Rates,
+    offset: Offsets,
+    start: float | None,
+    end: float | None,
+    sync: str,
+    up: str | None,
 ) -> Declared:
     choice("sync", sync, SYNC_CHOICES)
-    return Declared(keypoint_size, fps, offset, start, end, sync)
+    return Declared(keypoint_size, fps, offset, start, end, sync, up)
 
 
 def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:

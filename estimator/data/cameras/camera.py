@@ -11,6 +11,9 @@ from estimator.data.cameras.lens import distorted, lens_array, parallel_lens, un
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
 
+UPS = ("x", "y", "z", "-x", "-y", "-z")
+"""The axes of a world that may point up."""
+
 
 @dataclass(frozen=True, repr=False)
 class Camera(Summarised):
@@ -175,6 +178,19 @@ def guessed_camera(name: str, image_size: tuple[int, int], pixel_aspect: float =
     K = np.array([[focal / pixel_aspect, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
+
+
+def world_with_up(up: str) -> np.ndarray:
+    """R_upright_world (3, 3): from a world in which one of `UPS` points up to one in which z does."""
+    axis = "xyz".index(up[-1])
+    upward = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)[axis]
+    first = np.eye(3)[(axis + 1) % 3]
+    return np.stack([first, np.cross(upward, first), upward])
+
+
+def in_world(camera: Camera, R_new_world: np.ndarray) -> Camera:
+    """The camera where its world is turned."""
+    return replace(camera, R_camera_world=camera.R_camera_world @ R_new_world.T)
 
 
 def camera_before(camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
