@@ -139,6 +139,12 @@ MEASURES = (
     ),
     # accuracy
     Measure(
+        "benchmarks.accuracy.sizes",
+        "People of 0.9 to 2.05 m by three cameras, or by one and their height, beside an adult of average height.",
+        "error <= 1.3 of the adult's in 95 %, height within 3 %",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.accuracy.beam4cam",
         "Errors on the real clip beam4cam: each camera alone and all four, and what pictures add to the keypoints.",
         "one camera: MPJPE < 144.1, PA < 92.4 mm; four: MPJPE <= 35 mm",
