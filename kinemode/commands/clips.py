@@ -143,16 +143,9 @@ def render(
     import kinemode as km
 
     scene = km.SceneSettings(
-        background=background,
-        occluder=occluder,
-        hidden=hidden or (),
-        sleeves=sleeves,
-        boards=boards,
-        swinging=swinging,
-        noise=noise,
-        shutter=shutter,
-        lens_blur=lens_blur,
-    )
+        background=background, occluder=occluder, hidden=hidden or (), sleeves=sleeves, boards=boards,
+        swinging=swinging, noise=noise, shutter=shutter, lens_blur=lens_blur,
+    )  # fmt: skip
     km.render(
         out,
         motion,
@@ -176,8 +169,8 @@ def render(
 def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
     """Find the keypoints of all people in clips, and write them as keypoint files.
 
-    The detector gets an environment of its own in the cache folder when it is first needed, by uv or by pip with a
-    fitting Python; that takes a network. Where the command was interrupted the same command goes on.
+    The detector gets an environment of its own in the cache folder when it is first needed, by uv; that takes a
+    network. Where the command was interrupted the same command goes on.
 
     Examples:
 

@@ -45,8 +45,8 @@ class InputFiles:
         for name in ("clips", "keypoints", "masks", "backgrounds", "depths", "stereo"):
             object.__setattr__(self, name, kept(getattr(self, name)))
 
-    def check(self) -> None:
-        """Raise InputError where a file does not exist: no library has to be loaded to say so."""
+    def checked(self) -> InputFiles:
+        """The same; raises InputError where a file does not exist: no library has to be loaded to say so."""
         for given, what in (
             (self.clips, CLIP),
             (self.keypoints, KEYPOINTS),
@@ -57,6 +57,7 @@ class InputFiles:
             named_paths(given, what)
         if isinstance(self.cameras, (str, Path)):
             check_exists(self.cameras)
+        return self
 
 
 def check_exists(path: PathLike) -> None:

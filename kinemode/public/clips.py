@@ -71,17 +71,15 @@ def render(
         detector=detector, fps=fps, seconds=seconds, unit=unit, up=up, videos=videos, progress=progress,
     )  # fmt: skip
     check_as("subject or none", subject=subject)
-    check_as("videos", masks=masks)
-    check_as("videos", depths=depths)
-    seed = whole("seed", seed, 0)
+    check_as("videos", masks=masks, depths=depths)
     if Path(motion).suffix.lower() in (".bvh", ".csv", ".npz"):
         check_exists(motion)
     from kinemode.rendering.clip import render_clip
 
     return render_clip(
         folder, motion, subject=subject, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
-        detector=detector, fps=fps, seconds=seconds, unit=unit, up=up, seed=seed, videos=videos, masks=masks,
-        depths=depths, progress=progress or unreported,
+        detector=detector, fps=fps, seconds=seconds, unit=unit, up=up, seed=whole("seed", seed, 0),
+        videos=videos, masks=masks, depths=depths, progress=progress or unreported,
     )  # fmt: skip
 
 

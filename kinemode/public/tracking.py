@@ -138,15 +138,13 @@ def track(
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
         detect=detect, progress=progress, height=height, up=up,
     )  # fmt: skip
-    seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
-    begin, start_by = moment(start)
+    seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
-    files.check()
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
     loaded = loaded_subject(subject)
     if out is None and spool.folder is not None:
@@ -200,8 +198,7 @@ def fit(
     seed = whole("seed", seed, 0)
     told = _declared(keypoint_size, fps, offset, start, end, sync, up)
     spool = Spool(clips, keypoints, layout)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
-    files.check()
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)
@@ -268,13 +265,11 @@ def compare(
         detect=detect, progress=progress, height=height, up=up,
     )  # fmt: skip
     check_as("folder", out=out)
-    seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
-    begin, start_by = moment(start)
+    seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     spool = Spool(clips, keypoints, layout)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
-    files.check()
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
     if isinstance(reference, (str, Path)):
         check_exists(reference)
