@@ -396,6 +396,12 @@ MEASURES = (
         (NOTHING,),
     ),
     Measure(
+        "benchmarks.robustness.worlds",
+        "Captured motions by three cameras in worlds turned anyhow: upright exports, or a line that asks; strides.",
+        "upright within 2 degrees or asked; strides within 2 %",
+        (MOCAP,),
+    ),
+    Measure(
         "benchmarks.robustness.disagreement",
         "beam4cam from four cameras with files that disagree in size, frame rate and clock.",
         "within 10 % of the originals; refused or warned where not given",

@@ -338,6 +338,7 @@ def _header(
             for name, frames in zip(names, inputs.frames, strict=True)
             if frames is not None
         },
+        R_upright_given=inputs.R_upright_given,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimator.data.agreement import agreement
-from estimator.data.cameras.camera import UPS, Camera, world_with_up
+from estimator.data.cameras.camera import Camera
 from estimator.data.clock_offsets import likely_offsets
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
@@ -117,26 +117,6 @@ def test_what_agrees_is_taken_as_it_is(tmp_path: Path) -> None:
     assert inputs.notes == ()
     np.testing.assert_array_equal(inputs.times, TIME)
     np.testing.assert_array_equal(stacked(inputs), np.stack([t.pixels for t in SEEN.values()], axis=1))
-
-
-@pytest.mark.parametrize("up", UPS)
-def test_a_world_of_another_axis_is_turned_upright(up: str, tmp_path: Path) -> None:
-    """What points up points along z, and every picture is the same."""
-    inputs = load(tmp_path, SEEN, up=up)
-    R, plain = world_with_up(up), load(tmp_path, SEEN)
-    upward = (-1.0 if up[0] == "-" else 1.0) * np.eye(3)["xyz".index(up[-1])]
-    np.testing.assert_allclose(R @ upward, [0.0, 0.0, 1.0])
-    assert np.linalg.det(R) == pytest.approx(1.0)
-    points = np.random.default_rng(0).normal(scale=0.4, size=(20, 3))
-    for turned, camera in zip(inputs.observations[0].cameras, plain.observations[0].cameras, strict=True):
-        np.testing.assert_allclose(turned.project(points @ R.T), camera.project(points), atol=1e-9)
-
-
-def test_an_axis_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--up: 'w' is no axis .one of x, y, z, -x, -y, -z"):
-        load(tmp_path, SEEN, up="w")
-    with pytest.raises(InputError, match="none is given"):
-        load_inputs(BODY, InputFiles(None, files(tmp_path, {"a": SEEN["a"]}), declared=Declared(up="y")))
 
 
 def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras_json import camera_from_json, camera_to_json, image_size
-from estimator.data.formats.checked_json import mapping, member, numbers, sequence
+from estimator.data.formats.checked_json import mapping, member, numbers, sequence, shaped
 from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 
@@ -33,6 +33,8 @@ class RunHeader:
     clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
     stereo: by camera, the one to its right whose clip shows depth together with its own. depths: by camera, path of its
     depth pictures.
+    R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
+    world; None where it was not.
     """
 
     subject_urdf: str
@@ -54,6 +56,7 @@ class RunHeader:
     stereo: Mapping[str, str] = field(default_factory=dict)
     depths: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[str, ...] | None = None
+    R_upright_given: np.ndarray | None = None
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""
@@ -114,6 +117,7 @@ class RunHeader:
             "notes": list(self.notes),
         }
         extra |= {} if self.findings is None else {"findings": list(self.findings)}
+        extra |= {} if self.R_upright_given is None else {_TURN: self.R_upright_given.tolist()}
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -154,6 +158,7 @@ class RunHeader:
             depths=entries.paths("depths"),
             clip_frames=entries.frame_numbers("frames of the clips"),
             findings=entries.texts("findings") if "findings" in entries.value else None,
+            R_upright_given=entries.turn(_TURN) if _TURN in entries.value else None,
         )
 
 
@@ -165,6 +170,7 @@ def with_findings(text: str, findings: Sequence[str]) -> str:
     return json.dumps(values)
 
 
+_TURN = "turn to upright"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
@@ -223,6 +229,12 @@ class _Entries:
         if times.ndim != 1 or not (np.diff(times) > 0.0).all():
             raise InputError(self.source, "is damaged: rising times are needed", place=key)
         return times
+
+    def turn(self, key: str) -> np.ndarray:
+        R = shaped(self._get(key, None), (3, 3), self.source, key)
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
+            raise InputError(self.source, "is damaged: a rotation is needed", place=key)
+        return R
 
     def seed(self, key: str) -> int:
         seed = self._get(key, None)

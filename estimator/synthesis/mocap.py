@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimator.data.cameras.camera import UPS, world_with_up
+from estimator.data.cameras.camera import UPS, axis_of
 from estimator.data.formats.bvh import BvhMotion, read_bvh
 from humanoid.support.errors import InputError, shown
 
@@ -162,7 +162,9 @@ def _axes(names: tuple[str, ...], rest: np.ndarray, points: np.ndarray, up: str 
             problem = said if stands else "the person stands along none of its axes for most of the time"
             raise InputError(source, f"which way is up? {problem}", remedy=f"say it: --up, one of {', '.join(UPS)}")
         up = chosen
-    return world_with_up(up)
+    upward = axis_of(up)
+    first = np.roll(np.abs(upward), 1)
+    return np.stack([first, np.cross(upward, first), upward])
 
 
 def _rise(names: tuple[str, ...], points: np.ndarray) -> np.ndarray:

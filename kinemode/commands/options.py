@@ -89,8 +89,9 @@ class InputOptions:
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
     up
-        The axis of the cameras' world that points up: x, y, z, -x, -y or -z; z unless given. The world is then turned
-        so that z does.
+        The axis of the cameras' world that points up: x, y, z, -x, -y or -z, or a direction as 0.1,0.97,0.2. Unless
+        it, or the camera file, says so it is found where several cameras see the person stand or walk. The world is
+        turned so that z points up; references are of the world of the camera file.
     sync
         auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
         says how sure they are; what is not sure is refused.

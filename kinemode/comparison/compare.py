@@ -98,6 +98,8 @@ def compare_trackers(
         loaded = runs[name].subject  # fitted now, and not again
         wanted = replace(wanted, estimates=runs[name].estimates or {}, height=None)
     runs = {name: runs[name] for name in names}
+    if truth is not None:
+        truth = truth.in_world_of(runs[names[0]].header.R_upright_given)
     with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
         by_name = courses(runs, compared_by, truth, files.cameras is not None, looked)
     scores = tuple(scored(name, runs[name], by_name[name], times.of(name), truth) for name in names)

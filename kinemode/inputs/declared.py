@@ -34,7 +34,8 @@ class Declared:
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].
     sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
-    up: the axis of the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`; None for z.
+    up: the axis of the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, or a direction as
+        three numbers; None where it is to be found.
     """
 
     keypoint_size: Sizes = None

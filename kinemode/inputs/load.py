@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.data.cameras.camera import UPS, Camera, guessed_camera, in_world, world_with_up
-from estimator.data.formats.cameras import load_cameras
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.formats.cameras import declared_up, load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.data.formats.keypoints_layouts import formats_read
 from estimator.data.formats.people_choice import AUTO
@@ -24,7 +24,7 @@ from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, at_places, timeline
 from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from humanoid.kinematics.body import Body
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import SYNC, Declared
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
@@ -34,6 +34,7 @@ from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.inputs.placing import before_subject
 from kinemode.inputs.synchrony import synchronised_clocks
+from kinemode.inputs.upright import turned, upright_turn
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ class Inputs:
     masks, backgrounds (C): of each camera where they are given, see `estimator.vision.likelihood.reader.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
-    of its depth pictures, or None.
+    of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
+    points up; None where it was not.
     """
 
     observations: list[Observation]
@@ -61,6 +63,7 @@ class Inputs:
     frames: tuple[np.ndarray | None, ...] = ()
     rights: tuple[int | None, ...] = ()
     depths: tuple[Path | None, ...] = ()
+    R_upright_given: np.ndarray | None = None
 
     @property
     def has_depth(self) -> bool:
@@ -78,8 +81,10 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     """
     read = _read(body, files, persons_of(files.person, _names(files)), keypoints_needed)
     if not read.people:
-        return _inputs(body, read, read.outlines, ())
-    return _inputs(body, read, *subject_tracks(read.people, read.detectors, read.persons, read.times))
+        inputs = _inputs(body, read, read.outlines, ())
+    else:
+        inputs = _inputs(body, read, *subject_tracks(read.people, read.detectors, read.persons, read.times))
+    return _upright(body, read, [inputs])[0]
 
 
 def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[str, ...]]:
@@ -101,7 +106,26 @@ def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[s
         notes += (f"{absent} of {len(people)} people are not there between --start and --end",)
     if not inputs:
         raise InputError("--person all", "finds nobody between --start and --end", remedy="choose another part")
-    return inputs, notes
+    return _upright(body, read, inputs), notes
+
+
+def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
+    """The same in a world whose z points up, one for all people: as the one who is seen longest tells."""
+    longest = max(inputs, key=lambda each: len(each.observations)).observations
+    R_upright_given, notes = upright_turn(
+        body, longest, read.told.up or read.known.up, given=read.known.cameras is not None
+    )
+    if R_upright_given is None:
+        return [replace(each, notes=(*each.notes, *notes)) for each in inputs]
+    return [
+        replace(
+            each,
+            observations=turned(each.observations, R_upright_given),
+            notes=(*each.notes, *notes),
+            R_upright_given=R_upright_given,
+        )
+        for each in inputs
+    ]
 
 
 def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarray]) -> tuple[float, float]:
@@ -148,8 +172,6 @@ def _names(files: InputFiles) -> list[str]:
 
 def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
     told, known = files.declared, _KnownCameras.of(files.cameras)
-    if told.up is not None:
-        known = known.upright(told.up)
     clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
@@ -227,30 +249,18 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
-    clips' pixels, by name, where they are known."""
+    clips' pixels, by name, where they are known. up: the axis that the file says points up, None where it says none."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
     aspects: Mapping[str, float] = MappingProxyType({})
+    up: str | None = None
 
     @staticmethod
     def of(given: Cameras) -> _KnownCameras:
         if given is None or isinstance(given, Mapping):
             return _KnownCameras(given)
-        return _KnownCameras(load_cameras(given), str(given))
-
-    def upright(self, up: str) -> _KnownCameras:
-        """The same in a world whose z points up; raises InputError for no axis, and where no camera is given."""
-        R_upright_world = world_with_up(_axis(up))
-        if self.cameras is None:
-            raise InputError("--up", "is of the cameras' world, and none is given", remedy="leave it out")
-        return self._replace(cameras={name: in_world(c, R_upright_world) for name, c in self.cameras.items()})
-
-
-def _axis(up: str) -> str:
-    if up not in UPS:
-        raise InputError("--up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
-    return up
+        return _KnownCameras(load_cameras(given), str(given), up=declared_up(given))
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:

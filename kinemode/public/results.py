@@ -270,7 +270,7 @@ def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[
     from estimator.runs import evaluation
 
     truth = evaluation.Reference.load(reference) if isinstance(reference, (str, Path)) else reference
-    return evaluation.evaluate(opened, truth, joints=joints)
+    return evaluation.evaluate(opened, truth.in_world_of(opened.header.R_upright_given), joints=joints)
 
 
 def _check_run(run: RunLike) -> None:

@@ -112,8 +112,10 @@ def track(
     sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
         have offsets.
-    up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), z unless given: the world is
-        turned so that z does, as exports, gait and previews take it; references have to be of the turned world.
+    up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), or a direction as
+        "0.1,0.97,0.2"; unless it or the camera file says so it is found where several cameras see the person stand or
+        walk, and z is taken where none do. The world is turned so that z points up, as exports, gait and previews
+        take it.
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)

@@ -180,12 +180,21 @@ def guessed_camera(name: str, image_size: tuple[int, int], pixel_aspect: float =
     return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
 
 
-def world_with_up(up: str) -> np.ndarray:
-    """R_upright_world (3, 3): from a world in which one of `UPS` points up to one in which z does."""
-    axis = "xyz".index(up[-1])
-    upward = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)[axis]
-    first = np.eye(3)[(axis + 1) % 3]
-    return np.stack([first, np.cross(upward, first), upward])
+def axis_of(up: str) -> np.ndarray:
+    """One of `UPS` as a unit vector (3,)."""
+    return np.asarray((-1.0 if up.startswith("-") else 1.0) * np.eye(3)["xyz".index(up[-1])])
+
+
+def world_with_up(up: np.ndarray) -> np.ndarray:
+    """R_upright_world (3, 3): the least turn from a world in which a unit vector up (3,) points up to one whose z does.
+
+    From y up it is the turn that OpenSim's files are read by: x stays, z becomes -y.
+    """
+    x, y, z = up
+    if z < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    turn = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])  # of the axis up x z, Rodrigues' formula
+    return np.asarray(np.eye(3) + turn + turn @ turn / (1.0 + z))
 
 
 def in_world(camera: Camera, R_new_world: np.ndarray) -> Camera:

@@ -70,9 +70,11 @@ class CameraFormat:
     """A format of camera files; register it with `estimator.data.formats.cameras.register`.
 
     name: as errors list it. recognises: whether a file is of this format, told by what it holds; those registered
-    last are asked first. read: its cameras, in the file's order; raises InputError naming the place.
+    last are asked first. read: its cameras, in the file's order; raises InputError naming the place. up: the axis of
+    the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, where the file or its format says so.
     """
 
     name: str
     recognises: Callable[[CameraFile], bool]
     read: Callable[[CameraFile], list[Camera]]
+    up: Callable[[CameraFile], str | None] = lambda _: None

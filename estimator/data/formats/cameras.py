@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.camera import UPS, Camera
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_easymocap import EASYMOCAP
 from estimator.data.formats.cameras_json import JSON, camera_to_json
@@ -20,7 +20,7 @@ from estimator.data.formats.cameras_panoptic import PANOPTIC
 from estimator.data.formats.cameras_qualisys import QUALISYS
 from estimator.data.formats.cameras_toml import TOML
 from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 from humanoid.support.files import read_bytes
 from humanoid.support.plugins import Registry
 
@@ -63,14 +63,28 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     return cameras
 
 
+def declared_up(path: str | Path) -> str | None:
+    """The axis of the cameras' world that points up, where a file that `load_cameras` reads says so, or its format
+    does. Raises InputError: it says another thing than one of `UPS`."""
+    file = CameraFile(Path(path), read_bytes(Path(path)))
+    up = _format(file).up(file)
+    if up is not None and up not in UPS:
+        raise InputError(file.path, f"{shown(up)} is no axis", place="up", remedy=f"one of {', '.join(UPS)}")
+    return up
+
+
 def _cameras(file: CameraFile) -> list[Camera]:
     """The cameras of a file by the first format that recognises it."""
+    return _format(file).read(file)
+
+
+def _format(file: CameraFile) -> CameraFormat:
     read = "read are " + ", ".join(CAMERA_FORMATS)
     if not file.start:
         raise InputError(file.path, "is empty", remedy=read)
     for known in reversed(list(CAMERA_FORMATS.values())):
         if known.recognises(file):
-            return known.read(file)
+            return known
     if file.root:
         hint = "a Vicon .xcp; convert it with Pose2Sim to .toml" if file.root.lower() == "cameras" else read
         raise InputError(file.path, f"<{file.root[:60]}> holds no cameras in a format that is read", remedy=hint)

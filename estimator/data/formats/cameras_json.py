@@ -7,7 +7,8 @@ x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixe
 coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
 the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre.
 Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
-Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras". A member that is not known is refused,
+Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there says which axis of
+the world points up, where that is known (else it is found from the person). A member that is not known is refused,
 unless it is text, such as a note.
 """
 
@@ -50,7 +51,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
     """All cameras of a file of our own."""
     entries = sequence(root.get("cameras"), source, "cameras")
-    check_members(root, ("cameras", "units"), source, "", near=True)
+    check_members(root, ("cameras", "units", "up"), source, "", near=True)
     cameras = [
         camera_from_json(entry, source, f"cameras[{i}]", alone=len(entries) == 1) for i, entry in enumerate(entries)
     ]
@@ -160,4 +161,8 @@ def _read(file: CameraFile) -> list[Camera]:
     return cameras_from_json(file.json, file.path)
 
 
-JSON = CameraFormat("kinemode JSON", lambda file: file.json is not None and "cameras" in file.json, _read)
+def _up(file: CameraFile) -> Any:
+    return None if file.json is None else file.json.get("up")
+
+
+JSON = CameraFormat("kinemode JSON", lambda file: file.json is not None and "cameras" in file.json, _read, _up)

@@ -38,4 +38,4 @@ def _read(file: CameraFile) -> list[Camera]:
     return in_metres(cameras, file.json.get("units", "cm"), file.path, kind, 'write "units": "mm" beside "cameras"')
 
 
-PANOPTIC = CameraFormat("CMU Panoptic JSON", _is_panoptic, _read)
+PANOPTIC = CameraFormat("CMU Panoptic JSON", _is_panoptic, _read, lambda _: "-y")

@@ -22,13 +22,15 @@ class ReferenceFile(NamedTuple):
     """What a reference file has.
 
     names (L), points (T, L, 3): landmarks in the world [m], NaN where missing; none where there are angles alone.
-    time (T,) [s]: of each frame. coordinates: joint angles, None where there are none.
+    time (T,) [s]: of each frame. coordinates: joint angles, None where there are none. upright: whether the file's kind
+    says that z, as it is read, points up; otherwise its world is the cameras'.
     """
 
     names: tuple[str, ...]
     points: np.ndarray
     time: np.ndarray
     coordinates: Coordinates | None = None
+    upright: bool = False
 
 
 def load_reference(path: str | Path) -> ReferenceFile:
@@ -55,7 +57,7 @@ def _trc(path: Path) -> ReferenceFile:
     if points.size == 0:
         raise InputError(path, "has no points")
     rate = _checked_rate(path, frame_rate(_rising(path, time, len(points))))
-    return ReferenceFile(_named(names), _checked_points(path, points), np.arange(len(points)) / rate)
+    return ReferenceFile(_named(names), _checked_points(path, points), np.arange(len(points)) / rate, upright=True)
 
 
 def _mot(path: Path) -> ReferenceFile:
@@ -78,7 +80,8 @@ def _npz(path: Path) -> ReferenceFile:
         points = np.zeros((len(coordinates.values), 0, 3)) if keys is None else points
         if len(coordinates.values) != len(points):
             raise InputError(path, f"has {len(coordinates.values)} frames, the landmarks {len(points)}", place="q")
-    return ReferenceFile(names, points, _times(path, arrays, len(points)), coordinates)
+    of_run = keys == _KEYS[0]  # as a run is exported
+    return ReferenceFile(names, points, _times(path, arrays, len(points)), coordinates, upright=of_run)
 
 
 def _landmarks(
