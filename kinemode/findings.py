@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimator.runs.diagnosis import diagnose
+from estimator.runs.diagnosis import Diagnosis, diagnose
 from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
@@ -20,14 +20,14 @@ _FIRST = 5  # frames that are named
 def findings(run: Run) -> tuple[str, ...]:
     """What a run says against its subject or its input, and what to do, a sentence each: as it was stored when it was
     finished; diagnosed where it is not, or was made before that was stored."""
-    return diagnosed(run) if run.header.findings is None else run.header.findings
+    return diagnosed(run).sentences if run.header.findings is None else run.header.findings
 
 
-def diagnosed(run: Run, frame: int | None = None) -> tuple[str, ...]:
-    """What contradicts subject or input, and what to do, a sentence each; of one frame, or of the run."""
+def diagnosed(run: Run, frame: int | None = None) -> Diagnosis:
+    """What contradicts subject or input; of one frame, or of the run."""
     settings = run_settings(run)
     limited = TRACKERS[run.header.tracker].keeps_limits(settings.own)
-    return diagnose(run, settings.cost, frame, limited=limited).sentences
+    return diagnose(run, settings.cost, frame, limited=limited)
 
 
 def upright_note(run: Run) -> str:

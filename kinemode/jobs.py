@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.numerics.pool import checked_count
+from estimator.runs.diagnosis import contradicted
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
@@ -30,6 +31,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
+from kinemode.explain import run_settings
 from kinemode.findings import diagnosed, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
@@ -46,6 +48,7 @@ from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.inputs.named import PathLike
 from kinemode.inputs.persons import plain
+from kinemode.likely_layout import likely_layout
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
 from kinemode.settings import Chosen, choose
@@ -149,7 +152,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         notes += of_fit
         seen = [replace(o, estimate=estimates.get(o.index)) for o in inputs.observations]
         inputs = replace(inputs, observations=seen)
-        return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
+        return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues, subject)
 
 
 def _fitted(
@@ -271,8 +274,9 @@ class TrackingJob:
 
 
 def _track_into(
-    job: TrackingJob, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None
+    job: TrackingJob, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None, asked: Subject
 ) -> tuple[str, ...]:
+    """asked: the subject before it was fitted."""
     observations, target = inputs.observations, job.target
     stored: Mapping[str, np.ndarray] | None = None
     first = 0
@@ -295,18 +299,25 @@ def _track_into(
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(energy, observations, results, job.settings.smooth, cues=cues, progress=report)
             writer.put_smoothed(smoothed)
-        against = run_findings(Run.open(target.path))
-        writer.put_findings(against)
+        against, contradicted = run_findings(Run.open(target.path), lambda: likely_layout(asked, inputs))
+        writer.put_findings(against, contradicted)
         writer.finish()
     return against
 
 
-def run_findings(run: Run) -> tuple[str, ...]:
-    """What a run whose frames are all there says against its subject or its input."""
+def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
+    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together."""
     results = list(run)
     leapt = leap_note(leaps(run.body, results))
     own = [note for note in (leapt, bound_note(run.subject), upright_note(run)) if note]
-    return (*note_on_beginning(run.header.tracker, results), *own, *diagnosed(run))
+    diagnosis, cost = diagnosed(run), run_settings(run).cost
+    against: Sequence[int] = ()
+    if diagnosis.contradicts_input:
+        because = cause()
+        own = [because, *own] if because else own
+        against = range(len(run)) if because else contradicted(run, cost)
+    return (*note_on_beginning(run.header.tracker, results), *own, *diagnosis.sentences), tuple(against)
 
 
 def _header(

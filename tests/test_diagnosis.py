@@ -224,7 +224,7 @@ def test_limits_that_contradict_the_person_are_told(
     run.header = RunHeader.from_json(json.dumps(before_stored), "old.run")
     assert run.header.findings is None
     assert sentence in findings(run)
-    assert findings(run) == diagnosed(run)
+    assert findings(run) == diagnosed(run).sentences
     assert main(["explain", str(run.file), "--frame", "3"]) == 0
     assert re.search("in frame 3: .*_knee.* limits", capsys.readouterr().out)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -19,6 +19,7 @@ SIMPLE_FACTORS = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2
 _MOST_FRAMES = 300
 _FEWEST = 50  # pairs of points that a median is believed of
 SUSPICIOUS, _TOO_FAR = 0.01, 0.02  # of the picture's longer side: median distances; good keypoints stay below both
+_ALL_ORDERS = 4  # cameras of which every order is tried
 _BETTER = 0.4  # what is left of the distance where another size is believed
 
 
@@ -48,6 +49,24 @@ def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[
     share = distance / max(max(camera.image_size) for camera in cameras)
     factor = _factor(cameras, some, doubtful, distance) if share > SUSPICIOUS else None
     return Agreement(distance, share > _TOO_FAR, factor)
+
+
+def likely_order(cameras: Sequence[Camera], pixels: np.ndarray) -> tuple[int, ...] | None:
+    """Whose keypoints, of pixels (T, C, L, 2), fit each camera much better than its own: exchanged files or names. None
+    where no order does; of over four cameras two are exchanged at most."""
+    count = len(cameras)
+    picked = np.unique(np.linspace(0, len(pixels) - 1, min(len(pixels), _MOST_FRAMES)).astype(int))
+    some, pairs, own = pixels[picked], pairs_of(cameras), tuple(range(count))
+    swaps = [_swapped(own, *c) for c in combinations(own, 2)]
+    orders = list(permutations(own)) if count <= _ALL_ORDERS else [own, *swaps]
+    distances = [_overall(pairs, [c.directions(some[:, k]) for c, k in zip(cameras, o, strict=True)]) for o in orders]
+    best = int(np.nanargmin(distances)) if np.isfinite(distances).any() else 0
+    share = distances[best] / max(max(camera.image_size) for camera in cameras)
+    return orders[best] if best and distances[best] < _BETTER * distances[0] and share < SUSPICIOUS else None
+
+
+def _swapped(order: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
+    return tuple(b if k == a else a if k == b else k for k in order)
 
 
 class Pair:

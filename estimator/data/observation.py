@@ -51,6 +51,11 @@ class Observation:
         """How many keypoints there are, over all cameras."""
         return int(np.count_nonzero(self.confidence > 0.0))
 
+    @property
+    def known_pixels(self) -> np.ndarray:
+        """`pixels`, NaN where the confidence is 0."""
+        return np.where((self.confidence > 0.0)[..., None], self.pixels, np.nan)
+
     def exchanged(self, mirror: np.ndarray) -> Observation:
         """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
         spread = None if self.spread is None else self.spread[:, mirror]

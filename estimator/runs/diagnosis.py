@@ -13,6 +13,7 @@ from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.hypothesis import EXCHANGED
+from estimator.trackers.frame_result import TRACKED
 from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5
@@ -21,11 +22,13 @@ beam4cam's and rendered ones, no joint does in a quarter of the frames."""
 FAR = 5.0
 """Standard deviations above which the median distance of a landmark is no noise. On good runs the largest is 3.6: of
 ears that the detector guesses on the far side of the head."""
+_CONTRADICTED = 0.25  # of a frame's keypoints
 FEWEST = 5  # frames that say something of a clip
 _SAMPLE = 300  # frames of a long clip whose keypoints are looked at
 _NARROW = 1e-3  # rad or m: joints with less room are as good as locked
 _ON = 1e-6  # rad or m from a limit
 _STILL = 1e-6  # m per rad: landmarks that a joint moves less say nothing of it
+_PARTS = 3  # landmarks that are far: not the ears alone, which detectors guess
 _NAMED = 4  # joints or landmarks that a sentence names
 
 
@@ -61,6 +64,11 @@ class Diagnosis:
     far: tuple[Far, ...]
     cameras: tuple[tuple[str, float], ...]
     exchanged: float
+
+    @property
+    def contradicts_input(self) -> bool:
+        """Whether keypoints and landmarks do not belong together, in all cameras or in parts of the body."""
+        return bool(self.cameras) or len({f.landmark for f in self.far}) >= _PARTS
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -112,6 +120,21 @@ def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited:
     resting = _resting(run, rows) if limited else ()
     far, cameras = _far(run, cost, rows)
     return Diagnosis(frame, resting, far, cameras, exchanged if exchanged > MOST else 0.0)
+
+
+def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
+    """Rows of tracked frames in which a quarter of the keypoints or more lie far from their landmarks, ascending.
+
+    Where the run as a whole contradicts its input these are not what it was tracked from: the body bends until half of
+    the keypoints fit.
+    """
+    rows = np.flatnonzero((run.status == TRACKED) & np.isfinite(run.q).all(axis=1))
+    if not len(rows) or not len(run.pixels):
+        return ()
+    _, deviations = _distances(run, cost, rows)
+    seen = np.isfinite(deviations).sum(axis=(1, 2))
+    far = (np.nan_to_num(deviations) > FAR).sum(axis=(1, 2))
+    return tuple(int(t) for t in rows[far >= np.maximum(1, _CONTRADICTED * seen)])
 
 
 def _associations(run: Run) -> np.ndarray:

@@ -160,13 +160,14 @@ class RunWriter:
             execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
             execute("COMMIT")
 
-    def put_findings(self, findings: Sequence[str]) -> None:
-        """Store what the run says against its subject or its input, in place of any other; its notes have it too."""
+    def put_findings(self, findings: Sequence[str], contradicted: Sequence[int] = ()) -> None:
+        """Store what the run says against its subject or its input, in place of any other; its notes have it too.
+        contradicted: rows of the frames that are "hard" for it, whatever the tracker called them."""
         execute = self._connection.execute
         with run_store.translated(self.path):
             execute("BEGIN IMMEDIATE")
             (text,) = execute("SELECT json FROM header").fetchone()
-            execute("UPDATE header SET json = ?", (with_findings(text, findings),))
+            execute("UPDATE header SET json = ?", (with_findings(text, findings, contradicted),))
             execute("COMMIT")
 
     def finish(self) -> None:

@@ -34,7 +34,7 @@ class RunHeader:
     stereo: by camera, the one to its right whose clip shows depth together with its own. depths: by camera, path of its
     depth pictures.
     R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
-    world; None where it was not.
+    world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
     """
 
     subject_urdf: str
@@ -57,6 +57,7 @@ class RunHeader:
     depths: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[str, ...] | None = None
     R_upright_given: np.ndarray | None = None
+    contradicted: tuple[int, ...] = ()
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""
@@ -108,7 +109,7 @@ class RunHeader:
 
     def to_json(self) -> str:
         """The header as text; numbers keep their last bit."""
-        extra = {
+        extra: dict[str, Any] = {
             "subject_source": self.subject_source,
             "clips": dict(self.clips),
             "masks": dict(self.masks),
@@ -117,6 +118,8 @@ class RunHeader:
             "notes": list(self.notes),
         }
         extra |= {} if self.findings is None else {"findings": list(self.findings)}
+        if self.contradicted:
+            extra[_CONTRADICTED] = list(self.contradicted)
         extra |= {} if self.R_upright_given is None else {_TURN: self.R_upright_given.tolist()}
         return json.dumps(self.deciding() | extra)
 
@@ -159,18 +162,21 @@ class RunHeader:
             clip_frames=entries.frame_numbers("frames of the clips"),
             findings=entries.texts("findings") if "findings" in entries.value else None,
             R_upright_given=entries.turn(_TURN) if _TURN in entries.value else None,
+            contradicted=entries.rows(_CONTRADICTED) if _CONTRADICTED in entries.value else (),
         )
 
 
-def with_findings(text: str, findings: Sequence[str]) -> str:
-    """A header's text with a run's findings, which are notes too."""
+def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int] = ()) -> str:
+    """A header's text with a run's findings, which are notes too, and the rows of frames that they speak against."""
     values = json.loads(text)
     values["notes"] = list(dict.fromkeys([*values["notes"], *findings]))
     values["findings"] = list(findings)
+    values.pop(_CONTRADICTED, None)
+    values |= {_CONTRADICTED: [int(t) for t in contradicted]} if len(contradicted) else {}
     return json.dumps(values)
 
 
-_TURN = "turn to upright"
+_TURN, _CONTRADICTED = "turn to upright", "contradicted frames"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
@@ -223,6 +229,12 @@ class _Entries:
             if frames.ndim != 1 or not ((frames >= 0) & (frames == np.floor(frames))).all():
                 raise InputError(self.source, "is damaged: frame numbers are needed", place=f"{key}, {name}")
         return {name: tuple(int(i) for i in frames) for name, frames in by_camera.items()}
+
+    def rows(self, key: str) -> tuple[int, ...]:
+        rows = numbers(self._get(key, []), self.source, key)
+        if rows.ndim != 1 or not ((rows >= 0) & (rows == np.floor(rows))).all():
+            raise InputError(self.source, "is damaged: frame numbers are needed", place=key)
+        return tuple(int(row) for row in rows)
 
     def times(self, key: str) -> np.ndarray:
         times = numbers(self._get(key, []), self.source, key)

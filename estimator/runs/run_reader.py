@@ -32,7 +32,7 @@ from estimator.runs.run_arrays import (
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.spread import LEVEL, Spread, spread_of
-from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
+from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult
 from estimator.trackers.paths import backtrack
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
@@ -201,8 +201,11 @@ class Run(Summarised):
 
     @cached_property
     def status(self) -> np.ndarray:
-        """(T,) text, see `FrameResult.status`."""
-        return np.array([f["status"] for f in self._frames], dtype=np.str_)
+        """(T,) text, see `FrameResult.status`; "hard" where the findings speak against a frame, see `RunHeader`."""
+        status = np.array([f["status"] for f in self._frames], dtype=np.str_)
+        against = [t for t in self.header.contradicted if t < len(status)]
+        status[against] = np.where(status[against] == TRACKED, HARD, status[against])
+        return status
 
     @cached_property
     def mode_q(self) -> np.ndarray:

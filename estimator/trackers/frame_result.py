@@ -16,12 +16,12 @@ from estimator.inference.origin import Origins
 RESULT_FIELDS = {"weight": Field("f", ("K",)), **{name: f for name, f in MODE_FIELDS.items() if name != "status"}}
 """The arrays of a frame's K hypotheses; of runs made before it was kept `velocity` is missing."""
 
-TRACKED = "tracked"
+TRACKED, HARD = "tracked", "hard"
 STATUS_MEANINGS = {
     TRACKED: "the best pose explains at least half of what was seen",
-    "hard": "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
-    " faster than any body, or its search ended early: look at these frames with `kinemode explain`, and at their"
-    " keypoints",
+    HARD: "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
+    " faster than any body, its search ended early, or the findings speak against it: look at these frames with"
+    " `kinemode explain`, and at their keypoints",
     "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
     " or pictures to look at (--cues)",
 }

@@ -44,11 +44,21 @@ FORMATS: dict[str, tuple[str | None, ...]] = {
         *COCO17, "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
         *(None,) * 110,
     ),
+    "h36m17": (
+        "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", None, "neck",
+        "nose", "head_top", "left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist",
+    ),
+    "body25b": (
+        *COCO17, "neck", "head_top", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
+        "right_heel",
+    ),
 }  # fmt: skip
-"""Landmark of each keypoint of a format, in file order; None where no landmark corresponds.
+"""Landmark of each keypoint of a format, in file order; None where no landmark corresponds. Of two formats of one count
+the first is taken where nobody says which it is.
 
 mediapipe33: MediaPipe Pose. coco17: COCO. coco18, body25: OpenPose. halpe26, halpe136: Halpe full body, whose first 26
-are the body. wholebody133: COCO-WholeBody, whose first 23 are body and feet.
+are the body. wholebody133: COCO-WholeBody, whose first 23 are body and feet. h36m17: Human3.6M, as VideoPose3D has it.
+body25b: OpenPose's experimental BODY_25B.
 """
 
 _SPREAD = {

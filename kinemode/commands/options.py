@@ -92,6 +92,9 @@ class InputOptions:
         The axis of the cameras' world that points up: x, y, z, -x, -y or -z, or a direction as 0.1,0.97,0.2. Unless
         it, or the camera file, says so it is found where several cameras see the person stand or walk. The world is
         turned so that z points up; references are of the world of the camera file.
+    layout
+        What the keypoint files' points are, where their number leaves it open: coco17 or h36m17, body25 or body25b;
+        or any other known layout. auto takes the more common one, and says so where another fits much better.
     sync
         auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
         says how sure they are; what is not sure is refused.
@@ -116,6 +119,7 @@ class InputOptions:
     offset: Files = None
     sync: Literal["off", "auto"] = "off"
     up: str | None = None
+    layout: str = "auto"
     start: float | Literal["index"] | None = None
     end: float | None = None
 

@@ -135,7 +135,7 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
 
     explanation = explain_frame(opened, frame, hypothesis)
     report.print_explanation(explanation)
-    report.print_lines([*status_meanings([explanation.status]), *diagnosed(opened, frame)])
+    report.print_lines([*status_meanings([explanation.status]), *diagnosed(opened, frame).sentences])
     for path in write_cue_pictures(explanation.views, out) if out is not None else ():
         print(path)
 

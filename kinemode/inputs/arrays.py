@@ -49,7 +49,8 @@ class Spool:
 
     Attributes
     ----------
-    clips, keypoints: files, as `kinemode.inputs.named` takes them. folder: where those are that were written, gone
+    clips, keypoints: files, as `kinemode.inputs.named` takes them. file_layout: the layout that keypoint files are to
+    be read by, "auto" for those that were written here. folder: where those are that were written, gone
     with this object unless a run lies in it; None where there are none.
 
     Raises
@@ -62,8 +63,13 @@ class Spool:
         self._layout, self._arguments = layout, dict[str, str]()
         self.clips = self._files("clips", clips, self._pictures)
         self.keypoints = self._files("keypoints", keypoints, self._points)
-        if layout != "auto" and self.folder is None:
-            raise InputError("layout", "is of keypoints in arrays, which are not given", remedy="leave it out")
+        self.file_layout = "auto" if self.folder is not None else self._of_files(keypoints)
+
+    def _of_files(self, keypoints: Keypoints) -> str:
+        if self._layout != "auto" and (keypoints is None or not isinstance(self._layout, str)):
+            problem = "is of keypoints in arrays, which are not given"
+            raise InputError("layout", problem, remedy="leave it out; for files it is a name")
+        return str(self._layout)
 
     def _files(self, argument: str, given: Any, write: Callable[[str, str, Any], Path | None]) -> Named:
         if isinstance(given, Mapping):

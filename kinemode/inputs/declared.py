@@ -36,6 +36,8 @@ class Declared:
     sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
     up: the axis of the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, or a direction as
         three numbers; None where it is to be found.
+    layout: what the keypoints of files are, a key of `humanoid.subject.landmarks.FORMATS`; "auto" takes the file's
+        word.
     """
 
     keypoint_size: Sizes = None
@@ -45,6 +47,7 @@ class Declared:
     end: float | None = None
     sync: str = OFF
     up: str | None = None
+    layout: str = "auto"
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

@@ -6,16 +6,25 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimator.data.agreement import Agreement, agreement
+from estimator.data.agreement import Agreement, agreement, likely_order
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.epipolar import seen_points
 from estimator.data.clock_offsets import likely_offsets
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.observation import Observation
 from estimator.vision.resolution import Size
+from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
 
+_BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+_LOOKED_AT, _FEWEST = 60, 30  # instants; bones that were seen
+_DOUBTFUL = 0.005  # of the picture's longer side, from which other orders of the cameras are tried
+_LIKELY = (0.4, 1.5)  # of the subject's lengths: people of 0.7 to 2.6 m
+
 
 def checked_agreement(
+    body: Body,
     observations: Sequence[Observation],
     tracks: Mapping[str, KeypointTrack],
     offsets: Mapping[str, float],
@@ -32,13 +41,19 @@ def checked_agreement(
     cameras = observations[0].cameras
     if len(cameras) < 2:
         return []
-    pixels = np.array([np.where((o.confidence > 0.0)[..., None], o.pixels, np.nan) for o in observations])
+    pixels = np.array([o.known_pixels for o in observations])
     unknown = [track.image_size is None for track in tracks.values()]
     misfit = agreement(cameras, pixels, unknown if any(unknown) else [True] * len(cameras))
     if misfit is None:
         return []
     if misfit.factor is not None:
         return [_other_size(misfit, tracks, [camera.image_size for camera in cameras], told)]
+    doubtful = misfit.distance > _DOUBTFUL * max(max(camera.image_size) for camera in cameras)
+    if doubtful and (order := likely_order(cameras, pixels)) is not None:
+        names = list(tracks)
+        moved = ", ".join(f"{names[k]}'s are of {own}" for own, k in zip(names, order, strict=True) if names[k] != own)
+        problem = "the keypoints of the cameras do not fit each other, but would if"
+        return [f"{problem} {moved}: are the files' names right?"]
     late = likely_offsets(cameras, pixels, np.array([o.time for o in observations]))
     if late:
         better = [offsets[name] + more for name, more in zip(tracks, late, strict=True)]
@@ -50,7 +65,31 @@ def checked_agreement(
             f"the keypoints of the cameras do not fit each other: {misfit.distance:.0f} px apart in the middle; are the"
             " calibration, the cameras' names, the clocks (--offset) and the person right?"
         ]
-    return []
+    return _unlikely_size(body, cameras, pixels)
+
+
+def _unlikely_size(body: Body, cameras: Sequence[Camera], pixels: np.ndarray) -> list[str]:
+    """A note where the rays meet in somebody whose limbs nobody has, as with translations in another unit."""
+    names = body.landmark_names
+    if any(camera.parallel for camera in cameras) or not {"left_hip", "head_top"} <= set(names):
+        return []
+    pairs = [(f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in _BONES]
+    bones = np.array([[names.index(a), names.index(b)] for a, b in pairs if {a, b} <= set(names)], dtype=int)
+    picked = np.unique(np.linspace(0, len(pixels) - 1, min(len(pixels), _LOOKED_AT)).astype(int))
+    points = np.stack([seen_points(cameras, pixels[t]) for t in picked])
+    own = body.landmarks(body.at(body.neutral))
+    lengths = [np.linalg.norm(p[..., bones[:, 0], :] - p[..., bones[:, 1], :], axis=-1) for p in (points, own)]
+    known = np.isfinite(lengths[0])
+    if known.sum() < _FEWEST:
+        return []
+    ratio = float(np.median((lengths[0] / lengths[1])[known]))
+    if _LIKELY[0] < ratio < _LIKELY[1]:
+        return []
+    tall = ratio * float(np.ptp(own[:, 2]))
+    return [
+        f"the cameras' keypoints meet in a person {tall:.2g} m tall: are the cameras' translations metres? At"
+        f" {1.0 / ratio:.2g} times these lengths the person is as tall as the subject"
+    ]
 
 
 def _other_size(

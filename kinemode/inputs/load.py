@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,6 +25,7 @@ from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, at_places, timeline
 from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import SYNC, Declared
@@ -51,7 +53,8 @@ class Inputs:
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
-    points up; None where it was not.
+    points up; None where it was not. other_layouts: makes the observations as they are if the keypoints are of another
+    layout of as many points, by its name.
     """
 
     observations: list[Observation]
@@ -64,6 +67,7 @@ class Inputs:
     rights: tuple[int | None, ...] = ()
     depths: tuple[Path | None, ...] = ()
     R_upright_given: np.ndarray | None = None
+    other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
 
     @property
     def has_depth(self) -> bool:
@@ -183,7 +187,7 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
         for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND), (files.depths, DEPTH))
     )
     pairs = pairs_of(files.stereo, clip_files)
-    people = {name: load_people(path) for name, path in keypoint_files.items()}
+    people = {name: load_people(path, layout=told.layout) for name, path in keypoint_files.items()}
     named = chosen_names(files.clips, CLIP) | chosen_names(files.keypoints, KEYPOINTS)
     with ExitStack() as stack:
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
@@ -227,13 +231,31 @@ def _inputs(
     for name, path in read.depths.items():
         check_depths(path, used[name].image_size, int(line.frames[name].max()) + 1)
     observations = _observations(body, tracks, used, line, clocks)
-    notes += checked_agreement(observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
+    notes += checked_agreement(body, observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
     clips, masks, backgrounds, depths = (
         tuple(paths.get(name) for name in tracks) for paths in (read.clips, read.masks, read.backgrounds, read.depths)
     )
     frames = tuple(_unlike_instants(line.frames.get(name)) for name in tracks)
     rights = tuple(list(tracks).index(pairs[name]) if name in pairs else None for name in tracks)
-    return Inputs(observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths)
+    others = {
+        layout: partial(_observations, body, _as_layout(tracks, layout), used, line, clocks)
+        for layout in _alternatives(tracks)
+    }
+    return Inputs(
+        observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths, other_layouts=others
+    )
+
+
+def _alternatives(tracks: Mapping[str, KeypointTrack]) -> list[str]:
+    """The other layouts that all keypoints could be of, as many points as there are."""
+    names = {track.names for track in tracks.values()}
+    if len(names) != 1 or (own := next(iter(names))) not in FORMATS.values():
+        return []
+    return [layout for layout, theirs in FORMATS.items() if len(theirs) == len(own) and theirs != own]
+
+
+def _as_layout(tracks: Mapping[str, KeypointTrack], layout: str) -> dict[str, KeypointTrack]:
+    return {name: replace(track, layout=layout, names=FORMATS[layout]) for name, track in tracks.items()}
 
 
 def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[Camera, tuple[str, ...]]:

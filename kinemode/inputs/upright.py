@@ -8,16 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, world_with_up
-from estimator.data.cameras.epipolar import meeting_points
+from estimator.data.cameras.epipolar import seen_points
 from estimator.data.observation import Observation
 from estimator.data.people.up_direction import UpDirection, up_direction
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 
 _MOST = 400  # instants that are looked at
-_MISSED = 0.02  # of the picture's longer side: points that are so far from where a camera saw them are mistaken
 _NEAREST, _FARTHEST, _DOUBTFUL = (float(np.radians(a)) for a in (3.0, 12.0, 20.0))  # from an axis that is taken
-_DEVIATIONS = 2.5
+_DEVIATIONS, _QUIET = 2.5, np.radians(5.0)  # off z, up to which nothing is said
 _LEVEL = np.radians(70.0)  # between the cameras' own up and the world's, at most
 _LIKE_Z = np.radians(25.0)
 _ASKED = "--up AXIS says which way is up: exports, gait and previews depend on it, joint angles do not"
@@ -81,19 +80,8 @@ def _of_person(body: Body, observations: Sequence[Observation]) -> UpDirection |
     if len(cameras) < 2 or any(camera.parallel for camera in cameras):
         return None
     picked = np.unique(np.linspace(0, len(observations) - 1, min(len(observations), _MOST)).astype(int))
-    points = np.stack([_met(cameras, observations[i]) for i in picked])
+    points = np.stack([seen_points(cameras, observations[i].known_pixels) for i in picked])
     return up_direction(body.landmark_names, points, np.array([observations[i].time for i in picked]))
-
-
-def _met(cameras: Sequence[Camera], observation: Observation) -> np.ndarray:
-    """Landmarks (L, 3) where the rays meet, NaN where they do not."""
-    pixels = np.where((observation.confidence > 0.0)[..., None], observation.pixels, np.nan)
-    points = meeting_points(cameras, np.stack([c.directions(p) for c, p in zip(cameras, pixels, strict=True)]))
-    for camera, seen in zip(cameras, pixels, strict=True):
-        with np.errstate(invalid="ignore"):
-            missed = np.linalg.norm(camera.project(points) - seen, axis=-1) > _MISSED * max(camera.image_size)
-        points[missed] = np.nan
-    return points
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:
@@ -112,13 +100,12 @@ def _by_person(up: UpDirection | None, level: np.ndarray) -> tuple[np.ndarray | 
     axis, off = _nearest(up.direction)
     tolerance = min(max(_NEAREST, _DEVIATIONS * up.std), _FARTHEST) if up.agree else _DOUBTFUL
     degrees = f"{np.degrees(off):.0f} degrees"
+    if axis == "z" and off < max(tolerance, _LIKE_Z):
+        kept = f"which way is up? The person stands {degrees} off z, which is kept. {_ASKED}"
+        return None, () if off < min(tolerance, _QUIET) else (kept,)
     if off < tolerance:
-        if axis == "z":
-            return None, ()
         held = f"up in the cameras' world is taken for {axis}: the person stands along it (within {degrees})"
         return world_with_up(axis_of(axis)), (f"{held}. {_ASKED}",)
-    if axis == "z" and off < _LIKE_Z:
-        return None, (f"which way is up? The person stands {degrees} off z, which is kept. {_ASKED}",)
     numbers = ",".join(f"{x:.3f}" for x in up.direction)
     known = f"to about {max(np.degrees(up.std), 1.0):.0f} degrees" if up.sure else "not surely"
     source = "balance and floor" if up.agree else "the person's balance alone"

@@ -78,7 +78,7 @@ def track(
         not given.
     keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
         Also arrays (T, K, 2) of x, y [px] or (T, K, 3) with confidences, NaN where missing, alone or by name.
-    layout: what the keypoints of arrays are called: "mediapipe33", "coco17", ... or a name for each; "auto" uses
+    layout: what the keypoints are called: "mediapipe33", "coco17", ..., of arrays also a name for each; "auto" uses
         their number. `fps` is their rate, `keypoint_size` the size of the pictures that they were seen in.
     cues: what is taken from the pictures: "off", or some of the cues there are (`kinemode cues` lists them), as names
         or separated by commas; "auto" takes them all where there are clips and less than half of the frames have
@@ -142,10 +142,10 @@ def track(
     )  # fmt: skip
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
     loaded = loaded_subject(subject)
@@ -198,8 +198,8 @@ def fit(
         progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up)
     spool = Spool(clips, keypoints, layout)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
@@ -269,8 +269,8 @@ def compare(
     check_as("folder", out=out)
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up)
     spool = Spool(clips, keypoints, layout)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
     if isinstance(reference, (str, Path)):
@@ -295,9 +295,10 @@ def _declared(
     end: float | None,
     sync: str,
     up: str | None,
+    layout: str,
 ) -> Declared:
     choice("sync", sync, SYNC_CHOICES)
-    return Declared(keypoint_size, fps, offset, start, end, sync, up)
+    return Declared(keypoint_size, fps, offset, start, end, sync, up, layout)
 
 
 def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:

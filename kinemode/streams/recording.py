@@ -40,7 +40,7 @@ class Recording:
         times = np.array([o.time for o in seen], dtype=np.float64)
         writer.put_header(replace(header, times=times, clip_frames=dict.fromkeys(names, kept)))
         writer.put_observations(seen)
-        writer.put_findings(run_findings(Run.open(writer.path)) if seen else ())
+        writer.put_findings(*(run_findings(Run.open(writer.path)) if seen else ((), ())))
         writer.finish()
 
 

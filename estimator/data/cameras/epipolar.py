@@ -14,6 +14,9 @@ _FEW = 6  # landmarks of a first look
 _MOST_PAIRS = 50_000  # compared at once
 
 
+MISSED = 0.02  # of the picture's longer side: a point that is so far from where a camera saw it is mistaken
+
+
 @dataclass(frozen=True)
 class Rays:
     """Detections in one camera as rays.
@@ -59,6 +62,16 @@ def meeting_points(cameras: Sequence[Camera], directions: np.ndarray) -> np.ndar
     usable = (seen.sum(axis=0) > 1) & (np.linalg.det(matrix) > 1e-9)
     points = np.full(target.shape, np.nan)
     points[usable] = np.linalg.solve(matrix[usable], target[usable][..., None])[..., 0]
+    return points
+
+
+def seen_points(cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
+    """World points (L, 3) [m] of pixels (C, L, 2), NaN where missing: where the rays meet, NaN where they do not."""
+    points = meeting_points(cameras, np.stack([c.directions(p) for c, p in zip(cameras, pixels, strict=True)]))
+    for camera, seen in zip(cameras, pixels, strict=True):
+        with np.errstate(invalid="ignore"):
+            missed = np.linalg.norm(camera.project(points) - seen, axis=-1) > MISSED * max(camera.image_size)
+        points[missed] = np.nan
     return points
 
 

@@ -12,7 +12,7 @@ from estimator.data.formats.checked_json import BEYOND, LARGEST, WITHIN
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 
-LAYOUT_BY_COUNT = {3 * len(names): layout for layout, names in FORMATS.items()}
+LAYOUT_BY_COUNT = {3 * len(names): layout for layout, names in reversed(FORMATS.items())}
 
 
 @dataclass(frozen=True)
