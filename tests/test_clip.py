@@ -21,6 +21,7 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import captured_output
 from kinemode.inputs.files import InputFiles
+from kinemode.inputs.lens import PHONES
 from kinemode.inputs.load import load_inputs
 
 COUNT, SIZE = 90, (96, 64)
@@ -286,5 +287,5 @@ def test_pixels_need_not_be_square(wide: int, high: int, tmp_path: Path) -> None
     inputs = load_inputs(Body(load_subject("human34")), InputFiles({"a": path}, {"a": tmp_path / "k.json"}, None))
     (camera,) = inputs.observations[0].cameras
     assert camera.K[1, 1] / camera.K[0, 0] == pytest.approx(wide / high)
-    assert camera.K[1, 1] == pytest.approx(1.2 * max(SIZE[0] * wide / high, SIZE[1]))
+    assert camera.K[1, 1] == pytest.approx(PHONES * max(SIZE[0] * wide / high, SIZE[1]))
     assert any("not square" in note for note in inputs.notes) == (wide != high)

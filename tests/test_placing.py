@@ -12,6 +12,7 @@ from estimator.data.cameras.camera import Camera, camera_before, guessed_camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from kinemode.inputs.files import InputFiles
+from kinemode.inputs.lens import PHONES
 from kinemode.inputs.load import Inputs, load_inputs
 from tests.builders import body_of
 
@@ -58,7 +59,7 @@ def test_a_guessed_camera_is_put_before_a_subject_that_cannot_be(tmp_path: Path)
     made = inputs(tmp_path, "upper13", len(body_of("upper13").landmark_names))
     (camera,) = made.observations[0].cameras
     body = body_of("upper13")
-    assert camera.depths(body.landmarks(body.at(body.neutral))).mean() == pytest.approx(2.5, rel=0.05)
+    assert camera.depths(body.landmarks(body.at(body.neutral))).mean() == pytest.approx(2.5 * PHONES / 1.2, rel=0.05)
     assert any("cam01 is taken to stand level before upper13" in note for note in made.notes)
 
 

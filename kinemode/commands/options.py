@@ -92,6 +92,9 @@ class InputOptions:
         The axis of the cameras' world that points up: x, y, z, -x, -y or -z, or a direction as 0.1,0.97,0.2. Unless
         it, or the camera file, says so it is found where several cameras see the person stand or walk. The world is
         turned so that z points up; references are of the world of the camera file.
+    focal
+        Focal length of the one camera without a camera file: 26mm (on 35 mm film, as phones state it), 1400px, or 0.72
+        (of the picture's longer side). Unless given the clip's own tags say it, or it is that of most phones.
     layout
         What the keypoint files' points are, where their number leaves it open: coco17 or h36m17, body25 or body25b;
         or any other known layout. auto takes the more common one, and says so where another fits much better.
@@ -120,6 +123,7 @@ class InputOptions:
     sync: Literal["off", "auto"] = "off"
     up: str | None = None
     layout: str = "auto"
+    focal: str | None = None
     start: float | Literal["index"] | None = None
     end: float | None = None
 

@@ -38,6 +38,8 @@ class Declared:
         three numbers; None where it is to be found.
     layout: what the keypoints of files are, a key of `humanoid.subject.landmarks.FORMATS`; "auto" takes the file's
         word.
+    focal: length of the one camera that no file describes, see `kinemode.inputs.lens.lens_of`; None where the clip
+        tells it, or nobody.
     """
 
     keypoint_size: Sizes = None
@@ -48,6 +50,7 @@ class Declared:
     sync: str = OFF
     up: str | None = None
     layout: str = "auto"
+    focal: str | None = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

@@ -32,6 +32,7 @@ from kinemode.inputs.declared import SYNC, Declared
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
 from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
+from kinemode.inputs.lens import described, lens_of
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.inputs.placing import before_subject
@@ -192,7 +193,9 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
     with ExitStack() as stack:
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
         sizes = {name: clip.image_size for name, clip in opened.items()}
-        known = known._replace(aspects={name: clip.pixel_aspect for name, clip in opened.items()})
+        known = known._replace(
+            aspects={name: clip.pixel_aspect for name, clip in opened.items()}, clips=clip_files, focal=told.focal
+        )
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
@@ -271,12 +274,15 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
-    clips' pixels, by name, where they are known. up: the axis that the file says points up, None where it says none."""
+    clips' pixels, by name, where they are known. up: the axis that the file says points up, None where it says none.
+    clips: by name, which may tell the lens. focal: what the user says of it."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
     aspects: Mapping[str, float] = MappingProxyType({})
     up: str | None = None
+    clips: Mapping[str, Path] = MappingProxyType({})
+    focal: str | None = None
 
     @staticmethod
     def of(given: Cameras) -> _KnownCameras:
@@ -359,6 +365,8 @@ def _cameras(
 ) -> tuple[dict[str, Camera], list[str]]:
     """Camera of each track by the track's name; the one camera of a single clip is guessed where nothing is given."""
     if known.cameras is not None:
+        if known.focal is not None:
+            raise InputError("--focal", "is of a camera that no file describes", remedy="leave it out, or the cameras")
         alone = len(tracks) == len(known.cameras) == 1
         chosen = {name: _choose(name, known, alone=alone and name not in named) for name in tracks}
         notes = [
@@ -375,11 +383,12 @@ def _cameras(
     if size is None:
         remedy = "give the clip, a camera file or --keypoint-size WxH"
         raise InputError(track.source, "does not say the size of the image", remedy=remedy)
-    guess = guessed_camera(name, size, known.aspects.get(name, 1.0))
+    aspect = known.aspects.get(name, 1.0)
+    lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]))
+    guess = guessed_camera(name, size, aspect, lens.focal)
     wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
-    focal = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
-    note = f"no camera given: a focal length of {focal} is guessed for {name}; sizes and distances depend on it"
-    return {name: guess}, [note]
+    pixels = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
+    return {name: guess}, [described(lens, pixels, name)]
 
 
 def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:

@@ -256,6 +256,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "height": _MAYBE_NUMBER,
     "unit": _MAYBE_NUMBER,
     "up": (_or_none(_text), "a text"),
+    "focal": (_or_none(_text), "a text"),
     "scene": (_or_none(_of("estimator.synthesis.settings", "SceneSettings")), "kinemode.SceneSettings"),
     "view": (_or_none(_of("estimator.synthesis.settings", "ViewSettings")), "kinemode.ViewSettings"),
     "detector": (_or_none(_of("estimator.synthesis.settings", "DetectorSettings")), "kinemode.DetectorSettings"),

@@ -57,6 +57,7 @@ def track(
     offset: Offsets = None,
     sync: str = "off",
     up: str | None = None,
+    focal: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -112,6 +113,8 @@ def track(
     sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
         have offsets.
+    focal: length of the one camera that no file describes: "26mm" (on 35 mm film), "1400px", or "0.72" of the longer
+        side; unless given the clip's tags say it, or it is that of most phones.
     up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), or a direction as
         "0.1,0.97,0.2"; unless it or the camera file says so it is found where several cameras see the person stand or
         walk, and z is taken where none do. The world is turned so that z points up, as exports, gait and previews
@@ -138,14 +141,14 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up,
+        detect=detect, progress=progress, height=height, up=up, focal=focal,
     )  # fmt: skip
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
     loaded = loaded_subject(subject)
@@ -181,6 +184,7 @@ def fit(
     offset: Offsets = None,
     sync: str = "off",
     up: str | None = None,
+    focal: str | None = None,
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -195,11 +199,11 @@ def fit(
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
-        progress=progress,
+        focal=focal, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
@@ -237,6 +241,7 @@ def compare(
     offset: Offsets = None,
     sync: str = "off",
     up: str | None = None,
+    focal: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -264,17 +269,16 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up,
+        detect=detect, progress=progress, height=height, up=up, focal=focal,
     )  # fmt: skip
     check_as("folder", out=out)
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_settings(settings, index)
-    if isinstance(reference, (str, Path)):
-        check_exists(reference)
+    _check_reference(reference)
     loaded = loaded_subject(subject)
     from kinemode import jobs
     from kinemode.comparison.compare import compare_trackers
@@ -287,18 +291,15 @@ def compare(
         return compare_trackers(loaded, seen, trackers, wanted, reference)
 
 
-def _declared(
-    keypoint_size: Sizes,
-    fps: Rates,
-    offset: Offsets,
-    start: float | None,
-    end: float | None,
-    sync: str,
-    up: str | None,
-    layout: str,
-) -> Declared:
-    choice("sync", sync, SYNC_CHOICES)
-    return Declared(keypoint_size, fps, offset, start, end, sync, up, layout)
+def _check_reference(reference: Any) -> None:
+    if isinstance(reference, (str, Path)):
+        check_exists(reference)
+
+
+def _declared(*given: Any) -> Declared:
+    declared = Declared(*given)
+    choice("sync", declared.sync, SYNC_CHOICES)
+    return declared
 
 
 def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:

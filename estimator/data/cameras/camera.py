@@ -167,15 +167,16 @@ class Camera(Summarised):
         return np.tile(eye, (len(points), 1)), ways / np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
 
 
-def guessed_camera(name: str, image_size: tuple[int, int], pixel_aspect: float = 1.0) -> Camera:
-    """A camera without a calibration: focal length 1.2 times the longer side (a 45 degree lens), level, at the origin.
+def guessed_camera(name: str, image_size: tuple[int, int], pixel_aspect: float = 1.0, focal: float = 1.2) -> Camera:
+    """A camera without a calibration, level, at the origin.
 
-    pixel_aspect: width of a pixel over its height; of the sides as they are shown the longer one counts.
+    pixel_aspect: width of a pixel over its height; of the sides as they are shown the longer one counts. focal: length
+    over the longer side; 1.2 is a 45 degree lens.
     The world is then x forward (along the optical axis), y left, z up.
     """
     width, height = image_size
-    focal = 1.2 * max(pixel_aspect * width, height)
-    K = np.array([[focal / pixel_aspect, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
+    f = focal * max(pixel_aspect * width, height)
+    K = np.array([[f / pixel_aspect, 0.0, (width - 1) / 2.0], [0.0, f, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
 

@@ -73,7 +73,8 @@ def check_film_name(path: Path) -> None:
         raise InputError(path, problem, remedy=f"one of {', '.join(FORMATS)}")
 
 
-def _ffmpeg() -> list[str]:
+def ffmpeg_command() -> list[str]:
+    """How FFmpeg is begun; raises InputError where there is none that runs."""
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError:
@@ -85,7 +86,7 @@ def _pictures(width: int, height: int, rate: Fraction) -> list[str]:
     """FFmpeg, reading pictures from its standard input."""
     size = f"{width + width % 2}x{height + height % 2}"
     return [
-        *_ffmpeg(), "-f", "rawvideo", "-pix_fmt", "bgr24", "-s", size, "-framerate", str(rate), "-i", "pipe:0",
+        *ffmpeg_command(), "-f", "rawvideo", "-pix_fmt", "bgr24", "-s", size, "-framerate", str(rate), "-i", "pipe:0",
         "-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", _THREADS,
     ]  # fmt: skip
 
@@ -130,7 +131,7 @@ def _encode_gif(source: list[str], rate: Fraction, pictures: Iterable[np.ndarray
     with tempfile.NamedTemporaryFile(prefix=target.name, suffix=".part", dir=target.parent) as film:
         _encode([*source, *_mp4(rate, True, reduced), f"file:{film.name}"], pictures, path)
         read = ["-i", f"file:{film.name}"]
-        _encode([*_ffmpeg(), *read, *read, *_gif(rate, False), f"file:{target}"], (), path)
+        _encode([*ffmpeg_command(), *read, *read, *_gif(rate, False), f"file:{target}"], (), path)
 
 
 def _even(frame: np.ndarray) -> np.ndarray:

@@ -1,0 +1,64 @@
+"""The focal length of a camera without a calibration: as the user or the file says it, else that of most phones."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from estimator.data.media.lens_tags import FILM_DIAGONAL, film_equivalent
+from humanoid.support.errors import InputError, shown
+
+PHONES = 0.74
+"""Of the longer side: what calibrations of phones and tablets have in the middle, two from 0.67 to 0.91 (the lenses
+that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
+_SENSOR = 1.2  # diagonal over longer side: between the sensor's 4:3 (1.25) and the film's 16:9 (1.15), which crops it
+_WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*(mm|px)?\s*")
+_SHARES, _PIXELS = (0.2, 20.0), (10.0, 1e6)
+
+
+class Lens(NamedTuple):
+    """focal: length over the picture's longer side. source: who says so, for a note; empty where it is a guess."""
+
+    focal: float
+    source: str = ""
+
+
+def lens_of(said: str | None, path: Path | None, longer_side: float) -> Lens:
+    """The lens of a clip. said: by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path:
+    of the clip. longer_side: of the picture [px].
+
+    Raises InputError: said is none of these.
+    """
+    if said is not None:
+        return Lens(_written(said, longer_side), "--focal")
+    equivalent = None if path is None else film_equivalent(path)
+    if equivalent is not None:
+        return Lens(_of_film(equivalent), f"the file ({equivalent:g} mm on 35 mm film)")
+    return Lens(PHONES)
+
+
+def _of_film(millimetres: float) -> float:
+    return millimetres / FILM_DIAGONAL * _SENSOR
+
+
+def _written(said: str, longer_side: float) -> float:
+    match = _WRITTEN.fullmatch(str(said))
+    value, unit = (float(match[1]), match[2]) if match else (0.0, None)
+    low, high = _PIXELS if unit == "px" else _SHARES
+    focal = _of_film(value) if unit == "mm" else value
+    if not low <= focal <= high:
+        problem = f"{shown(said)} is no focal length"
+        remedy = "as 26mm (on 35 mm film), 1400px, or 0.72 (of the picture's longer side)"
+        raise InputError("--focal", problem, remedy=remedy)
+    return focal / longer_side if unit == "px" else focal
+
+
+def described(lens: Lens, pixels: str, name: str) -> str:
+    """The note on it; pixels: how long it is."""
+    if lens.source:
+        return f"the focal length of {name} is {pixels}, by {lens.source}"
+    return (
+        f"no camera given: a focal length of {pixels} is guessed for {name}, as most phones have; sizes and distances"
+        " depend on it: --focal says it"
+    )
