@@ -21,7 +21,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 KEYPOINTS = {
     "kinemode's JSON, OpenPose, AlphaPose, MMPose": "keypoints_layouts",
-    "DeepLabCut": "keypoints_deeplabcut",
+    "DeepLabCut csv": "keypoints_deeplabcut",
+    "DeepLabCut h5": "keypoints_deeplabcut_h5",
+    "SLEAP analysis h5": "keypoints_sleap",
     "COCO data sets": "keypoints_coco",
     "rtmlib": "keypoints_rtmlib",
     "npy and npz": "keypoints_npy",

@@ -195,7 +195,6 @@ def data_set(**changed: Any) -> dict[str, Any]:
         ("a.csv", HEAD + "0,1,inf,1\n", "line 4, keypoint 0: has a number that is not finite"),
         ("a.csv", HEAD + "0,1,2,1\n0,1,2,1\n", "line 5: frame 0 is in line 4 too"),
         ("a.csv", HEAD + "a/1.png,1,2,1\nb/1.png,1,2,1\n", "'a/1.png' and 'b/1.png' are both frame 1"),
-        ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5.*save_as_csv=True"),
         ("a.npy", b"\x93NUMPY\x01\x00", "cannot be read"),
         ("a.npy", b"", "does not begin as NumPy's files do"),
         ("a.npy", np.zeros((3, 17)), r"keypoints: has the shape \(3, 17\) \(read are \(T, K, 2\)"),

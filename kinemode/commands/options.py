@@ -64,8 +64,8 @@ class InputOptions:
         .xml; one camera without it is guessed.
     keypoints
         2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
-        AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv, npy and npz. Names that the file does not have, or
-        has in its own words, stand beside it: WALK.names.json for WALK.csv.
+        AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv and h5, SLEAP analysis h5, npy and npz. Names that the
+        file does not have, or has in its own words, stand beside it: WALK.names.json for WALK.csv.
     detect
         Find the keypoints of clips without a keypoint file first, as `kinemode detect` does, into OUT.keypoints beside
         the result (compare: into its folder); they are taken from there as long as clip and detector are the same.

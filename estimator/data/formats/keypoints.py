@@ -98,7 +98,7 @@ def load_keypoints(
     path: str | Path, *, layout: str = "auto", person: str | int = AUTO, first: int = 0
 ) -> KeypointTrack:
     """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose, rtmlib, COCO data sets,
-    DeepLabCut's csv, npy and npz.
+    DeepLabCut's csv and h5, SLEAP's analysis h5, npy and npz.
 
     Parameters
     ----------

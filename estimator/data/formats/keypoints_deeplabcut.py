@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,45 +23,53 @@ from estimator.data.formats.keypoints_people import Person, cleaned
 from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names, frame_of_pictures
 from humanoid.support.errors import InputError, shown
 
-_HEADS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
+HEADS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
+HEADS_REMEDY = "DeepLabCut's are scorer, individuals (with several animals), bodyparts, coords"
 _COORDINATES = ("x", "y", "likelihood")
 _UNIQUE = "single"  # DeepLabCut's individual that has the body parts of no animal
 
 
-class _Table(NamedTuple):
-    """parts (J): in the order they come in. individuals: columns (J, 3) of x, y, likelihood by name, -1 where there is
-    none. first: the first column that is no index. lines: numbers of the file's lines, with their cells."""
+class DeepLabCutTable(NamedTuple):
+    """What DeepLabCut's files have, of whichever kind they are.
 
-    parts: tuple[str, ...]
-    individuals: dict[str, np.ndarray]
-    first: int
-    lines: list[tuple[int, list[str]]]
+    columns (W): individual ("" where the file has none), body part and coordinate of each. values (T, W): NaN where
+    there is none. rows (T): what each row is called, a frame's number or a picture's path. places (T), heads (W):
+    where rows and columns stand, for what is said.
+    """
+
+    columns: tuple[tuple[str, str, str], ...]
+    values: np.ndarray
+    rows: tuple[str, ...]
+    places: tuple[str, ...]
+    heads: tuple[str, ...]
 
 
 def read_deeplabcut(reading: Reading) -> None:
-    """Read a file of DeepLabCut's; a point without coordinates is missing, one without likelihood is sure.
+    """Read a csv of DeepLabCut's; a point without coordinates is missing, one without likelihood is sure.
 
     Raises
     ------
     InputError: with the line, where the file is none of DeepLabCut's, is cut short or has what is no number.
     """
+    fill(reading, _table(reading.source))
+
+
+def fill(reading: Reading, table: DeepLabCutTable) -> None:
+    """Add the people of a table to what is read; raises InputError as `read_deeplabcut` does."""
     path = reading.source
-    table = _table(path)
+    parts, individuals = _parts(path, table)
     reading.layout = "DeepLabCut"
-    reading.names = named_landmarks(table.parts, reading)
-    if _UNIQUE in table.individuals and len(table.individuals) > 1:
-        table.individuals.pop(_UNIQUE)
+    reading.names = named_landmarks(parts, reading)
+    if _UNIQUE in individuals and len(individuals) > 1:
+        individuals.pop(_UNIQUE)
         reading.notes.say(f"the individual {_UNIQUE!r}, points of no animal, is left out")
-    width = max(len(cells) for _, cells in table.lines)
-    values = np.full((len(table.lines), width + 1), np.nan)  # the last column stands for those that are not there
-    for i, (line, cells) in enumerate(table.lines):
-        values[i, table.first : width] = _numbers(cells[table.first :], path, line)
-    frames = _frames([cells[: table.first] for _, cells in table.lines], [line for line, _ in table.lines], path)
-    several = len(table.individuals) > 1
-    for (line, _), frame, row in zip(table.lines, frames, values, strict=True):
+    absent = np.full((len(table.values), 1), np.nan)  # the last column stands for those that are not there
+    values = np.concatenate([table.values, absent], axis=1)
+    several = len(individuals) > 1
+    for place, frame, row in zip(table.places, _frames(table, path), values, strict=True):
         people = [
-            _person(row[columns], columns, name if several else None, reading, f"line {line}")
-            for name, columns in table.individuals.items()
+            _person(row[columns], columns, name if several else None, reading, place)
+            for name, columns in individuals.items()
         ]
         reading.add(frame, people)
 
@@ -77,17 +85,16 @@ def _person(points: np.ndarray, columns: np.ndarray, id: str | None, reading: Re
     return Person(cleaned(points, reading.notes, reading.source, who), id)
 
 
-def _table(path: Path) -> _Table:
+def _table(path: Path) -> DeepLabCutTable:
     try:
         rows = list(csv.reader(io.StringIO(read_text(path), newline="")))
     except csv.Error as error:
         raise InputError(path, f"is no csv: {error}") from None
     lines = [(number, row) for number, row in enumerate(rows, 1) if any(cell.strip() for cell in row)]
     words = tuple(row[0].strip() for _, row in lines[:4])
-    head = next((names for names in _HEADS if words[: len(names)] == names), None)
+    head = next((names for names in HEADS if words[: len(names)] == names), None)
     if head is None:
-        remedy = "DeepLabCut's are scorer, individuals (with several animals), bodyparts, coords"
-        raise InputError(path, f"its lines begin with {shown(list(words))}", place="line 1", remedy=remedy)
+        raise InputError(path, f"its lines begin with {shown(list(words))}", place="line 1", remedy=HEADS_REMEDY)
     top = {name: row for name, (_, row) in zip(head, lines, strict=False)}
     width = len(top["coords"])
     for number, row in lines:
@@ -95,28 +102,35 @@ def _table(path: Path) -> _Table:
             raise InputError(path, f"has {len(row)} cells, {width} are expected", place=f"line {number}")
     if len(lines) == len(head):
         raise InputError(path, "has no frame after its head")
-    cells = [cell.strip() for cell in top["bodyparts"]]
-    first = next((i for i, cell in enumerate(cells) if i and cell), width)
-    return _Table(*_columns(path, top, first), first, lines[len(head) :])
+    first = next((i for i, cell in enumerate(top["bodyparts"]) if i and cell.strip()), width)
+    lines = lines[len(head) :]
+    return DeepLabCutTable(
+        tuple(column_of({name: row[i].strip() for name, row in top.items()}) for i in range(first, width)),
+        np.array([_numbers(cells[first:], path, line) for line, cells in lines]).reshape(len(lines), width - first),
+        tuple("/".join(cell.strip() for cell in cells[:first]) for _, cells in lines),
+        tuple(f"line {line}" for line, _ in lines),
+        tuple(f"column {i + 1}" for i in range(first, width)),
+    )
 
 
-def _columns(path: Path, top: dict[str, list[str]], first: int) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-    """Body parts, and the columns of each individual."""
+def column_of(words: Mapping[str, str]) -> tuple[str, str, str]:
+    """Individual, body part and coordinate of a column, from what the rows of the head say of it."""
+    return words.get("individuals", ""), words["bodyparts"], words["coords"]
+
+
+def _parts(path: Path, table: DeepLabCutTable) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Body parts (J) in the order they come in, and columns (J, 3) of each individual's x, y, likelihood, -1 where
+    there is none."""
     places: dict[str, dict[tuple[str, str], int]] = {}
-    parts: dict[str, None] = {}
-    for column in range(first, len(top["coords"])):
-        who, part, coordinate = (
-            top[name][column].strip() if name in top else "" for name in ("individuals", "bodyparts", "coords")
-        )
+    for i, (who, part, coordinate) in enumerate(table.columns):
         if coordinate not in _COORDINATES:
             remedy = f"one of {', '.join(_COORDINATES)}"
-            raise InputError(path, f"has {shown(coordinate)} in column {column + 1}", place="coords", remedy=remedy)
+            raise InputError(path, f"has {shown(coordinate)} in {table.heads[i]}", place="coords", remedy=remedy)
         of_one = places.setdefault(who, {})
         if (part, coordinate) in of_one:
-            raise InputError(path, f"{shown(part)} has {coordinate} twice", place=f"column {column + 1}")
-        of_one[part, coordinate] = column
-        parts[part] = None
-    names = checked_names(list(parts), path, "bodyparts")
+            raise InputError(path, f"{shown(part)} has {coordinate} twice", place=table.heads[i])
+        of_one[part, coordinate] = i
+    names = checked_names(list(dict.fromkeys(part for _, part, _ in table.columns)), path, "bodyparts")
     individuals: dict[str, np.ndarray] = {}
     for who, of_one in places.items():
         columns = np.array([[of_one.get((part, c), -1) for c in _COORDINATES] for part in names])
@@ -134,23 +148,23 @@ def _numbers(cells: Sequence[str], path: Path, line: int) -> list[float]:
         raise InputError(path, "has a cell that is no number", place=f"line {line}") from None
 
 
-def _frames(index: Sequence[Sequence[str]], lines: Sequence[int], path: Path) -> list[int]:
-    """The frame of each line: the number it begins with, or the one its picture's name ends with."""
-    texts = ["/".join(cell.strip() for cell in cells) for cells in index]
+def _frames(table: DeepLabCutTable, path: Path) -> list[int]:
+    """The frame of each row: the number it begins with, or the one its picture's name ends with."""
+    texts = list(table.rows)
     if all(text.isascii() and text.isdigit() for text in texts):
         texts = [text.lstrip("0") or "0" for text in texts]
-        for text, line in zip(texts, lines, strict=True):
+        for text, place in zip(texts, table.places, strict=True):
             if len(text) > len(str(MOST_FRAMES)) or int(text) > MOST_FRAMES:
-                raise InputError(path, f"{shown(text)} is no likely frame number", place=f"line {line}")
+                raise InputError(path, f"{shown(text)} is no likely frame number", place=place)
         frames = [int(text) for text in texts]
     else:
         of_picture = frame_of_pictures(texts, path)
         frames = [of_picture[text] for text in texts]
-    seen: dict[int, int] = {}
-    for frame, line in zip(frames, lines, strict=True):
+    seen: dict[int, str] = {}
+    for frame, place in zip(frames, table.places, strict=True):
         if frame in seen:
-            raise InputError(path, f"frame {frame} is in line {seen[frame]} too", place=f"line {line}")
-        seen[frame] = line
+            raise InputError(path, f"frame {frame} is in {seen[frame]} too", place=place)
+        seen[frame] = place
     return frames
 
 

@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from estimator.data.formats.hdf5 import is_hdf5
 from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_coco import COCO
 from estimator.data.formats.keypoints_deeplabcut import DEEPLABCUT
+from estimator.data.formats.keypoints_deeplabcut_h5 import DEEPLABCUT_H5
 from estimator.data.formats.keypoints_mmpose import MMPOSE
 from estimator.data.formats.keypoints_npy import ARRAYS
 from estimator.data.formats.keypoints_openpose import ALPHAPOSE, OPENPOSE
 from estimator.data.formats.keypoints_own import OWN
 from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.formats.keypoints_rtmlib import RTMLIB
+from estimator.data.formats.keypoints_sleap import SLEAP, refuse_hdf5
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
 
 KEYPOINT_FORMATS: Registry[KeypointFormat] = Registry(
-    "keypoint format", (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, DEEPLABCUT, ARRAYS)
+    "keypoint format", (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, DEEPLABCUT, DEEPLABCUT_H5, SLEAP, ARRAYS)
 )
 """Formats that are read, by name; those registered last are asked first."""
 register = KEYPOINT_FORMATS.register
+
+_BEGINNINGS = {
+    ".csv": "DeepLabCut's csv does, with 'scorer,'",
+    **dict.fromkeys((".npy", ".npz"), "NumPy's files do"),
+    **dict.fromkeys((".h5", ".hdf5", ".slp"), "HDF5 files do"),
+}
 
 
 def read_layout(path: Path, layout: str) -> Reading:
@@ -59,9 +68,8 @@ def _format_of(file: KeypointFile) -> KeypointFormat:
 
 def _refuse_others(file: KeypointFile) -> None:
     """Raise InputError for a file that cannot be JSON."""
-    if file.start.startswith(b"\x89HDF"):
-        remedy = "DeepLabCut writes csv with analyze_videos(..., save_as_csv=True): give that"
-        raise InputError(file.path, "is an HDF5 file, which is not read", remedy=remedy)
-    if file.ending in (".csv", ".npy", ".npz") and not file.is_folder:
-        problem = "does not begin as DeepLabCut's csv does, with 'scorer,'" if file.ending == ".csv" else ""
-        raise InputError(file.path, problem or "does not begin as NumPy's files do", remedy=formats_read())
+    if is_hdf5(file.start):
+        refuse_hdf5(file.path)
+    begins = _BEGINNINGS.get(file.ending)
+    if begins is not None and not file.is_folder:
+        raise InputError(file.path, f"does not begin as {begins}", remedy=formats_read())
