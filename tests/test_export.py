@@ -187,7 +187,7 @@ def test_no_frames_export(tmp_path: Path) -> None:
 
 
 def test_references(tmp_path: Path, shared_data: Path) -> None:
-    names, points, time, coordinates = load_reference(shared_data / "beam4cam" / "reference3d.npz")
+    names, points, time, coordinates, *_ = load_reference(shared_data / "beam4cam" / "reference3d.npz")
     assert points.shape == (100, 33, 3)
     np.testing.assert_array_equal(time, np.arange(100) / 60.0)
     assert coordinates is None

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.numerics.alignment import similarity_onto
 from estimator.runs.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
+from estimator.runs.marker_reference import check_markers, listed, marker_notes
 from estimator.runs.pairs import (
     FEWEST,
     HIPS,
@@ -57,6 +58,7 @@ class Evaluation(Summarised):
     violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
     frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
         compare.
+    notes: what is worth knowing of the reference, of markers which were compared.
     """
 
     mpjpe: float
@@ -71,6 +73,7 @@ class Evaluation(Summarised):
     frames_missing: int
     aligned: str = HIPS_ALIGNED
     joint_scores: Mapping[str, JointScore] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def angle_errors(self) -> dict[str, float]:
@@ -185,7 +188,7 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = N
 
     Raises
     ------
-    InputError: neither a landmark nor a joint coordinate is shared.
+    InputError: neither a landmark nor a joint coordinate is shared; fewer than three of a file's markers are.
     """
     body, time, q = run.body, np.asarray(run.time), np.asarray(run.q)
     frame = match_frames(time, reference.time, len(reference.points))
@@ -194,12 +197,13 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = N
     pairs = paired(names, time, reference, joints)
     if not pairs.shared.names and not scores_of_joints:
         raise nothing_shared(names, reference, joint_coordinates(body))
+    check_markers(pairs.shared, names, reference)
     scores = _point_scores(pairs, run.landmarks, run.mode_landmarks, reference)
     if not pairs.shared.names:
         scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
     return Evaluation(
         violations=limit_violations(body, q), penetration=largest_penetration(body, q), joint_scores=scores_of_joints,
-        **scores,
+        notes=marker_notes(pairs, names, run.landmarks, reference), **scores,
     )  # fmt: skip
 
 
@@ -220,6 +224,7 @@ def evaluate_points(
     pairs = paired(names, time, reference, joints)
     if not pairs.shared.names:
         raise nothing_shared(names, reference)
+    check_markers(pairs.shared, names, reference)
     return _point_scores(pairs, landmarks, mode_landmarks, reference)
 
 
@@ -249,13 +254,8 @@ def nothing_shared(names: Sequence[str], reference: Reference, coordinates: Sequ
     if reference.coordinates is not None:
         have.append(("joint angles", coordinates, reference.coordinates.names))
     kinds = " and no ".join(what for what, _, _ in have)
-    each = "; ".join(f"{what} of the run: {_listed(a)}; of the reference: {_listed(b)}" for what, a, b in have)
+    each = "; ".join(f"{what} of the run: {listed(a)}; of the reference: {listed(b)}" for what, a, b in have)
     return InputError("reference", f"shares no {kinds} with the run", place="names", remedy=each)
-
-
-def _listed(names: Sequence[str], most: int = 12) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return (", ".join(names[:most]) or "none") + more
 
 
 def _mean(values: np.ndarray, axis: int) -> np.ndarray:

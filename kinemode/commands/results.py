@@ -228,7 +228,7 @@ def gait(run: Path, /, *, out: Path | None = None) -> None:
         print(walked.write(out))
 
 
-def evaluate(run: Path, /, *, reference: Path) -> None:
+def evaluate(run: Path, /, *, reference: Path, up: str | None = None, offset: float = 0.0) -> None:
     """Compare a run with known landmarks and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
 
     Of landmarks the twelve limb joints are compared, or all that both sides have where fewer than three are limb
@@ -243,14 +243,20 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
         A run file.
     reference
         npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and fps,
-        trc (landmarks) or mot (joint angles).
+        trc or c3d (markers, of which joint centres are compared) or mot (joint angles).
+    up
+        The axis of the world of a trc or c3d that points up: x, y, z, -x, -y or -z; unless given y of trc, and of c3d
+        what the file says.
+    offset
+        Seconds that the reference's first moment is after the clip's.
     """
     import kinemode as km
 
-    result = km.evaluate(run, reference)
+    result = km.evaluate(run, reference, up=up, offset=offset)
     from kinemode.terminal import report
 
     report.print_evaluation(result)
+    report.print_notes(result.notes)
     opened = km.open_run(run)
     report.print_statuses(opened.status.tolist())
     report.print_notes(opened.header.notes)

@@ -252,6 +252,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "shape": (_or_none(_factors), "a mapping of parts to nine parameters each"),
     "girth": (_number, "a number"),
     "fps": (_number, "a number"),
+    "offset": (_number, "a number of seconds"),
     "seconds": _MAYBE_NUMBER,
     "height": _MAYBE_NUMBER,
     "unit": _MAYBE_NUMBER,
@@ -262,7 +263,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "detector": (_or_none(_of("estimator.synthesis.settings", "DetectorSettings")), "kinemode.DetectorSettings"),
     "reference": (
         _or_none(_either(_of("estimator.runs.evaluation", "Reference"), _path)),
-        "a kinemode.Reference, or the path of an .npz, .trc or .mot file",
+        "a kinemode.Reference, or the path of an .npz, .trc, .c3d or .mot file",
     ),
 }
 """By argument: whether a value is of a kind that is taken, and what to say of those that are."""

@@ -247,30 +247,43 @@ def gait(run: RunLike) -> Gait:
     return gait_of_run(opened)
 
 
-def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[str] | None = None) -> Evaluation:
+def evaluate(
+    run: RunLike,
+    reference: Reference | PathLike,
+    *,
+    joints: Sequence[str] | None = None,
+    up: str | None = None,
+    offset: float = 0.0,
+) -> Evaluation:
     """Compare a run with known landmarks [m] and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
 
     Parameters
     ----------
     run: a run, or the path of its file.
     reference: a `kinemode.Reference`, or a file: npz of `export`, truth.npz of `render`, npz with points (T, L, 3) in
-        metres, names and fps, trc (landmarks) or mot (joint angles).
+        metres, names and fps, trc or c3d (markers, of which joint centres are compared) or mot (joint angles).
     joints: the landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three
         are limb joints.
+    up: the axis of the world of a trc or c3d that points up, x, y, z, -x, -y or -z; unless given y of trc, and of c3d
+        what the file says.
+    offset: seconds that the file's first moment is after the clip's.
 
     Raises
     ------
-    InputError: no run, no reference, nothing that both have.
+    InputError: no run, no reference, nothing that both have, too few markers, no axis.
     """
-    check_arguments(run=run, reference=reference, joints=joints)
+    check_arguments(run=run, reference=reference, joints=joints, up=up, offset=offset)
     _check_run(run)
     if isinstance(reference, (str, Path)):
         check_exists(reference)
     opened = _opened(run)
     from estimator.runs import evaluation
 
-    truth = evaluation.Reference.load(reference) if isinstance(reference, (str, Path)) else reference
-    return evaluation.evaluate(opened, truth.in_world_of(opened.header.R_upright_given), joints=joints)
+    if isinstance(reference, (str, Path)):
+        reference = evaluation.Reference.load(reference, up=up, offset=offset)
+    elif up is not None or offset:
+        raise InputError("reference", "is no file, for which up and offset are", remedy="leave them out")
+    return evaluation.evaluate(opened, reference.in_world_of(opened.header.R_upright_given), joints=joints)
 
 
 def _check_run(run: RunLike) -> None:

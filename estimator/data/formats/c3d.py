@@ -1,4 +1,4 @@
-"""C3D files (c3d.org), the exchange format of motion capture laboratories, written by ezc3d.
+"""C3D files (c3d.org), the exchange format of motion capture laboratories, written and read by ezc3d.
 
 B. Michaud and M. Begon, ezc3d: An easy C3D file I/O cross-platform solution, Journal of Open Source Software 6(58),
 2021.
@@ -14,10 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.data.formats.opensim import frame_rate
+from estimator.data.cameras.camera import UPS
+from estimator.data.formats.opensim import MarkerFile, frame_rate, metres_in, upright_world
+from humanoid.support.errors import InputError, shown
 from humanoid.support.extras import optional
 
 _MILLIMETRES = 1e3
+_UNITS = {"meters": "m", "metres": "m", "meter": "m", "millimeters": "mm", "millimetres": "mm", "centimeters": "cm"}
+_CHANNELS = ("ANGLES", "SCALARS", "FORCES", "MOMENTS", "POWERS", "REACTIONS")  # lists of labels that are no points
 _MOST_LABELS = 255  # of one parameter; what follows goes to LABELS2, LABELS3, ...
 
 
@@ -79,3 +83,69 @@ def _as_points(channels: Channels) -> np.ndarray:
     """(T, N, 3): x is the value."""
     values = channels.values[..., None]
     return np.concatenate([values, np.zeros_like(values), np.zeros_like(values)], axis=2)
+
+
+def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
+    """The points of a C3D file; those with a residual below 0 are missing, channels and unlabelled points are left out.
+
+    up: the axis of its world that points up; unless given POINT:Y_SCREEN says it, else it is z.
+
+    Raises
+    ------
+    InputError: ezc3d is not installed; no C3D file, no points, an unknown unit, or people of several names.
+    """
+    ezc3d = optional("ezc3d", "c3d", "c3d files")
+    try:
+        with path.open("rb") as file:
+            start = file.read(2)
+        if start[1:] != b"\x50":
+            raise InputError(path, "does not begin as C3D files do")
+        content = ezc3d.c3d(str(path))
+        parameters: Any = content["parameters"]
+        points, residuals = content["data"]["points"], content["data"]["meta_points"]["residuals"]
+        first, rate = int(content["header"]["points"]["first_frame"]), float(content["header"]["points"]["frame_rate"])
+        point = {name: list(value["value"]) for name, value in parameters["POINT"].items() if "value" in value}
+    except InputError:
+        raise
+    except Exception as error:  # ezc3d lets errors of any kind through
+        raise InputError(path, f"cannot be read: {shown(str(error), 200)}", remedy="write it again") from None
+    labels = [str(label).strip() for key in _label_keys(point) for label in point[key]][: points.shape[1]]
+    channels = {str(name).strip() for key in _CHANNELS for name in point.get(key, ())}
+    kept = [i for i, label in enumerate(labels) if label and not label.startswith("*") and label not in channels]
+    if not kept or not points.shape[2]:
+        raise InputError(path, "has no points")
+    unit = _word(point, "UNITS").lower()
+    unit = _UNITS.get(unit, unit)
+    metres = metres_in(unit, path, "POINT:UNITS")
+    missing = ~np.isfinite(points[:3]).all(axis=0) | (residuals[0] < 0.0)
+    world = np.where(missing, np.nan, metres * points[:3])[:, kept].transpose(2, 1, 0)
+    axis, notes = _up(point, up)
+    time = (first + np.arange(len(world))) / rate if rate > 0.0 else np.full(len(world), np.nan)
+    return MarkerFile(_of_one_person(path, [labels[i] for i in kept]), world @ upright_world(axis).T, time, unit, notes)
+
+
+def _label_keys(point: dict[str, list[Any]]) -> list[str]:
+    """LABELS, LABELS2, LABELS3, ... as far as they go."""
+    keys = [key for key in point if key.startswith("LABELS") and key[6:].isascii() and (key[6:] or "1").isdigit()]
+    return sorted(keys, key=lambda key: int(key[6:] or "1"))
+
+
+def _word(point: dict[str, list[Any]], key: str) -> str:
+    return str(next(iter(point.get(key, ())), "")).strip()
+
+
+def _up(point: dict[str, list[Any]], up: str | None) -> tuple[str, tuple[str, ...]]:
+    """The axis that points up, and a note where nobody says which."""
+    said = _word(point, "Y_SCREEN").lower().lstrip("+")
+    if up is not None or said in UPS:
+        return up or said, ()
+    return "z", ("the c3d does not say which axis points up (POINT:Y_SCREEN): z is taken, --up says another",)
+
+
+def _of_one_person(path: Path, labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels without the name of whom they are of, as in `ann:LKNE`."""
+    people = sorted({label.rpartition(":")[0] for label in labels} - {""})
+    if len(people) > 1:
+        problem = f"has the markers of several people: {shown(', '.join(people))}"
+        raise InputError(path, problem, remedy="keep those of one")
+    return tuple(label.rpartition(":")[2] for label in labels)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import axis_of, world_with_up
 from estimator.data.formats.checked_json import read_text
 from humanoid.support.errors import InputError, shown
 
@@ -43,15 +44,43 @@ def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.nda
     path.write_text("\n".join("\t".join(row) for row in head + rows) + "\n", encoding="utf-8")
 
 
-def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Marker names (L), points (T, L, 3) in the z-up world [m], NaN where missing, and times (T,) [s]."""
+class MarkerFile(NamedTuple):
+    """A file of markers. names (L). points (T, L, 3): in the z-up world [m], NaN where missing. time (T,) [s].
+    unit: of the file. notes: what is worth knowing."""
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    time: np.ndarray
+    unit: str
+    notes: tuple[str, ...] = ()
+
+
+def metres_in(unit: str, path: Path, place: str) -> float:
+    """Metres in a unit of length; raises InputError for one that is not read."""
+    if unit not in _METRES:
+        problem = f"unknown unit {shown(unit)}" if unit else "has no unit of length"
+        raise InputError(path, problem, place=place, remedy=f"one of {', '.join(_METRES)}")
+    return _METRES[unit]
+
+
+def upright_world(up: str) -> np.ndarray:
+    """R_upright_world (3, 3): from a world in which one of `UPS` points up to one in which z does; y as OpenSim's."""
+    return world_with_up(axis_of(up))
+
+
+def read_trc(path: Path, up: str = "y") -> MarkerFile:
+    """The markers of a TRC file, in whose world `up` points up.
+
+    Raises
+    ------
+    InputError: with the line; no TRC file, no markers, an unknown unit, or a cell that is no number.
+    """
     lines = read_text(path).splitlines()
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise InputError(path, "is no TRC file", place="line 1")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     unit = header.get("Units", "")
-    if unit not in _METRES:
-        raise InputError(path, f"unknown unit {shown(unit)}", place="line 3", remedy=f"one of {', '.join(_METRES)}")
+    metres = metres_in(unit, path, "line 3, Units")
     names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
     if not names:
         raise InputError(path, "has no markers", place="line 4")
@@ -61,8 +90,8 @@ def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
         if line.strip()
     ]
     values = np.array(rows).reshape(-1, 3 * len(names) + 2)
-    points = values[:, 2:].reshape(-1, len(names), 3) * _METRES[unit]
-    return names, points @ R_OPENSIM_WORLD, values[:, 1]
+    points = values[:, 2:].reshape(-1, len(names), 3) * metres
+    return MarkerFile(names, points @ upright_world(up).T, values[:, 1], unit)
 
 
 ROOT_NOTE = "A free root's x, z and y are along OpenSim's ground X, Y and -Z."

@@ -8,12 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import UPS
+from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.checked_json import LARGEST
+from estimator.data.formats.markers import check_spread, named_points
 from estimator.data.formats.npz import read_npz
-from estimator.data.formats.opensim import Coordinates, frame_rate, read_mot, read_trc
+from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_mot, read_trc
 from estimator.data.media.clip import FPS_RANGE
 from humanoid.subject.landmarks import landmark_name
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 
 _KEYS = (("landmarks", "landmark_names"), ("points", "names"))
 
@@ -23,7 +26,8 @@ class ReferenceFile(NamedTuple):
 
     names (L), points (T, L, 3): landmarks in the world [m], NaN where missing; none where there are angles alone.
     time (T,) [s]: of each frame. coordinates: joint angles, None where there are none. upright: whether the file's kind
-    says that z, as it is read, points up; otherwise its world is the cameras'.
+    says that z, as it is read, points up; otherwise its world is the cameras'. markers: of a file of markers, which of
+    them each landmark is that they call otherwise; None of another file. notes: what is worth knowing.
     """
 
     names: tuple[str, ...]
@@ -31,17 +35,23 @@ class ReferenceFile(NamedTuple):
     time: np.ndarray
     coordinates: Coordinates | None = None
     upright: bool = False
+    markers: Mapping[str, tuple[str, ...]] | None = None
+    notes: tuple[str, ...] = ()
 
 
-def load_reference(path: str | Path) -> ReferenceFile:
+def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
     """Landmarks, joint angles or both.
 
-    Reads kinemode's own npz export and the truth of a rendered clip, an npz with `points`, `names` and `fps`, TRC and
-    MOT. Landmark names of other programs become ours where there is one, and stay as they are otherwise.
+    Reads kinemode's own npz export and the truth of a rendered clip, an npz with `points`, `names` and `fps`, TRC, C3D
+    and MOT. Landmark names of other programs become ours where there is one, and stay as they are otherwise; of markers
+    (TRC, C3D) those that are joint centres do, see `estimator.data.formats.markers`.
+
+    up: the axis of the world of a TRC or C3D file that points up; y of TRC unless given, of C3D what the file says.
 
     Raises
     ------
-    InputError: missing, of another kind, with arrays of the wrong shape, or points or a rate that cannot be.
+    InputError: missing, of another kind, with arrays of the wrong shape, or points or a rate that cannot be; `up` is no
+        axis, or the file is of no markers.
     """
     path = Path(path)
     if not path.is_file():
@@ -49,15 +59,24 @@ def load_reference(path: str | Path) -> ReferenceFile:
     kind = path.suffix.lower()
     if kind not in _READERS:
         raise InputError(path, "is no reference", remedy=f"one of {', '.join(_READERS)} is needed")
-    return _READERS[kind](path)
+    if up is None:
+        return _READERS[kind](path)
+    if up not in UPS:
+        raise InputError("up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+    if kind not in _OF_MARKERS:
+        raise InputError("up", f"is of the world of markers ({', '.join(_OF_MARKERS)})", remedy="leave it out")
+    return _markers(path, _OF_MARKERS[kind](path, up))
 
 
-def _trc(path: Path) -> ReferenceFile:
-    names, points, time = read_trc(path)
-    if points.size == 0:
+def _markers(path: Path, file: MarkerFile) -> ReferenceFile:
+    if file.points.size == 0:
         raise InputError(path, "has no points")
-    rate = _checked_rate(path, frame_rate(_rising(path, time, len(points))))
-    return ReferenceFile(_named(names), _checked_points(path, points), np.arange(len(points)) / rate, upright=True)
+    time = _rising(path, file.time, len(file.points))
+    _checked_rate(path, frame_rate(time))
+    points = _checked_points(path, file.points)
+    check_spread(points, file.unit, path)
+    named = named_points(file.names, points)
+    return ReferenceFile(named.names, named.points, time, None, True, named.sources, file.notes)
 
 
 def _mot(path: Path) -> ReferenceFile:
@@ -150,4 +169,10 @@ def _named(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(landmark_name(name) or name for name in names)
 
 
-_READERS: dict[str, Callable[[Path], ReferenceFile]] = {".npz": _npz, ".trc": _trc, ".mot": _mot}
+_OF_MARKERS: dict[str, Callable[..., MarkerFile]] = {".trc": read_trc, ".c3d": read_c3d}
+_READERS: dict[str, Callable[[Path], ReferenceFile]] = {
+    ".npz": _npz,
+    ".trc": lambda path: _markers(path, read_trc(path)),
+    ".c3d": lambda path: _markers(path, read_c3d(path)),
+    ".mot": _mot,
+}

@@ -1,0 +1,115 @@
+"""Which landmarks the markers of a laboratory's file tell, by their names.
+
+A landmark is a joint centre. So are points that are called joint centres (RHJC, L_HJC_reg, right_knee_center), the
+middle of a joint's lateral and medial markers, and a detector's points (RHip, LKnee). A marker on the skin is none: in
+a file that has such markers, only names that say so count. OpenCap's `_study` markers are places on the skin, too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid.subject.landmarks import landmark_name
+from humanoid.support.errors import InputError
+
+_LETTERS = {"h": "hip", "k": "knee", "a": "ankle", "s": "shoulder", "e": "elbow", "w": "wrist"}
+_JOINTS = "|".join(_LETTERS.values())
+_CENTRE = re.compile(rf"([{''.join(_LETTERS)}])jc(?:_reg)?|({_JOINTS})_(?:jc|cent(?:er|re)|joint_cent(?:er|re))")
+_PAIRED = ("knee", "ankle", "elbow", "wrist")
+_LATERAL = ("{}_lat", "{}_lateral", "lat_{}", "lateral_{}", "l{}", "{}")
+_MEDIAL = ("{}_med", "{}_medial", "med_{}", "medial_{}", "m{}")
+_OTHER_PAIRS = (("wrist", "wrist_radius", "wrist_ulna"),)
+_SKIN = re.compile(
+    r"[ap]sis|^(c7|t10|clav|strn|sacr|asi|psi|kne|ank|tib|thi|fhd|bhd|sho|elb|wra|wrb)$|sternum|thigh|shank|calc|meta|"
+    r"humerus|forearm|radius|ulna|acrom|condyle|malleol|^[lm](knee|ankle|elbow|wrist)$|_(lat|med|lateral|medial)$|"
+    rf"^[{''.join(_LETTERS)}]jc"
+)
+_SIDES = {"l": "left", "r": "right", "left": "left", "right": "right"}
+_SIDED = re.compile(r"(?:(left|right|l|r)_|([LR])(?=[A-Z]))(.+)", re.IGNORECASE)
+_SPREADS = (0.05, 10.0)  # of a person's or robot's markers in a frame, from the smallest to the largest [m]
+
+
+class _Marker(NamedTuple):
+    side: str  # left, right, or nothing
+    part: str
+    predicted: bool  # by OpenCap's network, which calls it so
+
+
+class NamedPoints(NamedTuple):
+    """names (L): landmarks, and the markers that are none as the file calls them. points (T, L, 3). sources: of every
+    landmark that the file calls otherwise, its markers."""
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    sources: Mapping[str, tuple[str, ...]]
+
+
+def named_points(names: Sequence[str], points: np.ndarray) -> NamedPoints:
+    """Markers (L) at points (T, L, 3) as landmarks: each that is one has its landmark's name, middles are added at the
+    end."""
+    places = _places(names)
+    alone = {chosen[0]: landmark for landmark, chosen in places.items() if len(chosen) == 1}
+    middles = {landmark: chosen for landmark, chosen in places.items() if len(chosen) == 2}
+    all_names = (*(alone.get(i, name) for i, name in enumerate(names)), *middles)
+    added = [points[:, list(chosen)].mean(axis=1, keepdims=True) for chosen in middles.values()]
+    sources = {
+        landmark: tuple(names[i] for i in chosen) for landmark, chosen in places.items() if names[chosen[0]] != landmark
+    }
+    return NamedPoints(all_names, np.concatenate([points, *added], axis=1), sources)
+
+
+def check_spread(points: np.ndarray, unit: str, path: Path) -> None:
+    """Raise InputError where the markers (T, L, 3) [m] of a frame are nearer or further apart than in any body."""
+    known = points[np.isfinite(points).all(axis=2).sum(axis=1) > 1]
+    if not len(known):
+        return
+    spread = float(np.median(np.linalg.norm(np.nanmax(known, axis=1) - np.nanmin(known, axis=1), axis=1)))
+    if not _SPREADS[0] <= spread <= _SPREADS[1]:
+        problem = f"its markers are spread over {spread:.3g} m, read in {unit}"
+        raise InputError(path, problem, place="Units", remedy=f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: mend the unit")
+
+
+def _places(names: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """The marker, or the two of whose middle it is, of every landmark that is there."""
+    markers = [_marker(name) for name in names]
+    of_skin = any(_SKIN.search(marker.part) for marker in markers if not marker.predicted)
+    places: dict[str, tuple[int, ...]] = {}
+    for i, name in enumerate(names):
+        if name == landmark_name(name):
+            places.setdefault(name, (i,))
+    for i, marker in enumerate(markers):
+        centre = _CENTRE.fullmatch(marker.part)
+        if centre and marker.side:
+            places.setdefault(f"{marker.side}_{_LETTERS.get(centre[1] or '', centre[2])}", (i,))
+    at = {marker: i for i, marker in reversed(list(enumerate(markers)))}
+    for predicted in (False, True):
+        for side in ("left", "right"):
+            for joint, lateral, medial in _pairs():
+                pair = tuple(at.get(_Marker(side, part, predicted), -1) for part in (lateral, medial))
+                if min(pair) >= 0:
+                    places.setdefault(f"{side}_{joint}", pair)
+    for i, name in enumerate(names):
+        landmark = landmark_name(name)
+        if landmark is not None and not of_skin:
+            places.setdefault(landmark, (i,))
+    return places
+
+
+def _pairs() -> list[tuple[str, str, str]]:
+    """A joint's name, and the parts that its lateral and medial markers are called."""
+    spelled = [(joint, a.format(joint), b.format(joint)) for joint in _PAIRED for a in _LATERAL for b in _MEDIAL]
+    return [*spelled, *_OTHER_PAIRS]
+
+
+def _marker(name: str) -> _Marker:
+    text = re.sub(r"[\s.\-]+", "_", name.strip())
+    predicted = text.lower().endswith("_study")
+    text = text[: -len("_study")] if predicted else text
+    sided = _SIDED.fullmatch(text)
+    side, part = (_SIDES[(sided[1] or sided[2]).lower()], sided[3]) if sided else ("", text)
+    return _Marker(side, re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", part).lower(), predicted)
