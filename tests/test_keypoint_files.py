@@ -226,3 +226,27 @@ def test_faults_name_their_place(tmp_path: Path, name: str, content: Any, said: 
     with pytest.raises(InputError, match=said) as caught:
         load_keypoints(path)
     assert caught.value.source == str(path)
+
+
+def test_members_that_were_meant_for_known_ones_are_not_left_out(tmp_path: Path) -> None:
+    track = load_keypoints(deeplabcut(tmp_path / "a.csv", {"": points()}, lambda t: [str(t)]))
+    write_keypoints(tmp_path / "a.json", track)
+    own = json.loads((tmp_path / "a.json").read_text())
+    person = {"id": 3, "keypoints": np.nan_to_num(points()[0]).tolist()}
+    for changed, said in (
+        ({"image_sise": [640, 480]}, r"'image_sise' is unknown \(did you mean image_size\?"),
+        ({"frames": [{"keypoint": [], "people": [person]}]}, r"frame 0: the member 'keypoint' is unknown"),
+        ({"frames": [{"people": [{"ids": 3, **{k: v for k, v in person.items() if k != "id"}}]}]}, "person 0: .*'ids'"),
+    ):
+        kept = {key: value for key, value in own.items() if key != "image_size" or "image_sise" not in changed}
+        (tmp_path / "b.json").write_text(json.dumps(kept | changed))
+        with pytest.raises(InputError, match=said):
+            load_people(tmp_path / "b.json")
+    (tmp_path / "b.json").write_text(json.dumps(own | {"detector": "x", "scores": 1}))
+    same(load_keypoints(tmp_path / "b.json"), points())
+    np.savez(tmp_path / "c.npz", keypoints=points()[..., :2], score=points()[..., 2])
+    with pytest.raises(InputError, match=r"'score' is unknown \(did you mean scores\?"):
+        load_keypoints(tmp_path / "c.npz")
+    (tmp_path / "a.names.json").write_text('{"nose": "noze"}')
+    notes = load_keypoints(tmp_path / "a.csv").notes
+    assert any("nose is called 'noze', which is no landmark of people: nose?" in note for note in notes)

@@ -155,7 +155,7 @@ GOOD = [[10.0 * j, 5.0 * j, 0.5] for j in range(17)]
         ("[]", "no detection"),
         ("3", "known layout"),
         ({"frames": [None, None]}, "no person"),
-        ({"frames": [{"points": []}]}, r"frame 0\.keypoints: is missing"),
+        ({"frames": [{"points": []}]}, r"frame 0: the member 'points' is unknown .did you mean keypoints"),
         ({"frames": [None, {"keypoints": GOOD[:5]}]}, "frame 1, person 0: 15 numbers fit no layout"),
         ({"format": "coco17", "frames": [{"keypoints": GOOD + GOOD[:1]}]}, "frame 0, person 0: coco17 has 51"),
         ({"frames": [{"keypoints": [*GOOD[:16], [1.0, "x", 0.5]]}]}, "frame 0, person 0.*found text"),

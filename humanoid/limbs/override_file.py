@@ -136,7 +136,8 @@ def read_overrides(path: str | Path) -> Overrides:
     content = read_toml(path, remedy='a limb begins with [limbs.NAME], then entries such as link = "thigh"')
     for table in content:
         if table != "limbs":
-            raise InputError(path, "unknown table", place=f"[{table}]", remedy="write [limbs.NAME]")
+            remedy = nearest(table, ["limbs"], "tables") + " A limb begins with [limbs.NAME]"
+            raise InputError(path, "unknown table", place=f"[{table}]", remedy=remedy)
     limbs = content.get("limbs", {})
     if not isinstance(limbs, dict):
         raise InputError(path, "is not a table", place="limbs", remedy="write [limbs.NAME]")

@@ -114,7 +114,8 @@ def _is_number(value: Any) -> bool:
 def _set_subject(document: Document, path: Path, entries: dict[str, Any]) -> None:
     for name in entries:
         if name != "base":
-            raise InputError(path, "unknown entry", place=f"[subject] {name}", remedy='base = "free" or "fixed"')
+            remedy = nearest(name, ["base"], "entries")
+            raise InputError(path, f"unknown entry {shown(name)}", place="[subject]", remedy=remedy)
     if "base" in entries:
         if entries["base"] not in ("free", "fixed"):
             problem = f"{shown(entries['base'])} is unknown"

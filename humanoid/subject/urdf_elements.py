@@ -29,14 +29,24 @@ import numpy as np
 
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements, read_document
-from humanoid.subject.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, write_flesh
+from humanoid.subject.urdf_flesh import FLESH_ATTRIBUTES, Flesh, numbers_text, read_flesh, stretched, write_flesh
 from humanoid.subject.urdf_mimic import Mimic, mimic_of, read_mimics
 from humanoid.support.errors import InputError
-from humanoid.support.near_names import nearest
+from humanoid.support.near_names import near_names, nearest
 
 T = TypeVar("T")
 
 LEAST_STD = 1e-6  # rad, m or a factor: what is surer than this divides by zero
+_CLOSE_TAG = 0.75  # likeness from which an element is meant for one of ours; other programs have their own
+_URDF = ("link", "joint", "material", "transmission", "gazebo", "inertial", "visual", "collision", "origin")
+_ROOT: dict[str, tuple[str, ...]] = {
+    "subject": ("base",),
+    "landmark": ("name", "link", "xyz"),
+    "upright": ("link", "xyz", "std"),
+    "stabiliser": ("joint", "rest", "std"),
+    "proportion": ("joint", "scale_min", "scale_max", "mean", "std", "symmetric_with"),
+}
+_LINK: dict[str, tuple[str, ...]] = {"flesh": FLESH_ATTRIBUTES}
 _KEPT = {
     "robot": ("link", "joint"),
     "link": ("inertial", "visual", "collision"),
@@ -117,6 +127,7 @@ def read_elements(document: Document) -> Elements:
     InputError: an attribute is missing or out of range, a name unknown or given twice.
     """
     root = document.root
+    _check_known(document)
     links = {e.get("name", "") for e in elements(root, "link")}
     joints = {e.get("name", ""): e for e in elements(root, "joint")}
     proportions = _each(document, "proportion", "joint", lambda e: _proportion(document, e, joints))
@@ -135,6 +146,19 @@ def read_elements(document: Document) -> Elements:
         upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
         mimics=read_mimics(document),
     )
+
+
+def _check_known(document: Document) -> None:
+    """Refuse attributes that the extra elements do not have, and elements that may have been meant for them."""
+    given = [(e, _ROOT) for e in elements(document.root)]
+    given += [(e, _LINK) for link in elements(document.root, "link") for e in elements(link)]
+    for element, own in given:
+        tag = element.tag
+        if tag not in own and tag not in _URDF and (meant := near_names(tag, own, close=_CLOSE_TAG)):
+            raise document.fault(element, f"the element <{tag}> is unknown", f"did you mean <{meant[0]}>?")
+        for key in element.attrib if tag in own else ():
+            if key not in own[tag]:
+                raise document.fault(element, f"the attribute {key!r} is unknown", nearest(key, own[tag], "attributes"))
 
 
 def _upright(document: Document, roots: set[str]) -> UprightElement | None:

@@ -26,6 +26,18 @@ from humanoid.subject import superquadric
 from humanoid.subject.urdf_document import PLAUSIBLE, Document
 
 SHAPES: tuple[Literal["superquadric", "capsule", "ellipsoid"], ...] = ("superquadric", "capsule", "ellipsoid")
+FLESH_ATTRIBUTES: tuple[str, ...] = (
+    "shape",
+    "radii",
+    "radius",
+    "length",
+    "exponents",
+    "taper",
+    "bend",
+    "xyz",
+    "rpy",
+    "clearance",
+)
 ROUND = 1.25  # a section whose half-axes differ by no more is a limb's
 OVERLAP = 0.5  # of a limb's radius: how far its flesh reaches beyond its capsule at either end
 

@@ -11,12 +11,12 @@ _PART = 3  # letters that are looked for inside of names
 _LISTED = 40
 
 
-def near_names(name: str, valid: Iterable[str], most: int = 3) -> list[str]:
+def near_names(name: str, valid: Iterable[str], most: int = 3, close: float = _CLOSE) -> list[str]:
     """The valid names that are nearest: those that contain the name, the shortest first, then those that are alike, the
-    nearest first, then those of which a word is alike."""
+    nearest first, then those of which a word is alike; close: likeness that is needed, from 0 to 1."""
     names, part = sorted(set(valid)), name.strip().lower()
     within = sorted((n for n in names if len(part) >= _PART and part in n.lower()), key=len)
-    alike = difflib.get_close_matches(name, names, n=most, cutoff=_CLOSE)
+    alike = difflib.get_close_matches(name, names, n=most, cutoff=close)
     words = {word for n in names for word in n.lower().split("_")}
     meant = set(difflib.get_close_matches(part, words, n=1, cutoff=_CLOSE_WORD))
     by_word = [n for n in names if meant & set(n.lower().split("_"))]

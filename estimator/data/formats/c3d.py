@@ -102,7 +102,7 @@ def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
             raise InputError(path, "does not begin as C3D files do")
         content = ezc3d.c3d(str(path))
         parameters: Any = content["parameters"]
-        points, residuals = content["data"]["points"], content["data"]["meta_points"]["residuals"]
+        points = content["data"]["points"]  # NaN where the residual is -1
         first, rate = int(content["header"]["points"]["first_frame"]), float(content["header"]["points"]["frame_rate"])
         point = {name: list(value["value"]) for name, value in parameters["POINT"].items() if "value" in value}
     except InputError:
@@ -117,7 +117,7 @@ def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
     unit = _word(point, "UNITS").lower()
     unit = _UNITS.get(unit, unit)
     metres = metres_in(unit, path, "POINT:UNITS")
-    missing = ~np.isfinite(points[:3]).all(axis=0) | (residuals[0] < 0.0)
+    missing = ~np.isfinite(points[:3]).all(axis=0)
     world = np.where(missing, np.nan, metres * points[:3])[:, kept].transpose(2, 1, 0)
     axis, notes = _up(point, up)
     time = (first + np.arange(len(world))) / rate if rate > 0.0 else np.full(len(world), np.nan)

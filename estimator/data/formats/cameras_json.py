@@ -23,8 +23,8 @@ import numpy as np
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.cameras.lens import COUNTS
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
-from estimator.data.formats.cameras_units import check_members, in_metres
-from estimator.data.formats.checked_json import mapping, numbers, sequence, shaped
+from estimator.data.formats.cameras_units import in_metres
+from estimator.data.formats.checked_json import check_members, mapping, numbers, sequence, shaped
 from humanoid.support.errors import InputError
 
 _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits

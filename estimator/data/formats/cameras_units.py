@@ -1,8 +1,8 @@
-"""What camera files give in ways of their own: rotation vectors, lengths of an unknown unit, unknown members."""
+"""What camera files give in ways of their own: rotation vectors, lengths of an unknown unit."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.checked_json import numbers, shaped
 from humanoid.support.errors import InputError, shown
-from humanoid.support.near_names import near_names, nearest
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 FARTHEST = 50.0  # m that cameras of one subject are apart, or one is from its origin
@@ -48,26 +47,6 @@ def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: s
     if unit not in UNITS:
         raise InputError(source, f"the unit {shown(unit)} is unknown", place=place, remedy=f"one of {', '.join(UNITS)}")
     return [replace(camera, t_camera_world=UNITS[unit] * camera.t_camera_world) for camera in cameras]
-
-
-def check_members(
-    entry: Mapping[str, Any], known: Collection[str], source: str | Path, place: str, *, near: bool = False
-) -> None:
-    """Refuse members that are not known, but for texts: what a file says of a camera must not be left out in silence.
-
-    near: only those that may have been meant for a known one that is missing, for files in which tools keep more.
-
-    Raises
-    ------
-    InputError: the first such member, with the nearest known ones.
-    """
-    missing = [name for name in known if name not in entry]
-    for name, value in entry.items():
-        told = value is not None and (near or not isinstance(value, str))
-        if name in known or not told or (near and not near_names(name, missing)):
-            continue
-        remedy = nearest(name, missing if near_names(name, missing) else known, "members")
-        raise InputError(source, f"the member {shown(name)} is unknown", place=place, remedy=remedy)
 
 
 def check_apart(cameras: Sequence[Camera], source: str | Path, place: str) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 from humanoid.support.files import read_bytes
+from humanoid.support.near_names import near_names, nearest
 
 LARGEST = 1e7  # no length [m], pixel or coefficient comes near it
 BEYOND = "has a number that is not finite, or at least 1e7 in size"
@@ -69,6 +70,26 @@ def member(value: Mapping[str, Any], key: str, source: str | Path, place: str) -
     if key not in value:
         raise InputError(source, "is missing", place=f"{place}.{key}" if place else key)
     return value[key]
+
+
+def check_members(
+    entry: Mapping[str, Any], known: Collection[str], source: str | Path, place: str, *, near: bool = False
+) -> None:
+    """Refuse members that are not known, but for texts: what a file says must not be left out in silence.
+
+    near: only those that may have been meant for a known one that is missing, for files in which tools keep more.
+
+    Raises
+    ------
+    InputError: the first such member, with the nearest known ones.
+    """
+    missing = [name for name in known if name not in entry]
+    for name, value in entry.items():
+        told = value is not None and (near or not isinstance(value, str))
+        if name in known or not told or (near and not near_names(name, missing)):
+            continue
+        remedy = nearest(name, missing if near_names(name, missing) else known, "members")
+        raise InputError(source, f"the member {shown(name)} is unknown", place=place, remedy=remedy)
 
 
 def numbers(value: Any, source: str | Path, place: str, *, finite: bool = True) -> np.ndarray:

@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 from estimator.data.formats.checked_json import mapping, read_json, read_text
 from estimator.data.formats.keypoints_reading import Reading, as_landmarks, checked_names
-from humanoid.subject.landmarks import landmark_name
+from humanoid.subject.landmarks import FORMATS, landmark_name
 from humanoid.support.errors import InputError, shown
+from humanoid.support.near_names import near_names
 
+_KNOWN = {name for names in FORMATS.values() for name in names if name is not None}
 _ENDINGS = (".names.json", ".names.txt")
 
 
@@ -37,6 +39,9 @@ def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
         remedy = f"the keypoints are {', '.join(own)}"
         raise InputError(naming.source or "names", f"there is no keypoint {shown(unknown[0])}", remedy=remedy)
     names = as_landmarks([renamed.get(name, name) for name in own])
+    for theirs, ours in renamed.items():
+        if landmark_name(ours) is None and (meant := near_names(ours, _KNOWN, most=1)):
+            reading.notes.say(f"{theirs} is called {shown(ours, 30)}, which is no landmark of people: {meant[0]}?")
     foreign = [name for name in names if landmark_name(name) is None]
     if foreign and naming.of is None:
         some = ", ".join(shown(name, 30) for name in foreign[:8]) + (", ..." if len(foreign) > 8 else "")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
-from estimator.data.formats.checked_json import LARGEST, number_between
+from estimator.data.formats.checked_json import LARGEST, check_members, number_between
 from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks, naming_beside, places_of_names
 from estimator.data.formats.keypoints_people import Person, cleaned
@@ -23,6 +23,7 @@ from estimator.data.media.clip import FPS_RANGE
 from humanoid.support.errors import InputError
 
 _SHAPES = "(T, K, 2), (T, K, 3), or of N people (T, N, K, 2) or (T, N, K, 3)"
+_ARRAYS = ("keypoints", "scores", "names", "fps", "image_size")
 _MOST_PEOPLE = 1000
 
 
@@ -36,6 +37,7 @@ def read_arrays(reading: Reading) -> None:
     if "keypoints" not in arrays:
         remedy = "keypoints, and scores, names, fps, image_size where they are known"
         raise InputError(path, f"has no array 'keypoints' but {', '.join(arrays) or 'none'}", remedy=remedy)
+    check_members(arrays, _ARRAYS, path, "", near=True)
     points = _points(arrays, path)
     _set_names(arrays, points.shape[2], reading)
     if "fps" in arrays:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator.data.formats.cameras_json import image_size
-from estimator.data.formats.checked_json import mapping, member, number_between, sequence
+from estimator.data.formats.checked_json import check_members, mapping, member, number_between, sequence
 from estimator.data.formats.keypoint_format import KeypointFormat
 from estimator.data.formats.keypoints_people import Person
 from estimator.data.formats.keypoints_reading import Reading, as_landmarks
@@ -21,12 +21,15 @@ from humanoid.support.errors import InputError
 
 def _own(value: Mapping[str, Any], reading: Reading) -> None:
     path = reading.source
+    check_members(value, ("format", "image_size", "fps", "names", "frames"), path, "", near=True)
     _own_header(value, reading)
     frames = sequence(value["frames"], path, "frames")
     reading.count = len(frames)
     for i, frame in enumerate(frames):
         place = f"frame {i}"
         content = {"keypoints": None} if frame is None else mapping(frame, path, place)
+        if content.keys() - {"keypoints", "people"}:
+            check_members(content, ("keypoints", "people"), path, place, near=True)
         if "people" in content:
             reading.add(i, _own_people(content["people"], reading, place))
             continue
@@ -41,6 +44,8 @@ def _own_people(value: Any, reading: Reading, place: str) -> list[Person | None]
     for k, person in enumerate(sequence(value, path, f"{place} people")):
         where = f"{place}, person {k}"
         content = mapping(person, path, where)
+        if content.keys() - {"id", "keypoints"}:
+            check_members(content, ("id", "keypoints"), path, where, near=True)
         people.append(reading.person(member(content, "keypoints", path, where), content.get("id"), path, where))
     return people
 
