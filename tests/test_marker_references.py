@@ -11,7 +11,8 @@ import pytest
 from test_run_file import header, state_of, walk
 
 import kinemode as km
-from benchmarks.robustness.c3d_files import c3d_file
+from benchmarks.robustness.c3d_files import DEC, INTEL, MIPS, c3d_file
+from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.markers import named_points
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.data.formats.reference import load_reference
@@ -80,7 +81,6 @@ def errors(run: Run, file: Path, **how: Any) -> Evaluation:
 
 def test_every_file_of_the_same_markers_gives_the_same_errors(run: Run, tmp_path: Path) -> None:
     """Whichever axis points up, in whichever unit, whole numbers or not."""
-    pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
     points = laboratory(run)
     write_trc(tmp_path / "a.trc", MARKERS, points, run.time)
     y_up = errors(run, tmp_path / "a.trc")
@@ -123,7 +123,6 @@ def test_what_was_matched_is_said(run: Run, tmp_path: Path) -> None:
 
 
 def test_the_clock_of_a_file_and_its_offset(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
     points = laboratory(run)[2:]
     write_trc(tmp_path / "a.trc", MARKERS, points, run.time[2:])
     (tmp_path / "a.c3d").write_bytes(c3d_file(MARKERS, 1e3 * points, rate=30.0, first=3))
@@ -151,15 +150,16 @@ TRC = "PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\tRHJC\t\t\tC7\t\t\
         ("a.trc", TRC, "1 of its markers are landmarks of the run, 3 are needed .*reference: right_hip, C7; landm"),
         ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), unit="furlong"), "POINT:UNITS: unknown unit 'furlong'"),
         ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), unit=""), "POINT:UNITS: has no unit of length"),
-        ("a.c3d", c3d_file(("*1", ""), np.ones((2, 2, 3))), "has no points"),
+        ("a.c3d", c3d_file(("*1", ""), np.ones((2, 2, 3))), "has no points with a name"),
         ("a.c3d", c3d_file(("ann:LHJC", "bob:LHJC"), np.ones((2, 2, 3))), "several people: 'ann, bob'"),
+        ("a.c3d", c3d_file(("A",), np.ones((200, 1, 3)))[:1800], "ends within its 200 frames"),
+        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), first=5).replace(b"\x05\0\x06\0", b"\x05\0\x03\0"), "-1 frames"),
+        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), processor=99), "unknown processor, 99 .84 to 86"),
         ("a.c3d", b"PathFileType", "does not begin as C3D files do"),
-        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)))[:600], "cannot be read: .*write it again"),
+        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)))[:600], "ends within its parameters"),
     ],
 )  # fmt: skip
 def test_faults_are_said_in_a_line(run: Run, tmp_path: Path, name: str, content: Any, said: str) -> None:
-    if name.endswith("c3d"):
-        pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(InputError, match=said):
@@ -167,7 +167,6 @@ def test_faults_are_said_in_a_line(run: Run, tmp_path: Path, name: str, content:
 
 
 def test_an_axis_nobody_names_is_said(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
     (tmp_path / "a.c3d").write_bytes(c3d_file(MARKERS, 1e3 * laboratory(run), up="", rate=30.0))
     assert "--up" in errors(run, tmp_path / "a.c3d").notes[0]
     assert "--up" not in errors(run, tmp_path / "a.c3d", up="z").notes[0]
@@ -177,3 +176,23 @@ def test_an_axis_nobody_names_is_said(run: Run, tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", points=run.landmarks, names=np.array(LIMB_JOINTS), fps=30.0)
     with pytest.raises(InputError, match="up: is of the world of markers"):
         errors(run, tmp_path / "a.npz", up="y")
+
+
+@pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
+@pytest.mark.parametrize("whole", [True, False])
+def test_c3d_of_every_processor(tmp_path: Path, processor: int, whole: bool) -> None:
+    points = np.random.default_rng(processor).uniform(-900.0, 900.0, (5, 3, 3))
+    points[2, 1] = np.nan
+    (tmp_path / "a.c3d").write_bytes(c3d_file(("A", "RHJC", "c"), points, whole=whole, processor=processor, rate=50.0))
+    file = read_c3d(tmp_path / "a.c3d")
+    assert file.names == ("A", "RHJC", "c")
+    np.testing.assert_allclose(1e3 * file.points, points, atol=0.051 if whole else 1e-3)
+    np.testing.assert_allclose(file.time, np.arange(5) / 50.0)
+
+
+def test_our_own_c3d_is_read_again(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
+    reference = load_reference(export(run, tmp_path / "a.c3d"))
+    assert reference.names == run.body.landmark_names  # without the channels of angles
+    np.testing.assert_allclose(reference.points, run.landmarks, atol=1e-6)
+    np.testing.assert_allclose(reference.time, run.time, atol=1e-6)

@@ -15,10 +15,13 @@ import cv2
 import numpy as np
 
 import kinemode as km
+from benchmarks.robustness.c3d_files import c3d_file
 from benchmarks.robustness.fuzz_limbs import templates, two_limbs
 from benchmarks.robustness.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, LIMBS, OBJ
+from benchmarks.robustness.hdf5_files import deeplabcut_fixed_h5, deeplabcut_h5, sleap_h5
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.formats.opensim import write_trc
 from estimator.runs.export import export
 from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED
 from humanoid.kinematics.body import Body
@@ -115,6 +118,7 @@ def _other_programs() -> dict[str, list[Files]]:
             {"walk.csv": _deeplabcut(p, ("",)), "walk.names.json": renamed},
             {"walk.csv": _deeplabcut(p, ("ann", "bob"))},
         ],
+        "keypoint h5": [{"walk.h5": content, "walk.names.json": renamed} for content in _hdf5(p)],
         "coco": [{"coco.json": _json({"images": ids, "annotations": shown, "categories": [category]})}],
         "rtmlib": [{"people.json": _json(content)} for content in (frames, whole)],
         "keypoint arrays": [{"points.npz": npz(arrays)}, {"points.npz": npz({"keypoints": p[:, None]})}],
@@ -131,6 +135,34 @@ def _deeplabcut(p: np.ndarray, who: Sequence[str]) -> bytes:
     rows = [[str(t), *(f"{v:g}" for _ in who for v in xyc.ravel())] for t, xyc in enumerate(p)]
     lines = [*(heads if len(who) > 1 else [heads[0], *heads[2:]]), *rows]
     return "\n".join(map(",".join, lines)).encode()
+
+
+def _hdf5(p: np.ndarray) -> list[bytes]:
+    """DeepLabCut's and SLEAP's files of points (T, 17, 3), of one person and of two."""
+    parts = ["snout", *map(str, FORMATS["coco17"][1:])]
+    kinds, frames = ("x", "y", "likelihood"), range(len(p))
+    alone = [("DLC", part, kind) for part in parts for kind in kinds]
+    both = [("DLC", who, part, kind) for who in ("ann", "bob") for part in parts for kind in kinds]
+    flat = p.reshape(len(p), -1)
+    two = np.concatenate([flat, flat + 1.0], axis=1)
+    people = np.stack([p, p + 1.0], axis=1)
+    return [
+        deeplabcut_h5(alone, flat, [f"walk/img{t}.png" for t in frames]), deeplabcut_h5(both, two, frames),
+        deeplabcut_fixed_h5(both, two, frames), sleap_h5(p[:, None], parts, ()), sleap_h5(people, parts, ("a", "b")),
+        sleap_h5(people, parts, ("a", "b"), "standard", declared=True),
+    ]  # fmt: skip
+
+
+def _laboratory() -> dict[str, list[Files]]:
+    """Markers of which some are joint centres, as capture systems write them."""
+    names = ("RHJC", "L_HJC_reg", "r_knee", "r_mknee", "C7", "L_ankle")
+    where = np.random.default_rng(3).uniform(0.1, 1.6, (FRAMES, len(names), 3))
+    where[1, 2] = np.nan
+    whole, floats = (c3d_file(names, 1e3 * where, whole=whole, up=up) for whole, up in ((True, "+Y"), (False, "")))
+    with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
+        write_trc(Path(folder) / "a.trc", names, where, np.arange(FRAMES) / 100.0)
+        text = (Path(folder) / "a.trc").read_bytes()
+    return {"c3d": [{"a.c3d": whole}, {"a.c3d": floats}], "trc": [{"a.trc": text}]}
 
 
 @contextmanager
@@ -293,10 +325,11 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
         km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
     particles = {f"{name}.run": (folder / "stopped.run").read_bytes()}
-    trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
+    laboratory = _laboratory()
+    trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}, *laboratory["trc"]]
     return {
         "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
-        "motion csv": tables, "motion npz": arrays,
+        "motion csv": tables, "motion npz": arrays, "c3d": laboratory["c3d"],
     }  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.robustness.fuzz_arrays import mutated_npy, mutated_npz, mutated_run
 from benchmarks.robustness.fuzz_corpus import FRAMES, SIZE, Files
+from benchmarks.robustness.fuzz_hdf5 import mutated_hdf5
 from benchmarks.robustness.fuzz_limbs import use_potentials, use_templates
 from benchmarks.robustness.fuzz_mutations import mutated
 from estimator.data.cameras.camera import guessed_camera
@@ -64,6 +65,8 @@ def _damage(kind: str, name: str) -> Callable[[bytes, Random, list[bytes]], byte
         return mutated_npz
     if kind == "run":
         return mutated_run
+    if name.endswith(".h5"):
+        return mutated_hdf5
     if name.endswith(".names.json"):
         kind = "json"
     if kind == "npy":
@@ -136,16 +139,17 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.18),
-    "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
+    "keypoints": Reader("json", load_keypoints, 0.12),
+    "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.086, folder=True),
     "deeplabcut": Reader("text", load_keypoints, 0.03),
+    "keypoint h5": Reader("json", load_keypoints, 0.03),
     "coco": Reader("json", load_keypoints, 0.03),
     "rtmlib": Reader("json", load_keypoints, 0.02),
     "keypoint arrays": Reader("npz", load_keypoints, 0.02),
     "keypoint array": Reader("npy", load_keypoints, 0.02),
-    "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
-    "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
-    "cameras": Reader("json", load_cameras, 0.17),
+    "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.05),
+    "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.05),
+    "cameras": Reader("json", load_cameras, 0.14),
     "camera text": Reader("text", load_cameras, 0.06),
     "bvh": Reader("text", _bvh, 0.06),
     "motion csv": Reader("text", _motion, 0.02),
@@ -153,6 +157,7 @@ READERS = {
     "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
     "reference": Reader("npz", Reference.load, 0.04),
     "trc": Reader("text", Reference.load, 0.05),
+    "c3d": Reader("binary", Reference.load, 0.03),
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),
     "limb file": Reader("text", _limb_file, 0.004),

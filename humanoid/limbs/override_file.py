@@ -136,7 +136,7 @@ def read_overrides(path: str | Path) -> Overrides:
     content = read_toml(path, remedy='a limb begins with [limbs.NAME], then entries such as link = "thigh"')
     for table in content:
         if table != "limbs":
-            remedy = nearest(table, ["limbs"], "tables") + " A limb begins with [limbs.NAME]"
+            remedy = "write [limbs.NAME]; " + nearest(table, ["limbs"], "tables")
             raise InputError(path, "unknown table", place=f"[{table}]", remedy=remedy)
     limbs = content.get("limbs", {})
     if not isinstance(limbs, dict):

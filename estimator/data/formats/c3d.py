@@ -1,4 +1,4 @@
-"""C3D files (c3d.org), the exchange format of motion capture laboratories, written and read by ezc3d.
+"""C3D files (c3d.org), the exchange format of motion capture laboratories, written by ezc3d.
 
 B. Michaud and M. Begon, ezc3d: An easy C3D file I/O cross-platform solution, Journal of Open Source Software 6(58),
 2021.
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.data.cameras.camera import UPS
+from estimator.data.formats.c3d_content import Parameters, read_content
 from estimator.data.formats.opensim import MarkerFile, frame_rate, metres_in, upright_world
 from humanoid.support.errors import InputError, shown
 from humanoid.support.extras import optional
@@ -92,49 +93,35 @@ def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
 
     Raises
     ------
-    InputError: ezc3d is not installed; no C3D file, no points, an unknown unit, or people of several names.
+    InputError: as `read_content`; no points, an unknown unit, or people of several names.
     """
-    ezc3d = optional("ezc3d", "c3d", "c3d files")
-    try:
-        with path.open("rb") as file:
-            start = file.read(2)
-        if start[1:] != b"\x50":
-            raise InputError(path, "does not begin as C3D files do")
-        content = ezc3d.c3d(str(path))
-        parameters: Any = content["parameters"]
-        points = content["data"]["points"]  # NaN where the residual is -1
-        first, rate = int(content["header"]["points"]["first_frame"]), float(content["header"]["points"]["frame_rate"])
-        point = {name: list(value["value"]) for name, value in parameters["POINT"].items() if "value" in value}
-    except InputError:
-        raise
-    except Exception as error:  # ezc3d lets errors of any kind through
-        raise InputError(path, f"cannot be read: {shown(str(error), 200)}", remedy="write it again") from None
+    content = read_content(path)
+    point, points = content.point, content.points
     labels = [str(label).strip() for key in _label_keys(point) for label in point[key]][: points.shape[1]]
     channels = {str(name).strip() for key in _CHANNELS for name in point.get(key, ())}
     kept = [i for i, label in enumerate(labels) if label and not label.startswith("*") and label not in channels]
-    if not kept or not points.shape[2]:
-        raise InputError(path, "has no points")
+    if not kept:
+        raise InputError(path, "has no points with a name")
     unit = _word(point, "UNITS").lower()
     unit = _UNITS.get(unit, unit)
-    metres = metres_in(unit, path, "POINT:UNITS")
-    missing = ~np.isfinite(points[:3]).all(axis=0)
-    world = np.where(missing, np.nan, metres * points[:3])[:, kept].transpose(2, 1, 0)
+    world = metres_in(unit, path, "POINT:UNITS") * points[:, kept]
     axis, notes = _up(point, up)
-    time = (first + np.arange(len(world))) / rate if rate > 0.0 else np.full(len(world), np.nan)
+    count = np.arange(content.first, content.first + len(world))
+    time = count / content.rate if content.rate > 0.0 else np.full(len(world), np.nan)
     return MarkerFile(_of_one_person(path, [labels[i] for i in kept]), world @ upright_world(axis).T, time, unit, notes)
 
 
-def _label_keys(point: dict[str, list[Any]]) -> list[str]:
+def _label_keys(point: Parameters) -> list[str]:
     """LABELS, LABELS2, LABELS3, ... as far as they go."""
     keys = [key for key in point if key.startswith("LABELS") and key[6:].isascii() and (key[6:] or "1").isdigit()]
     return sorted(keys, key=lambda key: int(key[6:] or "1"))
 
 
-def _word(point: dict[str, list[Any]], key: str) -> str:
+def _word(point: Parameters, key: str) -> str:
     return str(next(iter(point.get(key, ())), "")).strip()
 
 
-def _up(point: dict[str, list[Any]], up: str | None) -> tuple[str, tuple[str, ...]]:
+def _up(point: Parameters, up: str | None) -> tuple[str, tuple[str, ...]]:
     """The axis that points up, and a note where nobody says which."""
     said = _word(point, "Y_SCREEN").lower().lstrip("+")
     if up is not None or said in UPS:
