@@ -402,6 +402,12 @@ MEASURES = (
         (MOCAP,),
     ),
     Measure(
+        "benchmarks.robustness.boards",
+        "Rigs placed by a small, far board whose mirrored solutions fit nearly as well: wrong placements, and doubts.",
+        "no wrong placement without a doubt",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.robustness.disagreement",
         "beam4cam from four cameras with files that disagree in size, frame rate and clock.",
         "within 10 % of the originals; refused or warned where not given",

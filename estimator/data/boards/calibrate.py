@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.data.boards.board import Board
-from estimator.data.boards.lens import FEWEST_VIEWS, UNSURE, LensFit, board_pose, fit_lens
+from estimator.data.boards.lens import FEWEST_VIEWS, UNSURE, BoardPose, LensFit, fit_lens
 from estimator.data.boards.placement import place_cameras
 from estimator.data.boards.shots import BoardSighting, Shots
 from estimator.data.cameras.camera import Camera
@@ -88,12 +88,16 @@ def calibrate(
     cameras, placed = {name: fit.camera for name, fit in fits.items()}, dict[str, float]()
     if len(shots) > 1 or origin is not None:
         origin = _origin(fits, every, origin)
-        cameras, errors = place_cameras(fits, board, every, origin)
+        cameras, errors, unsure = place_cameras(fits, board, every, origin)
         placed = errors if len(shots) > 1 else placed
-        notes += _doubts(fits, placed)
+        notes += _doubts(fits, placed) + unsure
     return BoardCalibration(
         cameras=cameras,
-        views=tuple(_board_view(fits[v.camera].camera, board, v) for v in every if v.frame in fits[v.camera].poses),
+        views=tuple(
+            _board_view(fits[v.camera].camera, board, v, fits[v.camera].poses[v.frame][0])
+            for v in every
+            if v.frame in fits[v.camera].poses
+        ),
         lens_errors={name: fit.rms for name, fit in fits.items()},
         placed_errors=placed,
         looked_at={s.name: len(frames[s.name]) for s in shots},
@@ -169,9 +173,6 @@ def _doubts(fits: Mapping[str, LensFit], placed: Mapping[str, float]) -> list[st
     ]
 
 
-def _board_view(camera: Camera, board: Board, view: BoardSighting) -> BoardView:
-    pose = board_pose(camera, board, view)
-    if pose is None:
-        raise AssertionError("a view that had a pose has none")
-    R, t, error = pose
-    return BoardView(view, replace(camera, R_camera_world=R, t_camera_world=t).project(board.points), error)
+def _board_view(camera: Camera, board: Board, view: BoardSighting, pose: BoardPose) -> BoardView:
+    there = replace(camera, R_camera_world=pose.R, t_camera_world=pose.t)
+    return BoardView(view, there.project(board.points), pose.error)

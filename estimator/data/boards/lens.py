@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,27 +17,35 @@ from humanoid.support.errors import InputError
 LENSES = ("brown", "rational", "fisheye")
 FEWEST_VIEWS, MOST_VIEWS = 5, 40
 LEAST_TILT = 8.0  # degrees between the boards of the two views that differ most
+NEAR = 0.4  # of the size of the largest board in a picture: smaller ones do not shape the lens
 UNSURE = 0.01  # of the focal length: standard deviation from which it is doubted
 _CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-9)
+
+
+class BoardPose(NamedTuple):
+    """Rotation (3, 3) and translation (3,) [m] of the board in the camera's frame, and the root mean square distance of
+    its corners from where they are seen [px]."""
+
+    R: np.ndarray
+    t: np.ndarray
+    error: float
 
 
 @dataclass(frozen=True)
 class LensFit:
     """A camera as the board shows it, at the origin.
 
-    camera: K and distortion. poses: rotation (3, 3) and translation (3,) [m] of the board in the camera, by frame.
-    errors: root mean square distance of the corners from where they should be [px], by frame. focal_std [px].
+    camera: K and distortion. poses: of the board by frame, see `board_poses`. focal_std [px].
     """
 
     camera: Camera
-    poses: dict[int, tuple[np.ndarray, np.ndarray]]
-    errors: dict[int, float]
+    poses: dict[int, list[BoardPose]]
     focal_std: float
 
     @property
     def rms(self) -> float:
         """Of all views [px]."""
-        return float(np.sqrt(np.mean(np.square(list(self.errors.values())))))
+        return float(np.sqrt(np.mean([best.error**2 for best, *_ in self.poses.values()])))
 
 
 def fit_lens(
@@ -54,7 +63,8 @@ def fit_lens(
         problem = f"{len(views)} pictures show {board.description}, at least {FEWEST_VIEWS} are needed"
         remedy = "10 to 20, near and far, tilted to all sides, up to the corners of the picture"
         raise InputError(source, problem, place=name, remedy=remedy)
-    some = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).astype(int))]
+    near = _near(views)
+    some = [near[i] for i in np.unique(np.linspace(0, len(near) - 1, min(len(near), MOST_VIEWS)).astype(int))]
     points = [np.ascontiguousarray(board.points[v.seen][:, None], dtype=np.float64) for v in some]
     pixels = [np.ascontiguousarray(v.pixels[v.seen][:, None], dtype=np.float64) for v in some]
     try:
@@ -65,12 +75,20 @@ def fit_lens(
     _check_tilts(turns, name, source)
     guess = guessed_camera(name, size)
     camera = replace(guess, K=K, distortion=distortion, fisheye=lens == "fisheye")
-    poses, errors = {}, {}
+    poses = {}
     for view in views:
-        placed = board_pose(camera, board, view)
-        if placed is not None:
-            poses[view.frame], errors[view.frame] = placed[:2], placed[2]
-    return LensFit(camera, poses, errors, std)
+        placed = board_poses(camera, board, view)
+        if placed:
+            poses[view.frame] = placed
+    return LensFit(camera, poses, std)
+
+
+def _near(views: Sequence[BoardSighting]) -> list[BoardSighting]:
+    """The views in which the board is not small beside the others: small ones say little of the lens, and where OpenCV
+    starts one mirrored it settles on a wrong focal length."""
+    sizes = np.array([np.linalg.norm(np.ptp(v.pixels[v.seen], axis=0)) for v in views])
+    least = min(NEAR * sizes.max(), np.sort(sizes)[-FEWEST_VIEWS])
+    return [v for v, size in zip(views, sizes, strict=True) if size >= least]
 
 
 def _pinhole(
@@ -99,25 +117,28 @@ def _fisheye(
     return np.asarray(K), np.ravel(distortion).copy(), turns, 0.0
 
 
-def board_pose(camera: Camera, board: Board, view: BoardSighting) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Rotation (3, 3) and translation (3,) [m] of the board in the camera's frame, and the root mean square distance of
-    its corners [px]; None where there is none."""
+def board_poses(camera: Camera, board: Board, view: BoardSighting) -> list[BoardPose]:
+    """The poses in which the board looks as in the view, the better one first: at most two, of which the second is the
+    mirrored solution (Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014); none where the
+    corners make none."""
     rays = camera.directions(view.pixels[view.seen])[:, :2]
     good = np.isfinite(rays).all(axis=1)
     points = board.points[view.seen][good]
     if len(points) < 4:
-        return None
+        return []
+    poses: list[BoardPose] = []
     try:
-        done, turn, t = cv2.solvePnP(points, rays[good], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-        turn, t = cv2.solvePnPRefineLM(points, rays[good], np.eye(3), None, turn, t)
+        _, turns, places, _ = cv2.solvePnPGeneric(points, rays[good], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+        for start in zip(turns, places, strict=True):
+            turn, t = cv2.solvePnPRefineLM(points, rays[good], np.eye(3), None, *start)
+            if np.isfinite(turn).all() and t[2, 0] > 0.0:
+                R, t = cv2.Rodrigues(turn)[0], t[:, 0]
+                there = replace(camera, R_camera_world=R, t_camera_world=t).project(board.points)
+                distance = np.linalg.norm(there - view.pixels, axis=1)[view.seen]
+                poses.append(BoardPose(R, t, float(np.sqrt(np.nanmean(distance**2)))))
     except cv2.error:
-        return None
-    if not done or not np.isfinite(turn).all() or t[2, 0] <= 0.0:
-        return None
-    R, t = cv2.Rodrigues(turn)[0], t[:, 0]
-    there = replace(camera, R_camera_world=R, t_camera_world=t).project(board.points)
-    distance = np.linalg.norm(there - view.pixels, axis=1)[view.seen]
-    return R, t, float(np.sqrt(np.nanmean(distance**2)))
+        pass
+    return sorted(poses, key=lambda pose: pose.error)
 
 
 def _check_tilts(turns: Sequence[np.ndarray], name: str, source: str) -> None:

@@ -1,36 +1,46 @@
-"""Where several cameras stand that saw one board: a chain of its poses, then everything together."""
+"""Where several cameras stand that saw one board: what most of its pictures support, then everything together.
+
+A view of a flat board has two solutions, and in a small or far board both fit nearly as well (Collins and Bartoli, IJCV
+2014). Which are true is decided over all views: the relative placements of the cameras have to agree.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.sparse import lil_matrix
 
+from estimator.data.boards.adjustment import (
+    Adjustment,
+    Pose,
+    adjust,
+    angle_between,
+    chained,
+    corner_residuals,
+    inverse,
+)
 from estimator.data.boards.board import Board
-from estimator.data.boards.lens import LensFit
+from estimator.data.boards.consensus import candidates, placements
+from estimator.data.boards.floor import UPRIGHT, choose_floor, floor_notes, in_world, upright
+from estimator.data.boards.lens import BoardPose, LensFit
 from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera
 from humanoid.support.errors import InputError
 
-R_WORLD_BOARD = np.diag([1.0, -1.0, -1.0])
-"""The world of a board that lies on the floor, face up: origin at its first inner corner (of a ChArUco board at its
-outer corner), x along its columns, y against its rows, z up out of its face."""
 MOST_FRAMES = 40  # with boards that hold the cameras together
-_SCALE = 1.0  # px, beyond which a corner counts less
-_FAR = 1e3  # px, of what is behind a camera
-
-Pose = tuple[np.ndarray, np.ndarray]
+DOUBTED = 20.0  # twice the difference of log-likelihoods below which another solution fits as well
+FEWER_STEPS = 15  # of the adjustment of another solution
+UNSURE_TURN, UNSURE_SHIFT = 1.0, 0.02  # degrees; of the distance between two cameras: deviations that are said
+SAME = 2.0  # degrees, within which two solutions are one
+FILM = "tilt the board more, bring it nearer, and carry it through where both cameras see it"
 
 
 def place_cameras(
     fits: Mapping[str, LensFit], board: Board, views: Sequence[BoardSighting], origin: int
-) -> tuple[dict[str, Camera], dict[str, float]]:
-    """The cameras in the world of the board in frame `origin`, and the root mean square distance of the corners in each
-    from where the board is that all of them see [px].
+) -> tuple[dict[str, Camera], dict[str, float], list[str]]:
+    """The cameras in the world of the board in frame `origin`, the root mean square distance of the corners in each
+    from where the board is that all of them see [px], and notes on what is in doubt.
 
     Lenses are kept; cameras, and the board in every frame that two cameras saw, are moved until the corners of all
     fit best (bundle adjustment, soft L1 beyond 1 px).
@@ -39,26 +49,23 @@ def place_cameras(
     ------
     InputError: a camera that shares no board with the others, not even by a chain of them.
     """
-    used = _shared(fits, views, origin)
-    cameras, boards = _chained(fits, used, origin)
-    lost = [name for name in fits if name not in cameras]
-    if lost:
-        others = ", ".join(name for name in fits if name in cameras) or "any other"
-        problem = f"there is no frame in which {', '.join(lost)} and {others} see the board"
-        remedy = "carry it through where their views meet; the pictures of all cameras have to be of the same instants"
-        raise InputError("calibrate", problem, remedy=remedy)
-    refined = _adjusted(fits, board, used, cameras, boards, origin)
+    rig = _Rig(fits, board, _shared(fits, views, origin), origin)
+    best, notes = rig.best()
+    floor, said = choose_floor(rig.floors(best), best.cameras, DOUBTED, origin)
+    notes += said + _unsure(best, origin)
+    placed = {name: in_world(fits[name].camera, pose, floor) for name, pose in best.cameras.items()}
+    notes += floor_notes(placed, origin)
     errors = {}
     for name, fit in fits.items():
         distances = [
-            _residuals(fit.camera, refined[0][name], refined[1][v.frame], board, v) for v in used if v.camera == name
+            corner_residuals(
+                fit.camera, best.cameras[name], floor if v.frame == origin else best.boards[v.frame], board, v
+            )
+            for v in rig.views
+            if v.camera == name
         ]
         errors[name] = float(np.sqrt(2.0 * np.mean(np.square(np.concatenate(distances)))))
-    placed = {
-        name: replace(fit.camera, R_camera_world=refined[0][name][0], t_camera_world=refined[0][name][1])
-        for name, fit in fits.items()
-    }
-    return placed, errors
+    return {name: placed[name] for name in fits}, errors, notes
 
 
 def _shared(fits: Mapping[str, LensFit], views: Sequence[BoardSighting], origin: int) -> list[BoardSighting]:
@@ -72,75 +79,133 @@ def _shared(fits: Mapping[str, LensFit], views: Sequence[BoardSighting], origin:
     return [v for v in posed if v.frame in kept | {origin}]
 
 
-def _chained(
-    fits: Mapping[str, LensFit], views: Sequence[BoardSighting], origin: int
-) -> tuple[dict[str, Pose], dict[int, Pose]]:
-    """Poses of cameras (camera from world) and boards (world from board) along the views with the least error."""
-    cameras: dict[str, Pose] = {}
-    boards: dict[int, Pose] = {origin: (R_WORLD_BOARD, np.zeros(3))}
-    left = sorted(views, key=lambda v: fits[v.camera].errors[v.frame])
-    while True:
-        new = next((v for v in left if (v.camera in cameras) != (v.frame in boards)), None)
-        if new is None:
-            return cameras, boards
-        R_cb, t_cb = fits[new.camera].poses[new.frame]
-        if new.frame in boards:
-            R_wb, t_wb = boards[new.frame]
-            R = R_cb @ R_wb.T
-            cameras[new.camera] = R, t_cb - R @ t_wb
-        else:
-            R, t = cameras[new.camera]
-            boards[new.frame] = R.T @ R_cb, R.T @ (t_cb - t)
+@dataclass
+class _Rig:
+    """Cameras and the views that hold them together; its world is the frame of a camera that sees the origin."""
+
+    fits: Mapping[str, LensFit]
+    board: Board
+    views: list[BoardSighting]
+    origin: int
+    lenses: dict[str, Camera] = field(init=False)
+    poses: dict[str, dict[int, list[BoardPose]]] = field(init=False)
+    links: list[tuple[str, str, list[tuple[Pose, float]]]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.lenses = {name: fit.camera for name, fit in self.fits.items()}
+        self.poses = {}
+        for name, fit in self.fits.items():
+            of = candidates(fit, len(self.board.points))
+            self.poses[name] = {v.frame: of[v.frame] for v in self.views if v.camera == name}
+        self.links = self._tree()
+
+    def _tree(self) -> list[tuple[str, str, list[tuple[Pose, float]]]]:
+        """Pairs of cameras that reach all from the first, each with a placement that most frames support: the camera
+        nearer the first, the other, placements of the former from the latter."""
+        reached = [min((n for n in self.fits if self.origin in self.poses[n]), key=lambda n: self.fits[n].rms)]
+        pairs: dict[tuple[str, str], list[tuple[Pose, float]]] = {}
+        links = []
+        while len(reached) < len(self.fits):
+            left = [name for name in self.fits if name not in reached]
+            for pair in ((a, b) for a in reached for b in left):
+                if pair not in pairs:
+                    pairs[pair] = placements(self.poses[pair[0]], self.poses[pair[1]])
+            a, b = max(((a, b) for a in reached for b in left), key=lambda p: pairs[p][0][1] if pairs[p] else 0.0)
+            if not pairs[a, b]:
+                problem = f"there is no frame in which {', '.join(left)} and {', '.join(reached)} see the board"
+                remedy = "carry it through where their views meet; the pictures of all cameras have to be of the same"
+                raise InputError("calibrate", problem, remedy=f"{remedy} instants")
+            links.append((a, b, pairs[a, b]))
+            reached.append(b)
+        return links
+
+    def best(self) -> tuple[Adjustment, list[str]]:
+        """The adjusted poses that fit best of all placements, and which others fit as well."""
+        choice = [0] * len(self.links)
+        best, notes = self._adjusted(choice), []
+        unsettled = [several[1][1] / several[0][1] if len(several) > 1 else 0.0 for _, _, several in self.links]
+        for i in np.argsort(-np.array(unsettled), kind="stable"):  # the others hold while the least sure is chosen
+            a, b, several = self.links[i]
+            doubted = False
+            for k in range(1, len(several)):
+                other = self._adjusted([*choice[:i], k, *choice[i + 1 :]], most_steps=FEWER_STEPS)
+                better, worse = sorted((best, other), key=lambda adjustment: adjustment.cost)
+                close = 2.0 * (worse.cost - better.cost) < DOUBTED * better.noise**2
+                if self._differ(best, other, a, b):
+                    doubted = close or (doubted and better is best)
+                    if close and upright(worse.cameras) > upright(better.cameras) + UPRIGHT:
+                        better = worse
+                if better is other:
+                    choice[i], best = k, other
+            if doubted:
+                notes.append(f"where {b} stands is in doubt: the mirrored solution of the board fits as well: {FILM}")
+        return self._converged(best, 50), notes
+
+    def _differ(self, x: Adjustment, y: Adjustment, a: str, b: str) -> bool:
+        """Whether two solutions have the camera b turned otherwise to a."""
+        relative = [chained(solution.cameras[a], inverse(solution.cameras[b])) for solution in (x, y)]
+        return angle_between(*relative) > SAME
+
+    def _adjusted(self, choice: Sequence[int], most_steps: int = 50) -> Adjustment:
+        cameras: dict[str, Pose] = {}
+        for (a, b, several), k in zip(self.links, choice, strict=True):
+            cameras.setdefault(a, (np.eye(3), np.zeros(3)))
+            cameras[b] = chained(inverse(several[k][0]), cameras[a])
+        if not cameras:
+            cameras = {name: (np.eye(3), np.zeros(3)) for name in self.fits}
+        boards = {frame: self.boards(cameras, frame)[0][1] for frame in sorted({v.frame for v in self.views})}
+        return self._converged(Adjustment(cameras, boards, np.inf, 0.0, {}), most_steps)
+
+    def _converged(self, at: Adjustment, most_steps: int) -> Adjustment:
+        """Adjusted, and again where a board fits better mirrored."""
+        for _ in range(3):
+            moved: list[str | int] = [*list(at.cameras)[1:], *at.boards]
+            at = adjust(self.lenses, self.board, self.views, at.cameras, at.boards, moved=moved, most_steps=most_steps)
+            boards = {frame: self.boards(at.cameras, frame, at.boards[frame])[0][1] for frame in at.boards}
+            if all(angle_between(boards[frame], at.boards[frame]) < SAME for frame in boards):
+                break
+            at = Adjustment(at.cameras, boards, at.cost, at.noise, at.covariances)
+        return at
+
+    def boards(self, cameras: Mapping[str, Pose], frame: int, now: Pose | None = None) -> list[tuple[float, Pose]]:
+        """Costs and poses of the board in a frame where cameras stay: the best from each of its views' solutions."""
+        views = [v for v in self.views if v.frame == frame]
+        starts = [] if now is None else [now]
+        for v in views:
+            for pose in self.poses[v.camera][frame]:
+                start = chained(inverse(cameras[v.camera]), pose[:2])
+                if all(angle_between(start, s) > SAME for s in starts):
+                    starts.append(start)
+        if now is not None and len(starts) == 1:
+            return [(0.0, now)]
+        some = {v.camera: cameras[v.camera] for v in views}
+        fitted = [adjust(self.lenses, self.board, views, some, {frame: s}, moved=[frame], most_steps=8) for s in starts]
+        return sorted(((f.cost, f.boards[frame]) for f in fitted), key=lambda pair: pair[0])
+
+    def floors(self, best: Adjustment) -> list[tuple[float, Pose]]:
+        """Poses of the board at the origin, the best first, with twice the difference of log-likelihoods to it."""
+        several = self.boards(best.cameras, self.origin, best.boards[self.origin])
+        return [(2.0 * (cost - several[0][0]) / best.noise**2, pose) for cost, pose in several]
 
 
-def _adjusted(
-    fits: Mapping[str, LensFit],
-    board: Board,
-    views: Sequence[BoardSighting],
-    cameras: Mapping[str, Pose],
-    boards: Mapping[int, Pose],
-    origin: int,
-) -> tuple[dict[str, Pose], dict[int, Pose]]:
-    """All poses, those that make the corners fit best; the board at the origin stays."""
-    names, frames = list(cameras), [f for f in boards if f != origin]
-    start = np.concatenate([_vector(cameras[n]) for n in names] + [_vector(boards[f]) for f in frames])
-
-    def unpacked(x: np.ndarray) -> tuple[dict[str, Pose], dict[int, Pose]]:
-        parts = [_pose(part) for part in x.reshape(-1, 6)]
-        moved = dict(zip(frames, parts[len(names) :], strict=True))
-        return dict(zip(names, parts, strict=False)), {origin: boards[origin], **moved}
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        at, placed = unpacked(x)
-        return np.concatenate(
-            [_residuals(fits[v.camera].camera, at[v.camera], placed[v.frame], board, v) for v in views]
+def _unsure(best: Adjustment, origin: int) -> list[str]:
+    """Notes on poses that the noise of the corners leaves unsure."""
+    notes = []
+    for name, pose in list(best.cameras.items())[1:]:
+        covariance = best.covariances[name]
+        turn = float(np.degrees(np.sqrt(np.trace(covariance[:3, :3]))))
+        centre = np.hstack([_cross(pose[1]), np.eye(3)])
+        shift = float(np.sqrt(np.trace(centre @ covariance @ centre.T)))
+        distance = float(np.linalg.norm(pose[1]))
+        if turn > UNSURE_TURN or shift > UNSURE_SHIFT * distance:
+            notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {FILM}")
+    turn = float(np.degrees(np.sqrt(np.trace(best.covariances[origin][:3, :3]))))
+    if turn > UNSURE_TURN:
+        notes.append(
+            f"how the floor is tilted is unsure by {turn:.1f} degrees: bring the board of picture {origin} nearer"
         )
-
-    pattern = lil_matrix((len(residuals(start)), len(start)), dtype=np.int8)
-    row = 0
-    for v in views:
-        count = 2 * int(v.seen.sum())
-        columns = [6 * names.index(v.camera)]
-        columns += [] if v.frame == origin else [6 * (len(names) + frames.index(v.frame))]
-        for column in columns:
-            pattern[row : row + count, column : column + 6] = 1
-        row += count
-    solved = least_squares(
-        residuals, start, jac_sparsity=pattern, x_scale="jac", loss="soft_l1", f_scale=_SCALE, max_nfev=50
-    )
-    return unpacked(solved.x)
+    return notes
 
 
-def _residuals(camera: Camera, at: Pose, board_pose: Pose, board: Board, view: BoardSighting) -> np.ndarray:
-    """Where corners are seen less where they should be, x and y of each seen [px]."""
-    points = board.points[view.seen] @ board_pose[0].T + board_pose[1]
-    there = replace(camera, R_camera_world=at[0], t_camera_world=at[1]).project(points)
-    return np.nan_to_num(there - view.pixels[view.seen], nan=_FAR).ravel()
-
-
-def _vector(pose: Pose) -> np.ndarray:
-    return np.concatenate([cv2.Rodrigues(pose[0])[0].ravel(), pose[1]])
-
-
-def _pose(vector: np.ndarray) -> Pose:
-    return np.asarray(cv2.Rodrigues(vector[:3])[0]), vector[3:]
+def _cross(t: np.ndarray) -> np.ndarray:
+    return np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
