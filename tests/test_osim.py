@@ -23,7 +23,7 @@ from humanoid.support.errors import InputError
 POSES = 12
 JOINTS_OF_ALL_KINDS = """<robot name="all kinds"><link name="base plate"/>
 <joint name="cart" type="planar"><parent link="base plate"/><child link="cart"/>
-  <origin xyz="1 2 0.5" rpy="0.3 0.1 -0.7"/></joint>
+  <origin xyz="1 2 0.5" rpy="0.3 0.1 -0.7"/><axis xyz="0 0 1"/></joint>
 <link name="cart"/>
 <joint name="wheel" type="continuous"><parent link="cart"/><child link="wheel"/>
   <origin xyz="0 0.2 0.1" rpy="0 1.5707963267948966 0.4"/><axis xyz="1 2 -0.5"/></joint>

@@ -36,6 +36,13 @@ FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "not a robot": ("robot", "model", ("not a URDF", "<robot>")),
     "no robot name": (' name="arm"', "", ("'name' is missing",)),
     "xacro": ("<landmark", "<xacro:include/><landmark", ("is xacro", "expand")),
+    "xacro without a name": ('<robot name="arm">', "<robot><xacro:include/>", ("is xacro", "expand")),
+    "plane across x": (
+        'type="prismatic"',
+        'type="planar"',
+        ("'elbow'", "normal of its plane is 1 0 0", "no <axis>", "0 0 1"),
+    ),
+    "plane across y": ('name="shoulder" type="revolute"', 'name="shoulder" type="planar"', ("is 0 1 0", "line 7")),
     "deep": ("<landmark", "<a>" * 100 + "</a>" * 100 + "<landmark", ("nested over 64",)),
     "several roots": ("<landmark", '<link name="loose"/><landmark', ("2 roots", "'base', 'loose'", "fixed")),
     "cycle": ('<child link="lower"/>', '<child link="base"/>', ("cycle", "'upper'")),
@@ -132,6 +139,13 @@ def refused(path: Path, capfd: pytest.CaptureFixture[str], **options: object) ->
 def test_the_good_file_loads(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(GOOD)
     assert load_subject(tmp_path / "arm.urdf").model.nv == 2
+
+
+def test_attributes_of_other_programs_are_passed_over(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Also where their prefix stands for nothing, of which yourdfpy would complain."""
+    (tmp_path / "arm.urdf").write_text(GOOD.replace('upper="2"', 'upper="2" drake:acceleration="3"'))
+    assert load_subject(tmp_path / "arm.urdf").model.nv == 2
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -33,10 +33,10 @@ def check_urdf(document: Document) -> None:
     root = document.root
     if root.tag != "robot":
         raise document.fault(root, "is not a URDF: the outermost element is not <robot>", 'write <robot name="...">')
-    document.attribute(root, "name")
     for child in elements(root):
         if child.tag.startswith("xacro:"):
             raise document.fault(child, "is xacro, not URDF", "expand it first: xacro file.urdf.xacro > file.urdf")
+    document.attribute(root, "name")
     links, joints = _named(document, "link"), _named(document, "joint")
     if not links:
         raise document.fault(root, "has no <link>", 'add at least one <link name="..."/>')
@@ -131,6 +131,8 @@ def _check_joint(
         xyz = document.triple(axis, "xyz", None)
         if math.hypot(*xyz) < 1e-6:
             raise document.fault(axis, "the axis has zero length", 'give a direction such as xyz="0 0 1"')
+    if kind == "planar":
+        _check_plane(document, joint, axis)
     limit = _only(document, joint, "limit")
     if limit is not None:
         for key in ("lower", "upper", "effort", "velocity"):
@@ -140,6 +142,15 @@ def _check_joint(
     mimic = _only(document, joint, "mimic")
     if mimic is not None:
         check_mimic(document, joint, mimic, joints)
+
+
+def _check_plane(document: Document, joint: ET.Element, axis: ET.Element | None) -> None:
+    """Refuse planes that Pinocchio does not pose: it has those of x and y alone, and never looks at the axis."""
+    x, y, z = (1.0, 0.0, 0.0) if axis is None else document.triple(axis, "xyz", None)
+    if math.hypot(x, y) > 1e-6 * z:
+        problem = f"the normal of its plane is {x:g} {y:g} {z:g}" + (", as it has no <axis>" if axis is None else "")
+        remedy = 'only planes of x and y are posed: write <axis xyz="0 0 1"/>, and turn the <origin> if need be'
+        raise document.fault(joint if axis is None else axis, problem, remedy)
 
 
 def _link_named(document: Document, joint: ET.Element, tag: str, links: dict[str, ET.Element]) -> str:

@@ -265,6 +265,8 @@ def _plain(root: ET.Element) -> ET.Element:
     """A copy with only what Pinocchio needs."""
     plain = copy.deepcopy(root)
     for parent in list(plain.iter()):
+        for key in [key for key in parent.attrib if ":" in key]:  # of other programs; yourdfpy complains of them
+            del parent.attrib[key]
         kept = _KEPT.get(str(parent.tag))
         for child in list(parent):
             if not isinstance(child.tag, str) or (kept is not None and child.tag not in kept):
