@@ -408,6 +408,12 @@ MEASURES = (
         (NOTHING,),
     ),
     Measure(
+        "benchmarks.robustness.urdfs",
+        "Every installed URDF, loaded and posed, beside forward kinematics by numpy: the worst link, or the refusal.",
+        "all links within 1e-9 m; one line for what is refused",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.robustness.disagreement",
         "beam4cam from four cameras with files that disagree in size, frame rate and clock.",
         "within 10 % of the originals; refused or warned where not given",
