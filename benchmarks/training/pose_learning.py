@@ -164,8 +164,8 @@ def _maximised(mixture: PoseMixture, poses: Poses, wide: np.ndarray, prior_count
     for _ in range(ITERATIONS):
         log_density = gaussian_log_densities(mixture, poses.angles)
         share = np.exp(log_density - logsumexp(log_density, axis=0))[:count]
-        mass = share.sum(axis=1)
-        mean = share @ poses.angles / mass[:, None]
+        mass = share.sum(axis=1) + 1.0  # one pose a Gaussian beforehand: none dies out
+        mean = (share @ poses.angles + mixture.mean) / mass[:, None]
         covariance = np.empty_like(mixture.covariance)
         unsure = np.tensordot(share, poses.uncertainty, 1)
         for k in range(count):
