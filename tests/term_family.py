@@ -102,7 +102,8 @@ def pose_prior(weight: float) -> Callable[[np.random.Generator], Made]:
         body = body_of("human34")
         mixture = load_mixture()
         q = body.neutral.copy()  # between captured poses, where several components pull
-        q[7:] = rng.dirichlet(np.ones(2 * len(mixture.weight))) @ mixture.both_sides()[1]
+        place = [body.model.idx_qs[body.model.getJointId(name)] for name in mixture.joints]
+        q[place] = rng.dirichlet(np.ones(2 * len(mixture.weight))) @ mixture.both_sides()[1]
         return body, PosePrior(body, mixture, weight), body.clamp(q)
 
     return make

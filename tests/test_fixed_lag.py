@@ -169,7 +169,7 @@ def test_frames_in_which_nothing_was_seen_are_bridged(track: Track) -> None:
     gap = list(GAP)
     q = poses(track, SmoothSettings(lag=LAG))
     bridged, carried = (distances(track.body, path[gap], track.truth[gap]).mean() for path in (q, heaviest(track)))
-    assert bridged < 0.8 * carried
+    assert bridged < 0.9 * carried
     steps = np.linalg.norm(np.diff([track.body.landmarks(track.body.at(x)) for x in q], axis=0), axis=2).mean(axis=1)
     assert steps[GAP[0] - 1 : GAP[1] + 1].max() < 3.0 * np.median(steps)  # no jump back at its end
 

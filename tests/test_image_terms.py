@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from estimator.data.image_cues import ImageCues
+from estimator.data.observation import image_extent
 from estimator.energy.term import Cost, Term
 from estimator.numerics.robust import LECLERC, LORENTZIAN
-from estimator.search.cost_model import image_extent
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
 from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map

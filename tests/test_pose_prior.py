@@ -12,7 +12,15 @@ from builders import body_of, camera_at, observe, random_pose, slope
 from scipy.stats import multivariate_normal, t
 
 from benchmarks.support.pose_prior_clips import captured_files
-from benchmarks.training.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
+from benchmarks.training.pose_learning import (
+    LEFT_OUT,
+    LearnSettings,
+    Poses,
+    captured_poses,
+    joints_of,
+    learned,
+    mirror_of,
+)
 from benchmarks.training.pose_prior import mixture_of_all
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.pose_mixture import SHIPPED, PoseMixture, load_mixture
@@ -29,6 +37,8 @@ from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 
 BODY = body_of("human34")
+PLACE = np.array([7 + joints_of(BODY).index(name) for name in load_mixture().joints])  # in q, of the mixture's joints
+ITS_JOINTS = {**dict.fromkeys(joints_of(BODY), 0.0), **dict.fromkeys(load_mixture().joints, 1.0)}
 
 
 def evaluated(
@@ -39,7 +49,10 @@ def evaluated(
 
 
 def posed(angles: np.ndarray) -> np.ndarray:
-    return np.concatenate([BODY.neutral[:7], angles])
+    """Its joints at these angles, the others at rest."""
+    q = BODY.neutral.copy()
+    q[PLACE] = angles
+    return q
 
 
 def between_components(rng: np.random.Generator, mixture: PoseMixture) -> np.ndarray:
@@ -61,9 +74,9 @@ def test_it_is_the_density_that_it_says(wide: bool) -> None:
     rest, std = (np.array([getattr(rests[name], of) for name in mixture.joints]) for of in ("rest", "std"))
     student = t(3.0, rest, std * math.sqrt(4.0 / 3.0))  # exp(-Lorentzian / 2) with nu = 4
     for q in [between_components(rng, mixture) for _ in range(5)] + [random_pose(BODY, rng)]:
-        density = mixture.background * np.exp(student.logpdf(q[7:]).sum())
+        density = mixture.background * np.exp(student.logpdf(q[PLACE]).sum())
         for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
-            density += share * multivariate_normal(mean, covariance).pdf(q[7:])
+            density += share * multivariate_normal(mean, covariance).pdf(q[PLACE])
         expected = 0.7 * (student.logpdf(rest).sum() - math.log(density))
         assert evaluated(prior, q)[0] == pytest.approx(expected, rel=1e-9)
 
@@ -88,12 +101,12 @@ def test_derivatives() -> None:
 
 def test_far_from_everything_the_stabilisers_decide() -> None:
     mixture, rng = load_mixture(), np.random.default_rng(2)
-    prior, stabilisers = PosePrior(BODY, mixture), Stabilisers(BODY)
+    prior, stabilisers = PosePrior(BODY, mixture), Stabilisers(BODY, relative=ITS_JOINTS)
     for _ in range(20):
         q = random_pose(BODY, rng)
         gap = evaluated(prior, q)[0] - evaluated(stabilisers, q)[0]
         assert gap <= -math.log(mixture.background) + 1e-9
-    far = posed(BODY.upper[7:])
+    far = posed(BODY.upper[PLACE])
     (value, gradient, hessian), (other, pull, bend) = evaluated(prior, far), evaluated(stabilisers, far)
     assert value - other == pytest.approx(-math.log(mixture.background))
     assert np.allclose(gradient, pull)
@@ -103,13 +116,15 @@ def test_far_from_everything_the_stabilisers_decide() -> None:
 def test_a_pose_and_its_mirror_image_are_equally_likely() -> None:
     mixture, rng = load_mixture(), np.random.default_rng(3)
     other, sign = mirror_of(BODY)
-    assert np.array_equal(mixture.other_side, other)
-    assert np.array_equal(mixture.mirror_sign, sign)
+    assert set(joints_of(BODY)) - set(mixture.joints) == set(LEFT_OUT)
+    assert np.array_equal(PLACE[mixture.other_side], 7 + other[PLACE - 7])
+    assert np.array_equal(mixture.mirror_sign, sign[PLACE - 7])
     swap = mirror_index(BODY.landmark_names)
     for _ in range(5):
         q = random_pose(BODY, rng, turn=0.0)
         q[:7] = BODY.neutral[:7]
-        mirrored = posed(mixture.mirrored(q[7:]))
+        q[7:] = np.where(np.isin(np.arange(7, BODY.nq), PLACE), q[7:], BODY.neutral[7:])
+        mirrored = posed(mixture.mirrored(q[PLACE]))
         points, image = BODY.landmarks(BODY.at(q)), BODY.landmarks(BODY.at(mirrored))
         assert np.allclose(image, points[swap] * [1.0, -1.0, 1.0], atol=1e-9)
         prior = PosePrior(BODY, mixture)
@@ -120,7 +135,7 @@ def test_standing_is_likelier_than_the_stabilisers_have_it() -> None:
     prior = PosePrior(BODY, load_mixture())
     assert evaluated(prior, BODY.neutral)[0] < -3.0
     rng = np.random.default_rng(4)
-    q = posed(BODY.neutral[7:])
+    q = BODY.neutral.copy()
     assert np.median([evaluated(prior, random_pose(BODY, rng))[0] for _ in range(50)]) > evaluated(prior, q)[0] + 10.0
 
 
@@ -135,6 +150,18 @@ def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
         solution = Seeker(BODY).seek(cost, q)
         assert solution.status == "converged"
     assert values[0.25] == pytest.approx(0.75 * values[0.0] + 0.25 * values[1.0])
+
+
+def test_a_joint_that_it_leaves_out_keeps_its_stabiliser() -> None:
+    """Whatever its share."""
+    (place,) = (7 + joints_of(BODY).index(name) for name in LEFT_OUT)
+    bent, values = BODY.neutral.copy(), []
+    bent[place] += 0.2
+    for share in (0.0, 0.25, 1.0):
+        terms = terms_of(TermContext(BODY, CostSettings(pose_prior_weight=share)), by_cameras=False)
+        values.append(sum(term.value(BODY.at(bent)) - term.value(BODY.at(BODY.neutral)) for term in terms))
+    assert values[0] > 0.5
+    assert values == pytest.approx([values[0]] * 3)
 
 
 def test_a_file_for_a_body_without_the_joints_is_refused() -> None:
@@ -180,18 +207,20 @@ def test_locked_joints_leave_the_marginal_of_the_others() -> None:
     locked = ("left_clavicle_elevation", "right_clavicle_protraction", "neck_axial")
     body, mixture = Body(load_subject("human34", lock=locked)), load_mixture()
     kept = [i for i, name in enumerate(mixture.joints) if name not in locked]
-    assert list(joints_of(body)) == [mixture.joints[i] for i in kept]
+    assert [name for name in joints_of(body) if name not in LEFT_OUT] == [mixture.joints[i] for i in kept]
     assert kinds(body) == ["stabilisers", "pose prior"]
     rests = {s.joint: s for s in body.subject.stabilisers}
-    rest, std = (np.array([getattr(rests[name], of) for name in joints_of(body)]) for of in ("rest", "std"))
+    names = [mixture.joints[i] for i in kept]
+    rest, std = (np.array([getattr(rests[name], of) for name in names]) for of in ("rest", "std"))
     student = t(3.0, rest, std * math.sqrt(4.0 / 3.0))
-    rng = np.random.default_rng(7)
+    rng, place = np.random.default_rng(7), [7 + joints_of(body).index(name) for name in names]
     for _ in range(3):
         angles = rng.dirichlet(np.ones(2 * len(mixture.weight))) @ mixture.both_sides()[1][:, kept]
         density = mixture.background * np.exp(student.logpdf(angles).sum())
         for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
             density += share * multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).pdf(angles)
-        q = np.concatenate([body.neutral[:7], angles])
+        q = body.neutral.copy()
+        q[place] = angles
         value = PosePrior(body, mixture).accumulate(body.at(q), np.zeros(body.nv), np.zeros((body.nv, body.nv)))
         assert value == pytest.approx(student.logpdf(rest).sum() - math.log(density), rel=1e-9)
 
@@ -204,7 +233,7 @@ def test_locked_joints_leave_the_marginal_of_the_others() -> None:
         ('"neck_axial"', '"neck_spiral"', "name every joint once"),
         ('"weight": ', '"weight": -', "cannot work"),
         ('"covariance": [', '"covariance": [-', r"components\[0\].covariance: is not positive definite"),
-        ('"mean": [', '"mean": [1.0, ', r"components\[0\].mean: 28 numbers are needed, found 29"),
+        ('"mean": [', '"mean": [1.0, ', r"components\[0\].mean: 27 numbers are needed, found 28"),
     ],
 )  # fmt: skip
 def test_a_spoilt_file_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -257,5 +286,5 @@ def test_the_shipped_numbers_are_what_the_script_makes() -> None:
     made, shipped = PosePrior(BODY, mixture_of_all(BODY, poses, settings)), PosePrior(BODY, load_mixture())
     for clip in poses.values():
         for angles in clip.angles[::10]:
-            q = posed(angles)
+            q = np.concatenate([BODY.neutral[:7], angles])
             assert evaluated(made, q)[0] == pytest.approx(evaluated(shipped, q)[0], abs=0.3)

@@ -105,7 +105,7 @@ def test_steps_are_the_frames_of_a_run_to_the_bit(which: str, request: pytest.Fi
         assert same(step, seen.run, i)
         assert np.array_equal(step.q, seen.run.mode_q[i, 0], equal_nan=True)
     other = tracker_of(seen, seed=6)
-    assert not all(same(other.step(seen.frame(i), time=i / FPS), seen.run, i) for i in range(4))  # type: ignore[arg-type]
+    assert not all(same(other.step(seen.frame(i), time=i / FPS), seen.run, i) for i in range(FRAMES))  # type: ignore[arg-type]
 
 
 def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen) -> None:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from benchmarks.speed.surface import Frame, hypotheses, rendered_frame
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation
+from estimator.data.observation import Observation, image_extent
 from estimator.energy.descent.qp import StepSolver
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
@@ -23,7 +23,7 @@ from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
 from estimator.numerics.robust import POTENTIALS
-from estimator.search.cost_model import CostModel, image_extent
+from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.tracking.registry import make_tracker

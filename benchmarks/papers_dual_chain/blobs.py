@@ -32,7 +32,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.image_cues import ImageCues
 from estimator.data.media.picture import write_picture
-from estimator.search.cost_model import image_extent
+from estimator.data.observation import image_extent
 from estimator.synthesis.render import Renderer
 from estimator.vision.faces import skin_points
 from estimator.vision.likelihood.reader import CueReader

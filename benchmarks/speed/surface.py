@@ -17,8 +17,8 @@ import numpy as np
 
 from benchmarks.support.common import Json, Several, save
 from estimator.data.image_cues import ImageCues
+from estimator.data.observation import image_extent
 from estimator.energy.term import Term
-from estimator.search.cost_model import image_extent
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
 from estimator.vision.cues.assigned import AssignedPoints
 from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map

@@ -12,9 +12,8 @@ import numpy as np
 from benchmarks.support.common import data_folder
 from estimator import synthesis
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation
+from estimator.data.observation import Observation, image_extent
 from estimator.data.sequence import assemble
-from estimator.search.cost_model import image_extent
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import motion_named

@@ -23,6 +23,9 @@ ROOT_PRECISION = 1e-3  # the captured landmarks place the root; this only keeps 
 POOR_FIT = 0.1  # [m] of a landmark from its target: the body cannot take this pose, as a limit or a wrong start has it
 FIRST_STD = 0.2  # [rad] of every component in every joint before the first iteration: poses go to the nearest seed
 ITERATIONS = 60
+LEFT_OUT = ("lumbar_flexion",)
+"""Joints whose angles are not kept: captured skeletons have their own way to share a bend between back and hips, and no
+landmark says how the pelvis is tilted."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,20 @@ def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np
             best = likelihood, mixture
     assert best is not None
     return best[1]
+
+
+def marginal(mixture: PoseMixture, without: Sequence[str]) -> PoseMixture:
+    """The mixture of all joints but some, which are not one side's alone."""
+    kept = [i for i, name in enumerate(mixture.joints) if name not in without]
+    return replace(
+        mixture,
+        joints=tuple(mixture.joints[i] for i in kept),
+        axes=mixture.axes[kept],
+        other_side=np.array([kept.index(i) for i in mixture.other_side[kept]]),
+        mirror_sign=mixture.mirror_sign[kept],
+        mean=mixture.mean[:, kept],
+        covariance=mixture.covariance[:, kept][:, :, kept],
+    )
 
 
 def _seeds(angles: np.ndarray, count: int, other: np.ndarray, sign: np.ndarray, rng: np.random.Generator) -> np.ndarray:

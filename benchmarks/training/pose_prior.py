@@ -17,7 +17,15 @@ from cyclopts import Parameter
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, in_processes, save, tell, work_folder
 from benchmarks.support.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
 from benchmarks.support.scores import TRAJECTORIES, TrackErrors
-from benchmarks.training.pose_learning import LearnSettings, Poses, balanced, captured_poses, learned
+from benchmarks.training.pose_learning import (
+    LEFT_OUT,
+    LearnSettings,
+    Poses,
+    balanced,
+    captured_poses,
+    learned,
+    marginal,
+)
 from estimator.energy.pose_mixture import SHIPPED, PoseMixture
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers
@@ -114,7 +122,7 @@ def mixture_of_all(body: Body, poses: Mapping[str, Poses], settings: LearnSettin
         [p for name, p in poses.items() if subject_of(name) == who] for who in dict.fromkeys(map(subject_of, poses))
     ]
     chosen = balanced(people, settings.person_poses, np.random.default_rng(DRAWN))
-    return learned(body, chosen, settings, np.random.default_rng(0))
+    return marginal(learned(body, chosen, settings, np.random.default_rng(0)), LEFT_OUT)
 
 
 def without(body: Body, poses: Mapping[str, Poses], person: str, settings: LearnSettings) -> PoseMixture:

@@ -33,6 +33,8 @@ class Observation:
     estimate: what a fit of the person knows of the pose, None where there was none.
     spread (C, L): standard deviation [px] of keypoints that were not detected but come from elsewhere, beside what a
         detector's have, 0 for all others; None where all are as detected.
+    standing (L,): probability that a landmark has not moved in the last moments (`estimator.data.standing`); None where
+        that was not asked.
     """
 
     index: int
@@ -45,6 +47,7 @@ class Observation:
     cues: tuple[ImageCues, ...] = ()
     estimate: PoseEstimate | None = None
     spread: np.ndarray | None = None
+    standing: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -59,4 +62,14 @@ class Observation:
     def exchanged(self, mirror: np.ndarray) -> Observation:
         """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
         spread = None if self.spread is None else self.spread[:, mirror]
-        return replace(self, pixels=self.pixels[:, mirror], confidence=self.confidence[:, mirror], spread=spread)
+        standing = None if self.standing is None else self.standing[mirror]
+        pixels, confidence = self.pixels[:, mirror], self.confidence[:, mirror]
+        return replace(self, pixels=pixels, confidence=confidence, spread=spread, standing=standing)
+
+
+def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:
+    """Root mean square distance [px] of the seen keypoints (L, 2) from their centre; 100 if fewer than two are seen."""
+    seen = confidence > 0.0
+    if np.count_nonzero(seen) < 2:
+        return 100.0
+    return float(np.sqrt(np.square(pixels[seen] - pixels[seen].mean(axis=0)).sum(axis=1).mean()))

@@ -11,6 +11,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
+from estimator.data.standing import with_standing
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -54,10 +55,11 @@ def assemble(
         whole = (detected or {}).get(name)
         jitter.append(keypoint_jitter(pixels[:, c] if whole is None else whole.pixels[:, there]))
     given = all(track.layout == GIVEN for track in tracks.values())
-    return [
+    observations = (
         Observation(i, float(t), tuple(used), pixels[i], confidence[i], tuple(jitter), given)
         for i, t in enumerate(np.asarray(times).tolist())
-    ]
+    )
+    return with_standing(observations, body.landmark_names)
 
 
 def keypoint_jitter(pixels: np.ndarray) -> float:

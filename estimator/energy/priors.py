@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio as pin
 
@@ -17,12 +19,19 @@ fewest that have a variance; the pose prior's background and the order of kinema
 
 
 class Stabilisers(BatchTerm):
-    """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), scaled by `weight`."""
+    """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), scaled by `weight`, and of some
+    joints by a factor besides, `relative` by their names."""
 
     name = "stabilisers"
 
     def __init__(
-        self, body: Body, weight: float = 1.0, potential: str = "lorentzian", nu: float = STABILISER_NU
+        self,
+        body: Body,
+        weight: float = 1.0,
+        potential: str = "lorentzian",
+        nu: float = STABILISER_NU,
+        *,
+        relative: Mapping[str, float] | None = None,
     ) -> None:
         model = body.model
         joints = []
@@ -34,7 +43,9 @@ class Stabilisers(BatchTerm):
         self._v_index = np.array([model.idx_vs[j] for j in joints], dtype=np.int64)
         self._rest = np.array([s.rest for s in body.subject.stabilisers])
         self._precision = np.array([1.0 / s.std**2 for s in body.subject.stabilisers])
-        self._weight, self._kind, self._nu = float(weight), POTENTIALS[potential], float(nu)
+        factors = {} if relative is None else relative
+        self._weight = weight * np.array([factors.get(s.joint, 1.0) for s in body.subject.stabilisers])
+        self._kind, self._nu = POTENTIALS[potential], float(nu)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
@@ -106,16 +117,16 @@ class Transition(BatchTerm):
 def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
     """Value of S stabilisers; adds their gradient (nv,) and diagonal hessian (nv, nv).
 
-    q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, precision (S,).
+    q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, precision, weight (S,).
     """
     value = 0.0
     for i in range(q_index.shape[0]):
         e = q[q_index[i]] - rest[i]
         cost, slope, bend = rho(kind, e * e * precision[i], nu)
-        value += 0.5 * weight * cost
-        gradient[v_index[i]] += weight * slope * precision[i] * e
+        value += 0.5 * weight[i] * cost
+        gradient[v_index[i]] += weight[i] * slope * precision[i] * e
         curvature = slope + 2.0 * bend * e * e * precision[i] if exact else slope
-        hessian[v_index[i], v_index[i]] += weight * curvature * precision[i]
+        hessian[v_index[i], v_index[i]] += weight[i] * curvature * precision[i]
     return value
 
 
@@ -126,7 +137,7 @@ def stabiliser_values(q, q_index, rest, precision, weight, kind, nu, values):  #
         value = 0.0
         for i in range(q_index.shape[0]):
             e = q[n, q_index[i]] - rest[i]
-            value += 0.5 * weight * rho(kind, e * e * precision[i], nu)[0]
+            value += 0.5 * weight[i] * rho(kind, e * e * precision[i], nu)[0]
         values[n] = value
 
 

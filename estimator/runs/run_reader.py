@@ -13,6 +13,7 @@ import numpy as np
 from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
 from estimator.data.observation import Observation, PoseEstimate
+from estimator.data.standing import SPAN, with_standing
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
 from estimator.runs.calibration import PosteriorCalibration
@@ -136,11 +137,19 @@ class Run(Summarised):
 
     def observation(self, i: int) -> Observation:
         """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
+        i, times = int(i), self.header.times
+        first = int(np.searchsorted(times, times[i] - 2.0 * SPAN)) if 0 <= i < len(times) else i
         with run_store.reading(self.file) as connection:
-            row = connection.execute("SELECT data FROM observation WHERE position = ?", (int(i),)).fetchone()
-        if row is None:
+            rows = connection.execute(
+                "SELECT position, data FROM observation WHERE position BETWEEN ? AND ? ORDER BY position", (first, i)
+            ).fetchall()
+        if not rows or rows[-1][0] != i:
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
-        a = self._keypoints_of(row[0], i)
+        # which feet stand is told from the keypoints of the frames before, too
+        return with_standing((self._observed(data, k) for k, data in rows), self.body.landmark_names)[-1]
+
+    def _observed(self, data: bytes, i: int) -> Observation:
+        a = self._keypoints_of(data, i)
         given = bool(a.get("given", False))
         jitter = tuple(a["jitter"].tolist()) if "jitter" in a else ()
         time = float(self.header.times[i])

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation
+from estimator.data.observation import Observation, image_extent
+from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
 from estimator.energy.reprojection import Reprojection
+from estimator.energy.standing import StandingTie, standing_targets
 from estimator.energy.term import Cost, Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
@@ -104,17 +107,36 @@ class CostModel:
         q_previous: np.ndarray | None = None,
         dt: float = 0.0,
         image_terms: Sequence[Term] = (),
+        standing: np.ndarray | None = None,
     ) -> Cost:
-        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
+        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well, and
+        what stands is held there; standing (L,): see `Observation`."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
             terms = [observed, *terms, *self._by_cameras(observed.cameras)]
         if q_previous is not None:
-            terms.append(self.transition(q_previous, dt))
+            terms.extend(self.since(q_previous, dt, standing))
         return Cost(self.body, terms)
 
+    def since(
+        self, q_previous: np.ndarray, dt: float, standing: np.ndarray | None = None
+    ) -> list[PointTargets | Transition]:
+        """What the change since `q_previous` (nq,), `dt` seconds ago, costs: the last terms of `cost`."""
+        s, held = self.settings, list[PointTargets]()
+        if standing is not None and s.standing_weight > 0.0:
+            std = math.hypot(s.standing_error, s.standing_slip * dt)
+            held += standing_targets(self.body, standing, self.body.at(q_previous), std, s.standing_weight)
+        return [*held, self.transition(q_previous, dt)]
+
+    def standing_tie(self, standing: np.ndarray | None, dt: float) -> StandingTie | None:
+        """What holds two successive frames' standing points together, `dt` seconds apart; None where none stands."""
+        s = self.settings
+        if standing is None or s.standing_weight <= 0.0:
+            return None
+        return StandingTie(self.body, standing, s.standing_slip * max(dt, SHORTEST_STEP), s.standing_weight) or None
+
     def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
-        """What the change since `q_previous` (nq,), `dt` seconds ago, costs: the last term of `cost`."""
+        """What the change of the configuration since `q_previous` (nq,), `dt` seconds ago, costs."""
         s = self.settings
         return Transition(self.body, q_previous, self.transition_std(dt), s.transition_potential, s.transition_nu)
 
@@ -130,11 +152,3 @@ def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.
     if body.has_free_root:
         values[ROOT_PLACE_V], values[ROOT_TURN_V] = root_slide, root_turn
     return values
-
-
-def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:
-    """Root mean square distance [px] of the seen keypoints (L, 2) from their centre; 100 if fewer than two are seen."""
-    seen = confidence > 0.0
-    if np.count_nonzero(seen) < 2:
-        return 100.0
-    return float(np.sqrt(np.square(pixels[seen] - pixels[seen].mean(axis=0)).sum(axis=1).mean()))

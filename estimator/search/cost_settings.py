@@ -30,6 +30,8 @@ class CostSettings:
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
         frames, per second, of joints, of the root's orientation and of its position; transition_potential,
         transition_nu: long tails let a mode jump when the image insists.
+    standing_weight: how much the points of the feet that rest in the pictures are held, 0 not at all; standing_error
+        [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
     terms: of kinds of terms that plugins have registered, by name.
     """
@@ -49,5 +51,8 @@ class CostSettings:
     root_slide_speed: float = setting(1.5, above=0)
     transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     transition_nu: float = setting(20.0, above=0)
+    standing_weight: float = setting(1.0, at_least=0)
+    standing_error: float = setting(0.01, above=0)
+    standing_slip: float = setting(0.15, above=0)
     exchange_penalty: float = setting(3.0, at_least=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

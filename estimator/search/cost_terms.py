@@ -25,15 +25,15 @@ def without_prior(body: Body, settings: CostSettings) -> str | None:
 
 
 def _rest_priors(context: TermContext, _: None) -> list[Term]:
-    """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for a body that the shipped mixture
-    does not suit."""
+    """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for joints that the mixture leaves
+    out, and for a body that the shipped mixture does not suit."""
     body, cost = context.body, context.cost
     strength, share = cost.stabiliser_weight, cost.pose_prior_weight
     if strength * share <= 0.0 or without_prior(body, cost) is not None:
         return [Stabilisers(body, strength)] if strength > 0.0 else []
     mixture = load_mixture(cost.pose_prior_file) if cost.pose_prior_file else shipped_mixture()
-    own: list[Term] = [Stabilisers(body, strength * (1.0 - share))] if share < 1.0 else []
-    return [*own, PosePrior(body, mixture, strength * share)]
+    others = Stabilisers(body, strength, relative=dict.fromkeys(mixture.joints, 1.0 - share))
+    return [others, PosePrior(body, mixture, strength * share)]
 
 
 def _interpenetration(context: TermContext, _: None) -> list[Term]:

@@ -15,6 +15,8 @@ ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False}}
 """The trackers of the papers do not look back."""
 AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
 """The trackers of the papers take keypoints as they are."""
+NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
+"""They do not ask whether feet stand."""
 NO_CAPTURE: dict[str, Any] = {"cost": {"pose_prior_weight": 0.0}}
 """They know no captured poses."""
 LEAST_SQUARES: dict[str, Any] = {
@@ -42,4 +44,4 @@ def together(*changes: Mapping[str, Any]) -> dict[str, Any]:
     return made
 
 
-FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE)
+FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS)

@@ -14,6 +14,7 @@ from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.formats.keypoints_in_memory import Layout, keypoint_points, keypoint_track, named_layout
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble, keypoint_jitter
+from estimator.data.standing import StandingPoints
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced
 
@@ -34,6 +35,7 @@ class Observer:
         self._cameras = {camera.name: camera for camera in cameras}
         self._given = _jitters(jitter, self._cameras)
         self._before: deque[np.ndarray] = deque(maxlen=REMEMBERED)
+        self._standing = StandingPoints(body.landmark_names)
         self._count, self._time = 0, -np.inf
         self._pending: Observation | None = None
         if not isinstance(layout, str) or layout != "auto":
@@ -46,13 +48,15 @@ class Observer:
         given = self._by_camera(keypoints, "keypoints")
         tracks = {name: self._track(name, given.get(name)) for name in self._cameras}
         (seen,) = assemble(self._body, tracks, self._cameras, np.array([float(time)]))
-        self._pending = replace(seen, index=self._count, jitter=self._jitter(seen.pixels))
+        seen = replace(seen, index=self._count, jitter=self._jitter(seen.pixels))
+        self._pending = replace(seen, standing=self._standing.at(seen))
         return self._pending
 
     def accept(self) -> None:
         """Go on to the frame after the last."""
         assert self._pending is not None
         self._before.append(self._pending.pixels)
+        self._standing.add(self._pending)
         self._count, self._time = self._count + 1, self._pending.time
 
     def pictures(self, given: Any) -> list[np.ndarray]:

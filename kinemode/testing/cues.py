@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from estimator.data.image_cues import ImageCues
+from estimator.data.observation import image_extent
 from estimator.energy.term import Term
-from estimator.search.cost_model import image_extent
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
 from estimator.vision.likelihood.image_likelihood import ImageModel

@@ -13,6 +13,8 @@ from humanoid.kinematics.body import ROOT_Q, Body
 
 OVERLAP = 0.005  # m by which parts may touch: flesh is softer than the solids that keep it apart
 CALM = 0.3  # of the stabilisers' deviations, of legs that only stand
+LEAN = 0.35  # rad, at least, of what bends the trunk forward: the pelvis is drawn upright, so the back leans for both
+_ACROSS = 0.9  # of an axis, from which it is that of bending forward and back
 _TRIES = 200
 _TWO_FLOORS = 0.1  # of the body's size: limbs whose roots differ less in height begin at one height
 
@@ -36,7 +38,11 @@ class PoseSampler:
         held = [k for k in known if k[1] not in arms]
         self._index = np.array([q for q, *_ in held], dtype=int)
         self._rest = np.array([rest for *_, rest, _ in held])
-        self._std = np.array([std * (CALM if v in lower and not legs else 1.0) for _, v, _, std in held])
+        leans = _leaning(body)
+        self._std = np.array([
+            (std if legs else CALM * std) if v in lower else max(std, LEAN) if leans[v] else std
+            for _, v, _, std in held
+        ])  # fmt: skip
         self._open = np.array([q for q, v in place.values() if v in arms], dtype=int)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
@@ -73,6 +79,13 @@ class PoseSampler:
             heading = np.pi + rng.uniform(-self._half, self._half)
             q[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", heading), np.zeros(3)))
         return q
+
+
+def _leaning(body: Body) -> np.ndarray:
+    """Which degrees of freedom (nv,) bend what carries limbs forward and back."""
+    across = np.abs(body.dof_jacobian(body.at(body.neutral))[:, 4]) > _ACROSS
+    carries = body.landmark_support[[limb.landmarks[0] for limb in anatomy_of(body).limbs]].any(axis=0)
+    return np.asarray(across & carries)
 
 
 def _limb_dofs(body: Body) -> tuple[set[int], set[int]]:

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from estimator.data.image_cues import ImageCues
-from estimator.data.observation import Observation
+from estimator.data.observation import Observation, image_extent
 from estimator.inference.chains.evidence import Detections
-from estimator.search.cost_model import CostModel, image_extent
+from estimator.search.cost_model import CostModel
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import HEAD, PointFeatures, landmark_features, skin_features
 from estimator.trackers.dual_chain.feature_detections import all_of, at_size, of_blobs, of_faces, of_keypoints

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.observation import Observation
-from estimator.search.cost_model import CostModel, image_extent
+from estimator.data.observation import Observation, image_extent
+from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.contour_points import ContourPoints, PointLoads
 from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns

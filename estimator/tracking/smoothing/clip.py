@@ -20,9 +20,10 @@ from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.chain import REACH, FrameChain
-from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import Body
 
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
@@ -96,9 +97,19 @@ class _Track:
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""
         start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
-        q = smooth(self._search.body, costs, self._times, start, self._motion, self._settings, progress)
         associations = [self._results[t].association[k] for t, k in zip(self.some, path, strict=True)]
-        return Trajectory(q, associations, list(costs))
+        ties = self._ties(associations)
+        q = smooth(self._search.body, costs, self._times, start, self._motion, self._settings, progress, ties=ties)
+        return Trajectory(q, associations, list(costs), ties)
+
+    def _ties(self, associations: Sequence[str]) -> list[Ties]:
+        """What ties each frame's feet to the one before."""
+        ties: list[Ties] = [()]
+        for i in range(1, len(self.some)):
+            t, dt = self.some[i], self._times[i] - self._times[i - 1]
+            adjacent = t - self.some[i - 1] == 1
+            ties.append(standing_ties(self._search, self._observations[t], associations[i], dt) if adjacent else ())
+        return ties
 
     def _place(self, i: int) -> Observation:
         return self._seen(self.some[i])
@@ -132,10 +143,13 @@ def smooth(
     motion: MotionPrior,
     settings: SmoothSettings | None = None,
     progress: Progress | None = None,
+    *,
+    ties: Sequence[Ties] | None = None,
 ) -> np.ndarray:
     """Smoothed configurations (T, nq), within the limits; the total energy is never higher than at `q`.
 
-    costs (T): static energy of each frame. times (T,) [s], rising. q (T, nq): the path.
+    costs (T): static energy of each frame. times (T,) [s], rising. q (T, nq): the path. ties (T): of each frame to the
+    one before.
     """
     settings = settings or SmoothSettings()
     q = np.array([body.clamp(x) for x in q])
@@ -145,7 +159,8 @@ def smooth(
         low, high = max(0, first - REACH), min(len(q), last + REACH)
         held = np.ones(high - low, dtype=bool)
         held[first - low : last - low] = False
-        chain = FrameChain(body, costs[low:high], times[low:high], motion, settings.tolerance)
+        tied = None if ties is None else ties[low + 1 : high]
+        chain = FrameChain(body, costs[low:high], times[low:high], motion, settings.tolerance, tied)
         q[low:high] = chain.descend(q[low:high], held, settings.iterations)
         if progress is not None:
             progress(last, len(q))

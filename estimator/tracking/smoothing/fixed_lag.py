@@ -12,19 +12,22 @@ from estimator.inference.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing.chain import REACH, FrameChain
-from estimator.tracking.smoothing.frames import frame_costs, frame_energies
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, standing_ties
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.ties import Ties
 
 
 @dataclass
 class _Frame:
-    """A frame of the window: its modes q (K, nq) with their costs and energies (K,), and the pose it has now."""
+    """A frame of the window: its modes q (K, nq) with their costs, energies (K,) and ties to the frame before, and the
+    pose it has now."""
 
     index: int
     time: float
     modes: np.ndarray
     costs: list[Cost]
     energy: np.ndarray
+    ties: list[Ties]
     chosen: int = -1
     q: np.ndarray | None = None
 
@@ -55,9 +58,18 @@ class FixedLag:
             return []
         costs = frame_costs(self._search, observation, result)
         energy = frame_energies(self._search, costs, result)
-        self._window.append(_Frame(result.index, result.time, result.q, costs, energy))
+        ties = self._ties(observation, result)
+        self._window.append(_Frame(result.index, result.time, result.q, costs, energy, ties))
         self._smooth()
         return [self._give()] if len(self._window) > self._settings.lag else []
+
+    def _ties(self, observation: Observation, result: FrameResult) -> list[Ties]:
+        """Of each mode of a frame to the one before."""
+        before = [*self._output_frames, *self._window][-1:]
+        if not before or result.index - before[0].index != 1:
+            return [()] * len(result.weight)
+        dt = result.time - before[0].time
+        return [standing_ties(self._search, observation, association, dt) for association in result.association]
 
     def flush(self) -> list[tuple[int, np.ndarray]]:
         """The frames that are still held back, at the end of a clip."""
@@ -73,7 +85,8 @@ class FixedLag:
             frame.keep(k)
         costs = [f.costs[f.chosen] for f in frames]
         held = np.arange(len(frames)) < len(self._output_frames)
-        chain = FrameChain(self._search.body, costs, times, self._motion, self._settings.tolerance)
+        ties = [f.ties[f.chosen] for f in frames[1:]]
+        chain = FrameChain(self._search.body, costs, times, self._motion, self._settings.tolerance, ties)
         poses = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
         for frame, pose in zip(frames, poses, strict=True):
             frame.q = pose

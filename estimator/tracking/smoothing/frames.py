@@ -58,6 +58,12 @@ def flow_ties(
     return ties_of(search.body, followed, before)
 
 
+def standing_ties(search: ModeSearch, observation: Observation, association: str, dt: float) -> Ties:
+    """What ties the feet of a frame, read in an association, to where they were in the one before, `dt` seconds ago."""
+    tie = search.model.standing_tie(search.associated(observation, association).standing, dt)
+    return [] if tie is None else [tie]
+
+
 def only(result: FrameResult, k: int) -> FrameResult:
     """A frame with its mode k alone."""
     alone = slice(k, k + 1)

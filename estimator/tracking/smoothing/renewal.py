@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.smoothing.chain import REACH, FrameChain
-from estimator.tracking.smoothing.frames import flow_ties, renewed_cost
+from estimator.tracking.smoothing.frames import flow_ties, renewed_cost, standing_ties
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
 
@@ -28,10 +28,7 @@ class Trajectory:
     q: np.ndarray
     association: Sequence[str]
     costs: list[Cost]
-    ties: list[Ties] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.ties = [()] * len(self.q)
+    ties: list[Ties]
 
 
 class Renewal:
@@ -103,7 +100,9 @@ class Renewal:
             if i < last:
                 costs[k] = renewed_cost(self._search, seen[i], trajectory.association[i], posed[k])
             if k and self._frames[i] - self._frames[i - 1] == 1:  # flow is known from one frame to the next
-                ties[k], others = flow_ties(self._search, seen[i], posed[k - 1], posed[k])
+                flow, others = flow_ties(self._search, seen[i], posed[k - 1], posed[k])
+                dt = self._times[i] - self._times[i - 1]
+                ties[k] = [*flow, *standing_ties(self._search, seen[i], trajectory.association[i], dt)]
                 costs[k] = costs[k].plus(others)
         return costs, ties
 

@@ -9,6 +9,7 @@ import numpy as np
 from estimator.data.cameras.projection import project_with_jacobian
 from estimator.energy.points import to_world
 from estimator.energy.reprojection import BEHIND
+from estimator.energy.standing import StandingTie
 from estimator.energy.term import Term
 from estimator.numerics.robust import rho
 from estimator.vision.cues.assigned import AssignedPoints
@@ -64,7 +65,7 @@ def ties_of(body: Body, followed: Iterable[Term], past: PosedBody) -> tuple[list
     return tied, others
 
 
-Ties = Sequence[FlowTie]
+Ties = Sequence[FlowTie | StandingTie]
 
 
 @jit

@@ -1,0 +1,111 @@
+"""Which points of the feet stand: keypoints that rest in the pictures, as cameras stand still themselves."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import expit
+
+from estimator.data.observation import Observation, image_extent
+
+SPAN = 0.15  # s, over which the speed of a keypoint is told
+FEWEST = 3  # frames in it
+_FOOT, _ANKLE = ("heel", "toe"), "ankle"
+_BODY = 0.45  # m: root mean square distance of an adult's keypoints from their centre
+_SLIP, _SPEED = 0.05, 1.0  # m/s: standard deviations of the speeds of what stands, as detectors wander, and of the rest
+_LOW, _RAISED = 0.1, 0.5  # m: standard deviations of how high feet are in a picture above the lowest, alike
+_NOISE = 0.5  # px, of a keypoint at least
+_TINY = 1e-9  # s
+
+
+class StandingPoints:
+    """Tells from the keypoints of the last moments which points of the feet stand.
+
+    names (L): of the body's landmarks. Heels and toes are looked at, or the ankle of a foot of which neither is seen. A
+    point's speed in a picture is the slope of its last `SPAN` seconds, in sizes of the person; that it stands is
+    inferred from two normal densities of the speed, of what stands and of what does not, and two of its height in the
+    picture above the lowest of them, with even odds beforehand. Cameras count as independent, and are held upright.
+    What moves towards a camera seems to stand to that one.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._feet = np.array([name.endswith(_FOOT) for name in names], bool)
+        ankles = [i for i, name in enumerate(names) if name.endswith(_ANKLE)]
+        # the points of the foot that an ankle stands in for
+        self._of_ankle = [(i, self._feet & _side(names, names[i][: -len(_ANKLE)])) for i in ankles]
+        self._before: deque[tuple[float, np.ndarray]] = deque()
+
+    def at(self, observation: Observation) -> np.ndarray:
+        """Probability (L,) that each landmark has not moved in the last moments, 0 of those that are no feet or not
+        seen; `observation` follows those that were added."""
+        first = observation.time - SPAN - _TINY
+        some = [*((t, x) for t, x in self._before if t >= first), (observation.time, observation.known_pixels)]
+        result = np.zeros(len(self._feet))
+        if len(some) < FEWEST or not len(result):
+            return result
+        times, pixels = np.array([t for t, _ in some]), np.stack([x for _, x in some])
+        index = np.flatnonzero(self._looked_at(pixels[-1]))
+        log_odds, seen = np.zeros(len(index)), np.zeros(len(index), bool)
+        for c in range(pixels.shape[1]):
+            metres = _BODY / image_extent(pixels[-1, c], np.isfinite(pixels[-1, c]).all(axis=1))
+            noise = max(_NOISE, observation.jitter[c] if observation.jitter else 0.0)
+            own = _of_speed(times, pixels[:, c, index], metres, noise) + _of_height(pixels[-1, c, index], metres)
+            known = np.isfinite(own)
+            log_odds[known] += own[known]
+            seen |= known
+        result[index[seen]] = expit(log_odds[seen])
+        return result
+
+    def add(self, observation: Observation) -> None:
+        """Go on to the next frame."""
+        self._before.append((observation.time, observation.known_pixels))
+        while self._before[0][0] < observation.time - SPAN - _TINY:
+            self._before.popleft()
+
+    def _looked_at(self, pixels: np.ndarray) -> np.ndarray:
+        """Which landmarks (L,); pixels (C, L, 2)."""
+        seen = np.isfinite(pixels).all(axis=2).any(axis=0)
+        chosen = self._feet & seen
+        for ankle, foot in self._of_ankle:
+            chosen[ankle] = seen[ankle] and not (seen & foot).any()
+        return chosen
+
+
+def with_standing(observations: Iterable[Observation], names: Sequence[str]) -> list[Observation]:
+    """Observations in order, each with which points stand; names (L): of the body's landmarks."""
+    points, told = StandingPoints(names), []
+    for observation in observations:
+        told.append(replace(observation, standing=points.at(observation)))
+        points.add(observation)
+    return told
+
+
+def _side(names: Sequence[str], prefix: str) -> np.ndarray:
+    return np.array([name.startswith(prefix) for name in names], bool)
+
+
+def _of_speed(times: np.ndarray, pixels: np.ndarray, metres: float, noise: float) -> np.ndarray:
+    """Log of the odds (F,) that points stand by their speed, in one camera, NaN of those that were missing.
+
+    times (N,) [s], pixels (N, F, 2), metres: of a pixel, noise [px]: of a keypoint.
+    """
+    away = times - times.mean()
+    squares = float(np.square(away).sum())
+    speed = metres * np.einsum("n,nfk->fk", away, pixels) / squares
+    return _log_odds(np.linalg.norm(speed, axis=1), np.hypot(metres * noise / np.sqrt(squares), _SLIP), _SPEED, 2)
+
+
+def _of_height(pixels: np.ndarray, metres: float) -> np.ndarray:
+    """The same by how much higher points are in the picture, pixels (F, 2), than the lowest of them."""
+    y = pixels[:, 1]
+    lowest = np.nanmax(y) if np.isfinite(y).any() else np.nan
+    return _log_odds(metres * (lowest - y), _LOW, _RAISED, 1)
+
+
+def _log_odds(value: np.ndarray, narrow: float, more: float, axes: int) -> np.ndarray:
+    """Log of the ratio of two normal densities over so many axes, of deviation `narrow` and with `more` besides."""
+    stands, moves = narrow**2, narrow**2 + more**2
+    return np.asarray(0.5 * np.square(value) * (1.0 / moves - 1.0 / stands) + 0.5 * axes * np.log(moves / stands))
