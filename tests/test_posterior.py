@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, norm, truncnorm
 
 from benchmarks.training import credible_levels
 from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.marginals import Marginals
+from estimator.runs.marginals import Marginals, _cut_gaussian
 from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
@@ -287,3 +287,10 @@ def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest
     monkeypatch.setattr(credible_levels, "_mean_lean", lambda cases: 0.2)
     fitted = credible_levels.fitted_calibration([], 1, lambda line: None)
     assert (fitted.covariance_scale, fitted.weight_temperature) == (0.6, 16.0)
+
+
+def test_a_normal_cut_off_far_out_has_its_moments() -> None:
+    """On either side, where the probability between the ends is nothing in double precision."""
+    for low, high in ((-1.0, 2.0), (0.5, 3.0), (9.0, 12.0), (-12.0, -9.0), (30.0, 36.0)):
+        mean, variance = _cut_gaussian(np.array([low]), np.array([high]))
+        assert (float(mean[0]), float(variance[0])) == pytest.approx(truncnorm.stats(low, high), rel=1e-6)

@@ -191,12 +191,14 @@ def _below(gap: np.ndarray, std: np.ndarray, lean: np.ndarray) -> np.ndarray:
 def _cut_gaussian(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and variance of a standard normal cut off at both ends, all of one shape."""
     low, high = np.clip(low, -_FAR, _FAR), np.clip(high, -_FAR, _FAR)
+    side = np.where(low > 0.0, -1.0, 1.0)  # tails are exact below the mean only
+    low, high = np.where(side > 0.0, low, -high), np.where(side > 0.0, high, -low)
     at_low, at_high = (np.exp(-0.5 * np.square(z)) / np.sqrt(2.0 * np.pi) for z in (low, high))
     share = np.maximum(ndtr(high) - ndtr(low), 1e-300)
-    mean = (at_low - at_high) / share
+    mean = np.clip((at_low - at_high) / share, low, high)
     variance = np.maximum(1.0 + (low * at_low - high * at_high) / share - np.square(mean), 0.0)
     even = high - low < _EVEN  # rounding is all that the closed forms leave there
-    return np.where(even, 0.5 * (low + high), mean), np.where(even, np.square(high - low) / 12.0, variance)
+    return side * np.where(even, 0.5 * (low + high), mean), np.where(even, np.square(high - low) / 12.0, variance)
 
 
 def _cut_exponential(size: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -61,13 +61,15 @@ def _camera(document: Document, element: ET.Element) -> Camera:
     table = np.array([[document.number(transform, f"r{i}{k}") for k in (1, 2, 3)] for i in (1, 2, 3)])
     R = _TURN @ table
     at = 1e-3 * np.array([document.number(transform, axis) for axis in "xyz"])
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused as what they become
+        t = -R @ at
     entry = {
         "name": name,
         "image_size": [right - left + 1.0, bottom - top + 1.0],
         "K": [[focal[0], skew, centre[0] - left], [0.0, focal[1], centre[1] - top], [0.0, 0.0, 1.0]],
         "distortion": [k1, k2, p1, p2, k3],
         "R": R.tolist(),
-        "t": (-R @ at).tolist(),
+        "t": t.tolist(),
     }
     called = {"image_size": "fov_video", "K": "intrinsic", "R": "transform", "t": "transform"}
     return camera_from_json(entry, document.source, place, called=called)
