@@ -62,8 +62,7 @@ def energy_parts(case: Case) -> Iterator[EnergyPart]:
         yield EnergyPart("left and right exchanged", "", search.model.settings.exchange_penalty)
     q_previous = case.before.q if case.before is not None and case.has_transition else None
     keypoints = search.term(observation, case.association)
-    standing = search.associated(observation, case.association).standing
-    for term in search.model.cost(keypoints, q_previous, case.dt, standing=standing).terms:
+    for term in search.model.cost(keypoints, q_previous, case.dt).terms:
         if term is not keypoints:  # told camera by camera already
             yield EnergyPart(term.name, "", term.value(case.posed))
     for camera_likelihood in case.likelihood.cameras:

@@ -82,7 +82,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
     can = capabilities_of(make_tracker(run.header.tracker, run.body, settings))
-    observation = run.observation(frame)
+    observation = run.observation(frame, standing=True)
     if run.header.cues:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.data.observation import Observation
 from estimator.data.standing import SPAN, StandingPoints, with_standing
-from estimator.energy.standing import StandingTie, standing_targets
+from estimator.energy.standing import standing_targets, standing_ties
 from estimator.search.cost_model import CostModel
 from estimator.tracking.smoothing import SmoothSettings, smooth
 from humanoid.subject.landmarks import mirror_index
@@ -96,7 +96,7 @@ def test_a_tie_has_the_derivatives_of_its_value() -> None:
     rng = np.random.default_rng(2)
     standing = np.zeros(len(NAMES))
     standing[[HEEL, TOE]] = 1.0, 0.4
-    tie, nv = StandingTie(BODY, standing, 0.05, 1.3), BODY.nv
+    (tie,), nv = standing_ties(BODY, standing, 0.05, 1.3), BODY.nv
     poses = [random_pose(BODY, rng, share=0.3, turn=0.2)]
     poses.append(BODY.integrate(poses[0], rng.normal(0.0, 0.05, nv)))
 
@@ -120,11 +120,13 @@ def test_targets_are_the_tie_with_the_earlier_pose_held() -> None:
     before, after = (BODY.at(q) for q in squat(9, 0.3)[[2, 4]])
     (target,) = standing_targets(BODY, standing, before, 0.02, 1.5)
     gradient, hessian = np.zeros(2 * BODY.nv), np.zeros((2 * BODY.nv, 2 * BODY.nv))
-    tied = StandingTie(BODY, standing, 0.02, 1.5).accumulate_pair(before, after, gradient, hessian)
+    (tie,) = standing_ties(BODY, standing, 0.02, 1.5)
+    tied = tie.accumulate_pair(before, after, gradient, hessian)
     own = np.zeros(BODY.nv)
     assert target.accumulate(after, own, np.zeros((BODY.nv, BODY.nv))) == pytest.approx(tied)
     np.testing.assert_allclose(own, gradient[BODY.nv :], atol=1e-9)
     assert standing_targets(BODY, np.zeros(len(NAMES)), before, 0.02) == []
+    assert standing_ties(BODY, np.zeros(len(NAMES)), 0.02) == []
 
 
 def test_held_feet_slide_less_and_the_rest_is_no_worse() -> None:
@@ -133,7 +135,7 @@ def test_held_feet_slide_less_and_the_rest_is_no_worse() -> None:
     observations = seen(truth, camera, noise=2.0)
     costs = [model.cost(model.observation_term(o)) for o in observations]
     times = np.array([o.time for o in observations])
-    ties = [[tie] if (tie := model.standing_tie(o.standing, 1.0 / FPS)) else [] for o in observations]
+    ties = [model.standing_ties(o.standing, 1.0 / FPS) for o in observations]
     motion = SmoothSettings().motion(model)
     true = np.array([BODY.landmarks(BODY.at(x)) for x in truth])
 

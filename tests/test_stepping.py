@@ -122,7 +122,7 @@ def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen
     smoother = FixedLag(search, SmoothSettings(lag=LAG))
     smoothed: dict[int, np.ndarray] = {}
     for i in range(FRAMES):
-        smoothed.update(smoother.push(alone.run.observation(i), alone.run.result(i)))
+        smoothed.update(smoother.push(alone.run.observation(i, standing=True), alone.run.result(i)))
     smoothed.update(smoother.flush())
     assert set(smoothed) == set(range(FRAMES)) - {0}
     for step in (*late, *rest)[1:]:

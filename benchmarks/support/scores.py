@@ -114,7 +114,8 @@ def fixed_lag(run: Run) -> np.ndarray:
     if energy is None:
         return np.asarray(run.mode_landmarks[:, 0])
     smoother = FixedLag(energy, settings.smooth)
-    given = [g for i in range(len(run)) for g in smoother.push(run.observation(i), run.result(i))] + smoother.flush()
+    seen = (run.observation(i, standing=True) for i in range(len(run)))
+    given = [g for i, o in enumerate(seen) for g in smoother.push(o, run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)
     for index, q in given:
         points[index] = run.body.landmarks(run.body.at(q))

@@ -35,24 +35,28 @@ def standing_targets(
 class StandingTie:
     """The same between the poses of two successive frames, neither of which is held.
 
-    1/2 sum weight rho(|p_after - p_before|^2 / std^2) over the landmarks p that stand.
+    1/2 sum weight rho(|p_after - p_before|^2 / std^2) over the landmarks p that stand. index, weight (S,): which they
+    are, and how much each is held.
     """
 
-    def __init__(self, body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> None:
-        self._body, self._index = body, np.flatnonzero(standing >= LEAST)
-        self._weight, self._precision = weight * standing[self._index], 1.0 / std**2
-
-    def __bool__(self) -> bool:
-        return len(self._index) > 0
+    def __init__(self, body: Body, index: np.ndarray, weight: np.ndarray, std: float) -> None:
+        self._body, self._index, self._weight, self._precision = body, index, weight, 1.0 / std**2
 
     def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """See `estimator.tracking.smoothing.ties.FlowTie`."""
-        body, index, value = self._body, self._index, 0.0
-        moved = body.landmarks(after)[index] - body.landmarks(before)[index]
-        rows = np.concatenate([-body.landmark_jacobians(before)[index], body.landmark_jacobians(after)[index]], axis=2)
-        for e, J, weight in zip(moved, rows, self._weight, strict=True):
-            cost, slope, _ = rho(LORENTZIAN, float(e @ e) * self._precision, _NU)
-            value += 0.5 * weight * cost
-            gradient += weight * slope * self._precision * (J.T @ e)
-            hessian += weight * slope * self._precision * (J.T @ J)
-        return value
+        body, some = self._body, self._index
+        moved = body.landmarks(after)[some] - body.landmarks(before)[some]
+        of_before, of_after = (body.landmark_jacobians(posed, some) for posed in (before, after))
+        rows = np.concatenate([-of_before, of_after], axis=2)
+        parts = [rho(LORENTZIAN, square, _NU) for square in self._precision * np.square(moved).sum(axis=1)]
+        held = self._precision * self._weight * np.array([slope for _, slope, _ in parts])
+        weighted = held[:, None, None] * rows
+        gradient += np.einsum("nij,ni->j", weighted, moved)
+        hessian += weighted.reshape(-1, rows.shape[2]).T @ rows.reshape(-1, rows.shape[2])
+        return 0.5 * float(self._weight @ np.array([cost for cost, _, _ in parts]))
+
+
+def standing_ties(body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> list[StandingTie]:
+    """A tie as `standing_targets` has targets; nothing where none stands."""
+    index = np.flatnonzero(standing >= LEAST)
+    return [StandingTie(body, index, weight * standing[index], std)] if len(index) else []

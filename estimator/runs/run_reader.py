@@ -135,18 +135,22 @@ class Run(Summarised):
         """Frame `i` of the file; negative counts from the end."""
         return frame_result(self._frames[i], self.body)
 
-    def observation(self, i: int) -> Observation:
-        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
+    def observation(self, i: int, *, standing: bool = False) -> Observation:
+        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored.
+
+        standing: also which points stand, for which the frames just before are read as well.
+        """
         i, times = int(i), self.header.times
-        first = int(np.searchsorted(times, times[i] - 2.0 * SPAN)) if 0 <= i < len(times) else i
+        looks_back = standing and 0 <= i < len(times)
+        first = int(np.searchsorted(times, times[i] - 2.0 * SPAN)) if looks_back else i
         with run_store.reading(self.file) as connection:
             rows = connection.execute(
                 "SELECT position, data FROM observation WHERE position BETWEEN ? AND ? ORDER BY position", (first, i)
             ).fetchall()
         if not rows or rows[-1][0] != i:
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
-        # which feet stand is told from the keypoints of the frames before, too
-        return with_standing((self._observed(data, k) for k, data in rows), self.body.landmark_names)[-1]
+        seen = [self._observed(data, k) for k, data in rows]
+        return with_standing(seen, self.body.landmark_names)[-1] if standing else seen[-1]
 
     def _observed(self, data: bytes, i: int) -> Observation:
         a = self._keypoints_of(data, i)

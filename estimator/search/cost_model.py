@@ -14,7 +14,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.standing import StandingTie, standing_targets
+from estimator.energy.standing import StandingTie, standing_targets, standing_ties
 from estimator.energy.term import Cost, Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
@@ -107,33 +107,34 @@ class CostModel:
         q_previous: np.ndarray | None = None,
         dt: float = 0.0,
         image_terms: Sequence[Term] = (),
-        standing: np.ndarray | None = None,
     ) -> Cost:
-        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well, and
-        what stands is held there; standing (L,): see `Observation`."""
+        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
             terms = [observed, *terms, *self._by_cameras(observed.cameras)]
         if q_previous is not None:
-            terms.extend(self.since(q_previous, dt, standing))
+            terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)
 
     def since(
-        self, q_previous: np.ndarray, dt: float, standing: np.ndarray | None = None
+        self, q_previous: np.ndarray, dt: float, observed: Reprojection | None
     ) -> list[PointTargets | Transition]:
-        """What the change since `q_previous` (nq,), `dt` seconds ago, costs: the last terms of `cost`."""
+        """What the change since `q_previous` (nq,), `dt` seconds ago, costs, and what holds points there that stand in
+        what is observed: the last terms of `cost`."""
         s, held = self.settings, list[PointTargets]()
+        standing = None if observed is None else observed.observation.standing
         if standing is not None and s.standing_weight > 0.0:
             std = math.hypot(s.standing_error, s.standing_slip * dt)
             held += standing_targets(self.body, standing, self.body.at(q_previous), std, s.standing_weight)
         return [*held, self.transition(q_previous, dt)]
 
-    def standing_tie(self, standing: np.ndarray | None, dt: float) -> StandingTie | None:
-        """What holds two successive frames' standing points together, `dt` seconds apart; None where none stands."""
+    def standing_ties(self, standing: np.ndarray | None, dt: float) -> list[StandingTie]:
+        """What holds two successive frames' standing points together, `dt` seconds apart; standing (L,): see
+        `Observation`."""
         s = self.settings
         if standing is None or s.standing_weight <= 0.0:
-            return None
-        return StandingTie(self.body, standing, s.standing_slip * max(dt, SHORTEST_STEP), s.standing_weight) or None
+            return []
+        return standing_ties(self.body, standing, s.standing_slip * max(dt, SHORTEST_STEP), s.standing_weight)
 
     def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
         """What the change of the configuration since `q_previous` (nq,), `dt` seconds ago, costs."""

@@ -74,8 +74,8 @@ class FrameSearch:
             energies[own] = cost.values(placed.of(own))
         for n, h in enumerate(hypotheses):
             if h.origin.transition_from is not None:
-                standing = self.case.associations[h.association].standing
-                for term in self._model.since(h.origin.transition_from, self.case.dt, standing):
+                observed = self.case.associations[h.association].term
+                for term in self._model.since(h.origin.transition_from, self.case.dt, observed):
                     energies[n] += term.values(placed.of(slice(n, n + 1)))[0]
         penalties = (self.case.associations[h.association].penalty for h in hypotheses)
         return [h.prior_score - float(e) - p for h, e, p in zip(hypotheses, energies, penalties, strict=True)]
@@ -117,9 +117,9 @@ class FrameSearch:
         pose = None if previous is None else previous.key
         key = h.association, h.pull, transition_from is not None, pose
         if key not in self._bases:
-            association, terms = self.case.associations[h.association], [*self._flow(h), *self._pulled(h.pull)]
+            term = self.case.associations[h.association].term
             self._bases[key] = self._model.cost(
-                association.term, transition_from, self.case.dt, terms, association.standing
+                term, transition_from, self.case.dt, [*self._flow(h), *self._pulled(h.pull)]
             )
         return self._bases[key]
 
@@ -148,7 +148,7 @@ class FrameSearch:
     def _score_assigned(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
         terms = [*assigned, *self._pulled(h.pull)]
-        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms, association.standing)
+        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms)
         return h.prior_score - cost.value_at(h.q) - association.penalty
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
@@ -173,7 +173,7 @@ class FrameSearch:
         followed = self.flows.get(previous.key)
         flow = [] if followed is None else self.case.likelihood.leading(followed)
         association = self.case.associations[h.association]
-        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, flow, association.standing)
+        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, flow)
         start = previous.q
         if previous.q_predicted is not None and cost.value_at(previous.q_predicted) < cost.value_at(start):
             start = previous.q_predicted

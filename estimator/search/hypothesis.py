@@ -79,8 +79,3 @@ class Association(NamedTuple):
     name: str
     term: Reprojection
     penalty: float
-
-    @property
-    def standing(self) -> np.ndarray | None:
-        """See `Observation`, (L,), with the association's sides."""
-        return self.term.observation.standing

@@ -250,11 +250,11 @@ class Body(Summarised):
         """Landmarks of N configurations in the world [m], (N, L, 3); each as `landmarks` has them, to the last bit."""
         return points_of_each(placed, self.landmark_joint, self.landmark_local)
 
-    def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
-        """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
+    def landmark_jacobians(self, posed: PosedBody, some: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Derivative of every landmark [m per unit of v], or of some by their numbers, world frame, (L, 3, nv)."""
         linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
-        velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[:, None])
-        moved = self.column_support[self.landmark_joint]
+        velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[some, None])
+        moved = self.column_support[self.landmark_joint[some]]
         return self.collected(np.where(moved[:, None, :], velocity.transpose(0, 2, 1), 0.0))
 
     def collected(self, columns: np.ndarray) -> np.ndarray:

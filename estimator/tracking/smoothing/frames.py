@@ -60,8 +60,7 @@ def flow_ties(
 
 def standing_ties(search: ModeSearch, observation: Observation, association: str, dt: float) -> Ties:
     """What ties the feet of a frame, read in an association, to where they were in the one before, `dt` seconds ago."""
-    tie = search.model.standing_tie(search.associated(observation, association).standing, dt)
-    return [] if tie is None else [tie]
+    return search.model.standing_ties(search.associated(observation, association).standing, dt)
 
 
 def only(result: FrameResult, k: int) -> FrameResult:
