@@ -13,8 +13,9 @@ from estimator.energy.priors import STABILISER_NU as NU
 from estimator.energy.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, first_of
 
+_LISTED = 4  # joints in a message
 _NEGLIGIBLE = 1e-12  # a component's share of a pose below which it neither pulls nor bends
 
 
@@ -106,17 +107,17 @@ def misfit(body: Body, mixture: PoseMixture) -> str | None:
     locked = {frame.name for frame in model.frames if frame.type == pin.FrameType.FIXED_JOINT}
     missing = [name for name in mixture.joints if name not in moving and name not in locked]
     if missing:
-        return f"joints it does not have: {_some(missing)}"
+        return f"joints it does not have: {first_of(missing, _LISTED)}"
     kept = [i for i, name in enumerate(mixture.joints) if name in moving]
     joints = [mixture.joints[i] for i in kept]
     if not joints:
         return "joints that move"
     held = {s.joint for s in body.subject.stabilisers}
     if not held.issuperset(joints):
-        return f"a <stabiliser> for {_some([name for name in joints if name not in held])}"
+        return f"a <stabiliser> for {first_of([name for name in joints if name not in held], _LISTED)}"
     along = np.einsum("ij,ij->i", joint_axes(body, joints), mixture.axes[kept])
     turned = [name for name, same in zip(joints, along, strict=True) if same < _SAME_AXIS]
-    return f"another axis of {_some(turned)}" if turned else None
+    return f"another axis of {first_of(turned, _LISTED)}" if turned else None
 
 
 def joint_axes(body: Body, joints: Sequence[str]) -> np.ndarray:
@@ -130,10 +131,6 @@ def _moving(body: Body) -> dict[str, int]:
     """Its joints of one angle, by name."""
     model = body.model
     return {model.names[j]: j for j in range(1, body.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1}
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 @jit

@@ -17,6 +17,7 @@ from estimator.data.formats.checked_arrays import Field, check_arrays
 from estimator.inference.merge import body_size
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_PLACE_V, ROOT_TURN_Q, Body
+from humanoid.support.errors import first_of
 
 FASTEST = 7.0  # body lengths a second, the sprinter's with some room
 _DEVIATIONS = 3.0  # standard deviations by which the places themselves may be wrong
@@ -126,7 +127,7 @@ def leap_note(frames: list[int]) -> str:
     """What to tell of leaps, empty where there are none."""
     if not frames:
         return ""
-    listed = ", ".join(map(str, frames[:8])) + (", ..." if len(frames) > 8 else "")
+    listed = first_of(frames, 8)
     count = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
     return (
         f"the body leaps faster than any could run in {count} ({listed}; there it is marked hard): is it another person"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,11 @@ class InputError(ValueError):
 
 def _rebuild(source: str, problem: str, place: str, remedy: str) -> InputError:
     return InputError(source, problem, place=place, remedy=remedy)
+
+
+def first_of(things: Sequence[object], most: int) -> str:
+    """A list for a message: the first things of it, and dots where there are more."""
+    return ", ".join(map(str, things[:most])) + (", ..." if len(things) > most else "")
 
 
 def shown(value: Any, most: int = _LONGEST_QUOTE) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+from humanoid.support.errors import first_of
+
 _CLOSE = 0.5  # likeness from which a name counts as near
 _CLOSE_WORD = 0.75
 _PART = 3  # letters that are looked for inside of names
@@ -29,4 +31,4 @@ def nearest(name: str, valid: Iterable[str], noun: str) -> str:
     close = near_names(name, names)
     if close:
         return "did you mean " + " or ".join(close) + "?"
-    return f"valid {noun}: " + (", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "") or "none")
+    return f"valid {noun}: " + (first_of(names, _LISTED) or "none")

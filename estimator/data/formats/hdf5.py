@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, first_of, shown
 
 if TYPE_CHECKING:
     import h5py
@@ -84,8 +84,7 @@ def text(value: Any) -> str | None:
 
 def members(group: h5py.Group) -> str:
     """What a group has, for what is said."""
-    names = [shown(name, 30) for name in group]
-    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "") or "nothing"
+    return first_of([shown(name, 30) for name in group], 8) or "nothing"
 
 
 def plain_pickle(value: Any, path: Path, place: str) -> Any:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from estimator.data.formats.checked_json import mapping, read_json, read_text
 from estimator.data.formats.keypoints_reading import Reading, as_landmarks, checked_names
 from humanoid.subject.landmarks import FORMATS, landmark_name
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, first_of, shown
 from humanoid.support.near_names import near_names
 
 _KNOWN = {name for names in FORMATS.values() for name in names if name is not None}
@@ -44,7 +44,7 @@ def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
             reading.notes.say(f"{theirs} is called {shown(ours, 30)}, which is no landmark of people: {meant[0]}?")
     foreign = [name for name in names if landmark_name(name) is None]
     if foreign and naming.of is None:
-        some = ", ".join(shown(name, 30) for name in foreign[:8]) + (", ..." if len(foreign) > 8 else "")
+        some = first_of([shown(name, 30) for name in foreign], 8)
         beside = places_of_names(reading.source).partition(" or ")[0]
         reading.notes.say(f"keypoints with names of their own ({some}): {beside} can say which landmarks they are")
     return names

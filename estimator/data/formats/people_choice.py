@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.formats.keypoints_people import Person
 from estimator.data.formats.people_tracks import PersonTrack, apart, link
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, first_of
 
 AUTO = "auto"
 PeopleByFrame = Mapping[int, Sequence[Person]]
@@ -68,7 +68,7 @@ def jump_note(chosen: Mapping[int, Person]) -> str:
     frames_of_jumps = jumps(chosen)
     if not frames_of_jumps:
         return ""
-    listed = ", ".join(map(str, frames_of_jumps[:5])) + (", ..." if len(frames_of_jumps) > 5 else "")
+    listed = first_of(frames_of_jumps, 5)
     frames = f"frame{'s' * (len(frames_of_jumps) != 1)}"
     return f"the keypoints jump to another person, or elsewhere, in {len(frames_of_jumps)} {frames} ({listed})"
 
@@ -99,4 +99,4 @@ def _with_id(frames: PeopleByFrame, person: str | int, source: str | Path) -> di
 
 def _listed(ids: set[str]) -> str:
     texts = sorted(ids, key=lambda s: (len(s), s))
-    return ", ".join(texts[:20]) + (", ..." if len(texts) > 20 else "")
+    return first_of(texts, 20)

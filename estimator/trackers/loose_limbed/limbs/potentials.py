@@ -18,7 +18,7 @@ from estimator.inference.beliefs.space import PLACEMENTS
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, first_of
 
 SHIPPED = Path(__file__).with_name("potentials.json")
 """Of human34's paper graph, learned from captured motion by `python -m benchmarks limb_learning --write`."""
@@ -92,7 +92,7 @@ class LimbPotentials:
         """
         missing = sorted(set(self.limbs) ^ set(graph.names))
         if missing:
-            raise InputError(source, f"are of another graph: {_some(missing)} in one of both", remedy=_REMEDY)
+            raise InputError(source, f"are of another graph: {first_of(missing, 4)} in one of both", remedy=_REMEDY)
         place = [self.limbs.index(name) for name in graph.names]
         own = {(i, j): (place[i], place[j]) for i, j in graph.directed}
         if set(own.values()) != set(self.spatial):
@@ -247,10 +247,6 @@ def _laid_out(content: dict[str, Any]) -> str:
             text = "[\n" + ",\n".join("  " + json.dumps(v, separators=(",", ":")) for v in value) + "\n ]"
         lines.append(f" {json.dumps(key)}: {text}")
     return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 def _alike(was: np.ndarray, now: np.ndarray) -> bool:
