@@ -15,6 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
+from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from benchmarks.support.common import Data, Json, Several, data_folder, save
@@ -71,13 +72,7 @@ def tracked(run: Run) -> Motion:
 
 def rotations(zxy: Sequence[np.ndarray]) -> np.ndarray:
     """(T, 3, 3) from turns [deg] about z, then x, then y, each about the turned axes."""
-    (cz, cx, cy), (sz, sx, sy) = np.cos(np.radians(zxy)), np.sin(np.radians(zxy))
-    rows = [
-        [cz * cy - sz * sx * sy, -sz * cx, cz * sy + sz * sx * cy],
-        [sz * cy + cz * sx * sy, cz * cx, sz * sy - cz * sx * cy],
-        [-cx * sy, sx, cx * cy],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.asarray(Rotation.from_euler("ZXY", np.transpose(zxy), degrees=True).as_matrix())
 
 
 def at(motion: Motion, time: np.ndarray) -> Motion:

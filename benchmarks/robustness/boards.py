@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from benchmarks.support.common import Json, save
+from estimator.data.boards.adjustment import Pose, angle_between, chained, inverse
 from estimator.data.boards.board import Board
 from estimator.data.boards.floor import R_WORLD_BOARD
 from estimator.data.boards.lens import LensFit, fit_lens
@@ -108,9 +109,8 @@ def judge_rig(true: Mapping[str, Camera], placed: Mapping[str, Camera], notes: l
     b = placed[first]
     turns, shifts = [0.0], [0.0]
     for name, camera in others:
-        turns.append(
-            _angle(camera.R_camera_world @ a.R_camera_world.T, placed[name].R_camera_world @ b.R_camera_world.T)
-        )
+        relative = [chained(_pose(c), inverse(_pose(origin))) for c, origin in ((camera, a), (placed[name], b))]
+        turns.append(angle_between(*relative))
         there, here = (
             first.R_camera_world @ (second.centre_world - first.centre_world)
             for first, second in ((a, camera), (b, placed[name]))
@@ -182,5 +182,5 @@ def _board_sighting(
     return BoardSighting(camera.name, frame, f"frame {frame}", pixels + rng.normal(0.0, noise, pixels.shape))
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.degrees(np.linalg.norm(cv2.Rodrigues(a @ b.T)[0])))
+def _pose(camera: Camera) -> Pose:
+    return camera.R_camera_world, camera.t_camera_world

@@ -194,7 +194,7 @@ def _unsure(best: Adjustment, origin: int) -> list[str]:
     for name, pose in list(best.cameras.items())[1:]:
         covariance = best.covariances[name]
         turn = float(np.degrees(np.sqrt(np.trace(covariance[:3, :3]))))
-        centre = np.hstack([_cross(pose[1]), np.eye(3)])
+        centre = np.hstack([np.cross(np.eye(3), pose[1]), np.eye(3)])
         shift = float(np.sqrt(np.trace(centre @ covariance @ centre.T)))
         distance = float(np.linalg.norm(pose[1]))
         if turn > UNSURE_TURN or shift > UNSURE_SHIFT * distance:
@@ -205,7 +205,3 @@ def _unsure(best: Adjustment, origin: int) -> list[str]:
             f"how the floor is tilted is unsure by {turn:.1f} degrees: bring the board of picture {origin} nearer"
         )
     return notes
-
-
-def _cross(t: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])

@@ -12,8 +12,6 @@ from estimator.data.cameras.camera import Camera
 FEWEST_SHARED = 4  # landmarks that two detections need in common to be compared
 _FEW = 6  # landmarks of a first look
 _MOST_PAIRS = 50_000  # compared at once
-
-
 MISSED = 0.02  # of the picture's longer side: a point that is so far from where a camera saw it is mistaken
 
 
