@@ -217,9 +217,9 @@ def test_the_table_of_joints_is_printed(capsys: pytest.CaptureFixture[str]) -> N
     result = evaluate(run_of(body, q), zero)
     report.print_evaluation(result)
     rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line.split()}
-    assert rows["bend"] == ["2.00", "deg", "2.24", "deg", "+1.00", "deg", "2"]
-    assert rows["spin"] == ["0.00", "deg", "0.00", "deg", "+0.00", "deg", "2"]
-    assert rows["mean"] == ["of", "2", "turning", "joints", "1.00", "deg", "1.12", "deg"]
+    assert rows["bend"] == ["2.00", "deg", "2.24", "deg", "+1.00", "deg", "2.00", "deg", "2.00", "deg", "2"]
+    assert rows["spin"] == ["0.00", "deg", "0.00", "deg", "+0.00", "deg", "0.00", "deg", "0.00", "deg", "2"]
+    assert rows["mean"] == ["of", "all", "1.00", "deg", "1.12", "deg", "-", "1.00", "deg", "1.00", "deg", "2"]
     assert "bend" in result._repr_html_()
     assert repr(result).startswith("<Evaluation: frames 2, mean error of 2 joint angles 1.00 deg")
 

@@ -310,6 +310,7 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     seen: list[Files] = []
     tables: list[Files] = []
     arrays: list[Files] = []
+    angles: list[Files] = []
     for name in subjects:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
@@ -321,6 +322,8 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
         tables.append({"motion.csv": export(run, folder / "a.csv").read_bytes()})
+        angles.append({"reference.csv": export(run, folder / "a.csv", degrees=True).read_bytes()})
+        angles.append({"reference.mot": export(run, folder / "a.mot").read_bytes()})
         arrays.append({"motion.npz": export(run, folder / "a.npz").read_bytes()})
     with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
         km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
@@ -330,6 +333,7 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     return {
         "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
         "motion csv": tables, "motion npz": arrays, "c3d": laboratory["c3d"],
+        "angles": angles,
     }  # fmt: skip
 
 

@@ -157,6 +157,7 @@ READERS = {
     "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
     "reference": Reader("npz", Reference.load, 0.04),
     "trc": Reader("text", Reference.load, 0.05),
+    "angles": Reader("text", Reference.load, 0.02),
     "c3d": Reader("binary", Reference.load, 0.03),
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.data.formats.opensim import Coordinates
-from estimator.runs.coordinates import JointEntry, joint_entries
+from estimator.runs.common_times import common_times, values_at
+from estimator.runs.coordinates import joint_entries, opensim_names
+from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates, is_measured
 from estimator.runs.joint_angle import ONE_NUMBER, joint_value
+from estimator.runs.marker_reference import listed
 from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 
-
-def joint_coordinates(body: Body) -> tuple[str, ...]:
-    """Names of the joints whose coordinates can be compared: those of one degree of freedom."""
-    return tuple(entry.name for entry in joint_entries(body) if entry.kind in ONE_NUMBER)
+_TURNED = 10.0  # difference of the pelvis' headings from which it is said [deg]
+_KNEES = ("knee_angle_r", "knee_angle_l")
+_OF_LEGS = {
+    "hips": ("left_hip_flexion", "right_hip_flexion", "hip_flexion_l", "hip_flexion_r"),
+    "knees": ("left_knee_flexion", "right_knee_flexion", "knee_angle_l", "knee_angle_r"),
+    "ankles": ("left_ankle_dorsiflexion", "right_ankle_dorsiflexion", "ankle_angle_l", "ankle_angle_r"),
+}
+GROUPS = _OF_LEGS | {"legs": tuple(name for names in _OF_LEGS.values() for name in names)}
+"""Flexion of a person's leg joints, of both sides, as our body and OpenSim's gait models call it."""
 
 
 @dataclass(frozen=True)
 class JointScore:
-    """How far a joint of a run is from a reference's, over the frames that both have [deg, or m where it slides].
+    """How far a joint of a run is from a reference's, over the moments that both have [deg, or m where it slides].
 
     mean_absolute, rms: mean absolute difference, and root of the mean square. bias: mean difference, run less
-    reference: what two definitions of the zero differ by shows there. frames: how many were compared; without any the
-    others are NaN.
+    reference: what two definitions of the zero differ by shows there. mean_absolute_without_bias, rms_without_bias: of
+    the differences less the bias. frames: how many were compared; without any the others are NaN.
     """
 
     unit: str
@@ -31,63 +42,159 @@ class JointScore:
     rms: float
     bias: float
     frames: int
+    mean_absolute_without_bias: float = np.nan
+    rms_without_bias: float = np.nan
 
     @staticmethod
-    def of(difference: np.ndarray, unit: str) -> JointScore:
-        """The score of differences (N,) in this unit, NaN where either side is unknown."""
+    def of(difference: np.ndarray, unit: str, wraps: bool = False) -> JointScore:
+        """The score of differences (N,) in this unit, NaN where either side is unknown; wraps: they are degrees, taken
+        from -180 to 180, about their circular mean where the bias is taken away."""
         known = difference[np.isfinite(difference)]
         if known.size == 0:
             return JointScore(unit, np.nan, np.nan, np.nan, 0)
-        rms = float(np.sqrt(np.mean(np.square(known))))
-        return JointScore(unit, float(np.abs(known).mean()), rms, float(known.mean()), known.size)
+        bias = known.mean()
+        if wraps:
+            known = _wrapped(known)
+            middle = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(known)).mean()))
+            bias = _wrapped(middle + _wrapped(known - middle).mean())
+        rest = _wrapped(known - bias) if wraps else known - bias
+        sizes = [f(x) for x in (known, rest) for f in (_mean_absolute, _rms)]
+        return JointScore(unit, sizes[0], sizes[1], float(bias), known.size, sizes[2], sizes[3])
+
+    @staticmethod
+    def mean(scores: list[JointScore]) -> JointScore:
+        """The mean of the scores of several joints, which counts each alike; a bias of several is none: NaN."""
+        columns = ("mean_absolute", "rms", "mean_absolute_without_bias", "rms_without_bias")
+        means = {name: float(np.mean([getattr(score, name) for score in scores])) for name in columns}
+        return JointScore(scores[0].unit, bias=np.nan, frames=min(score.frames for score in scores), **means)
+
+
+class ComparedCoordinates(NamedTuple):
+    """scores: by the coordinate's name. names: all that the run has. compared, missing: moments at which there was
+    something to compare, or nothing. notes: names that only one side has, and how names were understood."""
+
+    scores: Mapping[str, JointScore]
+    names: tuple[str, ...]
+    compared: int
+    missing: int
+    notes: tuple[str, ...]
+
+
+class _Coordinate(NamedTuple):
+    """A coordinate of the run: values (T,) [rad or m]. wraps: whether a whole turn makes no difference."""
+
+    values: np.ndarray
+    slides: bool
+    wraps: bool
 
 
 def coordinate_errors(
-    body: Body, q: np.ndarray, coordinates: Coordinates | None, frame: np.ndarray
-) -> tuple[dict[str, JointScore], int]:
-    """The score of every joint that both sides have by name, and in how many frames there was something to compare.
+    body: Body, q: np.ndarray, time: np.ndarray, coordinates: Coordinates, reference_time: np.ndarray | None
+) -> ComparedCoordinates:
+    """The score of every coordinate that both sides have by name: joints of ours, and those of OpenSim's gait models
+    (see `estimator.runs.gait_coordinates`) that a whole person has a joint for.
 
     Differences of angles are taken the shorter way round, but for joints whose limits allow more than a turn: there
-    turns count.
+    turns count. Moments are those of `common_times`; without times, frames of the same number are compared.
 
     Parameters
     ----------
-    q (T, nq): of the run. frame (N,): its frame for each of the reference's, -1 for none.
+    q (T, nq), time (T,) [s]: of the run. reference_time (N,) [s]: of the coordinates.
     """
+    if reference_time is None:
+        time, reference_time = np.arange(len(time)), np.arange(len(coordinates.values))
+    own, (gait, notes) = _own(body, q), _of_gait_model(body, q, coordinates)
+    moments = common_times(time, reference_time)
+    compared = np.zeros(len(moments), dtype=bool)
     scores: dict[str, JointScore] = {}
-    compared = np.zeros(len(frame), dtype=bool)
-    row = np.flatnonzero(frame >= 0)
-    for entry in joint_entries(body) if coordinates is not None else ():
-        assert coordinates is not None
-        theirs = _theirs(entry, coordinates)
+    used: set[str] = set()
+    for name, ours in (gait | own).items():
+        theirs, columns = _theirs(name, ours, coordinates)
         if theirs is None:
             continue
-        difference = _difference(body, entry, q[frame[row]], theirs[row])
-        compared[row[np.isfinite(difference)]] = True
-        turns = entry.kind != "slide"
-        scores[entry.name] = JointScore.of(np.rad2deg(difference) if turns else difference, "deg" if turns else "m")
-    return scores, int(compared.sum())
+        used |= columns
+        there = values_at(moments, reference_time, theirs, ours.wraps)
+        difference = values_at(moments, time, ours.values, ours.wraps) - there
+        compared |= np.isfinite(difference)
+        scores[name] = JointScore.of(
+            difference if ours.slides else np.rad2deg(difference), "m" if ours.slides else "deg", ours.wraps
+        )
+    used |= _several_numbers(body)
+    ours_alone = [n for side in (own, gait) if scores.keys() & side.keys() for n in side if n not in scores]
+    notes += _alone(ours_alone, [name for name in coordinates.names if name not in used]) if scores else ()
+    heading = scores.get("pelvis_rotation")
+    if heading is not None and abs(heading.bias) > _TURNED:
+        notes += (
+            f"the pelvis is turned by {heading.bias:.0f} deg from the reference's: its three turns count that, other"
+            " joints do not",
+        )
+    return ComparedCoordinates(scores, (*own, *gait), int(compared.sum()), int((~compared).sum()), notes)
 
 
-def _theirs(entry: JointEntry, coordinates: Coordinates) -> np.ndarray | None:
-    """A joint's coordinate (N,) in a reference [rad or m]; None where it has none."""
-    place = {name: k for k, name in enumerate(coordinates.names)}
-    if entry.kind not in ONE_NUMBER:
-        return None
-    cosine, sine = (place.get(f"{entry.name}_{part}") for part in ("cos", "sin"))
-    if entry.kind == "endless" and cosine is not None and sine is not None:
-        return np.arctan2(coordinates.values[:, sine], coordinates.values[:, cosine])
-    if entry.name not in place:
-        return None
-    values = coordinates.values[:, place[entry.name]]
-    return np.deg2rad(values) if coordinates.in_degrees and entry.kind != "slide" else values
+def _several_numbers(body: Body) -> set[str]:
+    """What the entries of joints that no one number places are called, a free root's for one; they are not compared."""
+    entries = [entry for entry in joint_entries(body) if entry.kind not in ONE_NUMBER]
+    ours = {name for e in entries for name in body.q_names[e.start : e.start + e.count]}
+    return ours | {name for e in entries for name in opensim_names(body, e)}
 
 
-def _difference(body: Body, entry: JointEntry, q: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Ours less theirs (N,) [rad or m]."""
-    difference = joint_value(entry, q) - theirs
-    span = abs(entry.multiplier) * (body.upper[entry.start] - body.lower[entry.start])
-    counts = entry.kind == "turn" and entry.start in body.bounded_q and span > 2.0 * np.pi
-    if entry.kind != "slide" and not counts:
-        difference = np.mod(difference + np.pi, 2.0 * np.pi) - np.pi
-    return np.asarray(difference)
+def _own(body: Body, q: np.ndarray) -> dict[str, _Coordinate]:
+    """The joints of the body that one number places."""
+    made = {}
+    for entry in joint_entries(body):
+        if entry.kind in ONE_NUMBER:
+            span = abs(entry.multiplier) * (body.upper[entry.start] - body.lower[entry.start])
+            counts = entry.kind == "turn" and entry.start in body.bounded_q and span > 2.0 * np.pi
+            slides = entry.kind == "slide"
+            made[entry.name] = _Coordinate(joint_value(entry, q), slides, not slides and not counts)
+    return made
+
+
+def _of_gait_model(
+    body: Body, q: np.ndarray, coordinates: Coordinates
+) -> tuple[dict[str, _Coordinate], tuple[str, ...]]:
+    """The coordinates of the gait model that the reference is of, and how that was found; none of another body."""
+    bent = [coordinates.values[:, k] for k, name in enumerate(coordinates.names) if name in _KNEES]
+    negative = bool(bent) and float(np.nansum(bent)) < 0.0
+    model = GAIT_MODELS["gait2392" if negative else "rajagopal"]
+    try:
+        names, values = gait_coordinates(body, q, model)
+    except InputError:
+        return {}, ()
+    made = {}
+    for name, column in zip(names, values.T, strict=True):
+        slides = name.startswith("pelvis_t") and name != "pelvis_tilt"
+        if is_measured(name):
+            made[name] = _Coordinate(column if slides else np.deg2rad(column), slides, not slides)
+    sign = "negative" if negative else "positive"
+    return made, (f"bent knees are {sign} in the reference: taken for angles of {model.title}",) if bent else ()
+
+
+def _theirs(name: str, ours: _Coordinate, coordinates: Coordinates) -> tuple[np.ndarray | None, set[str]]:
+    """A coordinate (N,) in a reference [rad or m] and the names of its columns; None where it has none."""
+    place = {column: k for k, column in enumerate(coordinates.names)}
+    circle = (f"{name}_cos", f"{name}_sin")
+    if not ours.slides and ours.wraps and all(part in place for part in circle):
+        cosine, sine = (coordinates.values[:, place[part]] for part in circle)
+        return np.arctan2(sine, cosine), set(circle)
+    if name not in place:
+        return None, set()
+    values = coordinates.values[:, place[name]]
+    return np.deg2rad(values) if coordinates.in_degrees and not ours.slides else values, {name}
+
+
+def _alone(ours: list[str], theirs: list[str]) -> tuple[str, ...]:
+    said = (("run", ours), ("reference", theirs))
+    return tuple(f"coordinates of the {side} alone: {listed(names)}" for side, names in said if names)
+
+
+def _wrapped(degrees: np.ndarray) -> np.ndarray:
+    return np.mod(degrees + 180.0, 360.0) - 180.0
+
+
+def _mean_absolute(x: np.ndarray) -> float:
+    return float(np.abs(x).mean())
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))

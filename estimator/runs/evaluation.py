@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from estimator.numerics.alignment import similarity_onto
-from estimator.runs.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
+from estimator.runs.coordinate_errors import GROUPS, JointScore, coordinate_errors
 from estimator.runs.marker_reference import check_markers, listed, marker_notes
 from estimator.runs.pairs import (
     FEWEST,
@@ -53,12 +53,12 @@ class Evaluation(Summarised):
     per_joint: mean error of every compared landmark, aligned likewise.
     joints: names of the landmarks compared, see `shared_landmarks`. aligned: "hips aligned"; "centred", on the mean of
         the landmarks, where hips are not shared; "nothing aligned" where fewer than three landmarks are.
-    joint_scores: of every joint whose angle or length both sides have by name, of the best hypothesis; a free root is
-        not among them.
+    joint_scores: of every joint whose angle or length both sides have by name, of the best hypothesis: of our joints,
+        a free root not among them, and of the coordinates of OpenSim's gait models, the pelvis' among them.
     violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
     frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
-        compare.
-    notes: what is worth knowing of the reference, of markers which were compared.
+        compare; without landmarks, of the run or the reference, whichever is the coarser.
+    notes: what is worth knowing of the reference, of markers which were compared, of joints which only one side has.
     """
 
     mpjpe: float
@@ -81,6 +81,15 @@ class Evaluation(Summarised):
         return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "deg"}
 
     @property
+    def group_scores(self) -> dict[str, JointScore]:
+        """Means over the flexion of a person's "hips", "knees", "ankles", all three ("legs"), and over "all" turning
+        joints [deg], of groups with at least two joints that were compared."""
+        known = {name: s for name, s in self.joint_scores.items() if s.unit == "deg" and s.frames}
+        members = {group: [known[n] for n in names if n in known] for group, names in GROUPS.items()}
+        members["all"] = list(known.values())
+        return {group: JointScore.mean(scores) for group, scores in members.items() if len(scores) > 1}
+
+    @property
     def slide_errors(self) -> dict[str, float]:
         """Mean absolute error of every sliding joint that was compared [m]."""
         return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "m"}
@@ -100,12 +109,15 @@ class Evaluation(Summarised):
             (
                 name,
                 s.unit,
-                *(f"{x:.{2 if s.unit == 'deg' else 4}f}" for x in (s.mean_absolute, s.rms, s.bias)),
+                *(
+                    f"{x:.{2 if s.unit == 'deg' else 4}f}"
+                    for x in (s.mean_absolute, s.rms, s.bias, s.mean_absolute_without_bias, s.rms_without_bias)
+                ),
                 s.frames,
             )
             for name, s in self.joint_scores.items()
         ]
-        head = ("joint", "unit", "mean absolute", "RMSE", "bias", "frames")
+        head = ("joint", "unit", "mean absolute", "RMSE", "bias", "without bias", "RMSE without bias", "frames")
         return super()._repr_html_() + (table_html("joints", head, rows) if rows else "")
 
 
@@ -191,19 +203,23 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = N
     InputError: neither a landmark nor a joint coordinate is shared; fewer than three of a file's markers are.
     """
     body, time, q = run.body, np.asarray(run.time), np.asarray(run.q)
-    frame = match_frames(time, reference.time, len(reference.points))
-    scores_of_joints, compared = coordinate_errors(body, q, reference.coordinates, frame)
+    angles = reference.coordinates
+    compared = None if angles is None else coordinate_errors(body, q, time, angles, reference.time)
+    scores_of_joints = {} if compared is None else compared.scores
     names = tuple(body.landmark_names)
     pairs = paired(names, time, reference, joints)
     if not pairs.shared.names and not scores_of_joints:
-        raise nothing_shared(names, reference, joint_coordinates(body))
+        raise nothing_shared(names, reference, () if compared is None else compared.names)
     check_markers(pairs.shared, names, reference)
     scores = _point_scores(pairs, run.landmarks, run.mode_landmarks, reference)
-    if not pairs.shared.names:
-        scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
+    notes = marker_notes(pairs, names, run.landmarks, reference)
+    if compared is not None:
+        notes = (*reference.notes, *compared.notes)
+        if not pairs.shared.names:
+            scores |= {"frames_compared": compared.compared, "frames_missing": compared.missing}
     return Evaluation(
         violations=limit_violations(body, q), penetration=largest_penetration(body, q), joint_scores=scores_of_joints,
-        notes=marker_notes(pairs, names, run.landmarks, reference), **scores,
+        notes=notes, **scores,
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from humanoid.support.errors import InputError
 _ANKLE = (-0.10501355, -0.17402245, 0.97912632)
 _ELBOW = (0.226047, 0.022269, 0.973863)
 _SIDES = (("right", "r"), ("left", "l"))
+_UNMEASURED = ("subtalar_angle", "mtp_angle", "pro_sup", "wrist_flex", "wrist_dev")
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,11 @@ def gait_coordinates(body: Body, q: np.ndarray, model: GaitModel) -> tuple[tuple
     angles = np.stack(list(degrees.values()), axis=1)
     values[known] = np.concatenate([angles[:, :3], place, angles[:, 3:]], axis=1)
     return tuple(names), values
+
+
+def is_measured(coordinate: str) -> bool:
+    """Whether our body has a joint for a coordinate, and no other coordinate repeats it, as the kneecap's do."""
+    return not coordinate.startswith(_UNMEASURED) and not coordinate.endswith("_beta")
 
 
 def _of_both_sides(model: GaitModel) -> list[str]:

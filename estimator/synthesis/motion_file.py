@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
-from estimator.data.formats.motion_table import MotionTable
+from estimator.data.formats.motion_table import OF_EXPORTS, MotionTable
 from estimator.runs.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 from humanoid.support.near_names import nearest
 
 _UNITS = {"_rad": 1.0, "_deg": np.pi / 180.0, "_m": 1.0, "_cm": 0.01, "_mm": 1e-3}
-_OF_EXPORTS = re.compile(r".*_[xyz]_m|.*_std(_.*)?|std_.*|weight|energy|status|frame")
 _BEYOND = 1e-3  # rad or m by which a limit may be passed: what rounding in a file can do
 _NO_ANGLE = 4.0 * np.pi
 _NORM = 1e-2  # by how much a quaternion may be off one
@@ -66,7 +63,7 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
             raise InputError(table.source, f"{shown(bare)} is there twice", place=f"column {shown(name)}")
         if entry is not None:
             columns[entry] = column
-        elif name not in landmarks and bare not in following and not _OF_EXPORTS.fullmatch(name):
+        elif name not in landmarks and bare not in following and not OF_EXPORTS.fullmatch(name):
             raise InputError(
                 table.source, f"the subject has no joint {shown(bare)}", remedy=nearest(bare, body.q_names, "joints")
             )

@@ -232,7 +232,8 @@ def evaluate(run: Path, /, *, reference: Path, up: str | None = None, offset: fl
     """Compare a run with known landmarks and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
 
     Of landmarks the twelve limb joints are compared, or all that both sides have where fewer than three are limb
-    joints; of joint angles all that both sides have by name: mean absolute error, RMSE and bias, differences taken the
+    joints; of joint angles [deg] all that both sides have by name, that of our joint or of OpenSim's gait models: mean
+    absolute error and RMSE, as they are and without the bias, the mean error over the clip. Differences are taken the
     shorter way round. Best of K counts the K hypotheses of each frame.
 
     Example: kinemode evaluate cam01.run --reference reference3d.npz
@@ -243,7 +244,7 @@ def evaluate(run: Path, /, *, reference: Path, up: str | None = None, offset: fl
         A run file.
     reference
         npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and fps,
-        trc or c3d (markers, of which joint centres are compared) or mot (joint angles).
+        trc or c3d (markers, of which joint centres are compared), or joint angles: mot, sto or csv.
     up
         The axis of the world of a trc or c3d that points up: x, y, z, -x, -y or -z; unless given y of trc, and of c3d
         what the file says.

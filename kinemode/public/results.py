@@ -261,7 +261,8 @@ def evaluate(
     ----------
     run: a run, or the path of its file.
     reference: a `kinemode.Reference`, or a file: npz of `export`, truth.npz of `render`, npz with points (T, L, 3) in
-        metres, names and fps, trc or c3d (markers, of which joint centres are compared) or mot (joint angles).
+        metres, names and fps, trc or c3d (markers, of which joint centres are compared), or joint angles: mot and sto
+        (degrees or radians as the header says), and csv (`estimator.data.formats.angle_files.read_angle_csv`).
     joints: the landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three
         are limb joints.
     up: the axis of the world of a trc or c3d that points up, x, y, z, -x, -y or -z; unless given y of trc, and of c3d

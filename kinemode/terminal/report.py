@@ -106,17 +106,19 @@ def _print_landmark_errors(result: Evaluation, out: Console) -> None:
 
 
 def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
-    made = table("errors of each joint, best hypothesis", "joint", "mean absolute", "RMSE", "bias", "frames")
-    for name, score in result.joint_scores.items():
-        numbers = (_error(score, score.mean_absolute), _error(score, score.rms), _error(score, score.bias, sign="+"))
-        made.add_row(name, *numbers, str(score.frames))
-    known = [s for s in result.joint_scores.values() if s.unit == "deg" and s.frames]
-    if len(known) > 1:
-        made.add_section()
-        means = (float(np.mean([getattr(s, name) for s in known])) for name in ("mean_absolute", "rms"))
-        made.add_row(f"mean of {len(known)} turning joints", *(_error(known[0], mean) for mean in means), "", "")
+    own = ("without bias", "RMSE without bias")
+    made = table("errors of each joint, best hypothesis", "joint", "mean absolute", "RMSE", "bias", *own, "frames")
+    groups = {f"mean of {group}": score for group, score in result.group_scores.items()}
+    for name, score in {**result.joint_scores, **groups}.items():
+        if name in groups and name == next(iter(groups)):
+            made.add_section()
+        sizes = (_error(score, score.mean_absolute), _error(score, score.rms))
+        rest = (_error(score, score.mean_absolute_without_bias), _error(score, score.rms_without_bias))
+        made.add_row(name, *sizes, _error(score, score.bias, sign="+"), *rest, str(score.frames))
     out.print(made)
     out.print("bias: the mean of run less reference; two definitions of a joint's zero differ by it", soft_wrap=True)
+    if "mean of legs" in groups:
+        out.print("legs: flexion of hips, knees and ankles, both sides", soft_wrap=True)
 
 
 def _error(score: JointScore, value: float, sign: str = "") -> str:

@@ -1,4 +1,4 @@
-"""OpenSim's file formats: markers (.trc) and coordinates (.mot).
+"""OpenSim's file formats: markers (.trc) and coordinates (.mot, .sto).
 
 OpenSim's ground is y up: x forward, y up, z to the right. A point of kinemode's world (z up: x forward, y left) goes to
 (x, z, -y).
@@ -6,6 +6,7 @@ OpenSim's ground is y up: x forward, y up, z to the right. A point of kinemode's
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -112,30 +113,57 @@ def write_mot(
 
 class Coordinates(NamedTuple):
     """Joint coordinates over time: names (N), values (T, N), NaN where missing; turns are in radians or in degrees,
-    lengths in metres."""
+    None where the file does not say which, lengths in metres."""
 
     names: tuple[str, ...]
     values: np.ndarray
-    in_degrees: bool = False
+    in_degrees: bool | None = False
+
+
+_PATH = re.compile(r"/jointset/[^/]+/(?P<name>[^/]+)/value")
+
+
+def coordinate_of_path(column: str) -> str | None:
+    """The coordinate that a column is called by, whose path OpenSim 4 writes (`/jointset/hip_r/hip_flexion_r/value`);
+    None of speeds and of everything else that has a path."""
+    path = _PATH.fullmatch(column)
+    return column if "/" not in column else path["name"] if path else None
+
+
+def said_degrees(path: Path, lines: Sequence[str]) -> bool | None:
+    """Whether angles are in degrees, by a header's line `inDegrees=yes` or `inDegrees=no`; None without one."""
+    for number, line in enumerate(lines, 1):
+        word, _, value = "".join(line.lower().split()).partition("=")
+        if word == "indegrees":
+            if value not in ("yes", "no"):
+                raise InputError(path, f"inDegrees is {shown(value)}", place=f"line {number}", remedy="yes or no")
+            return value == "yes"
+    return None
 
 
 def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
-    """The coordinates of a motion file and their times (T,) [s]; raises InputError where it is none."""
+    """The coordinates of a motion or storage file, and their times (T,) [s]; of OpenSim 4's states, the values of
+    coordinates alone. Raises InputError where it is none."""
     lines = read_text(path).splitlines()
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or end + 1 >= len(lines):
         raise InputError(path, "is no motion file: it has no 'endheader' with column names after it")
-    in_degrees = any("".join(line.lower().split()) == "indegrees=yes" for line in lines[:end])
-    names = lines[end + 1].split()
-    if not names or names[0].lower() != "time":
+    columns = lines[end + 1].split()
+    if not columns or columns[0].lower() != "time":
         raise InputError(path, "its first column is not 'time'", place=f"line {end + 2}")
     rows = [
-        _numbers(line.split(), len(names), path, number)
+        _numbers(line.split(), len(columns), path, number)
         for number, line in enumerate(lines[end + 2 :], end + 3)
         if line.strip()
     ]
-    values = np.array(rows).reshape(-1, len(names))
-    return Coordinates(tuple(names[1:]), values[:, 1:], in_degrees), values[:, 0]
+    values = np.array(rows).reshape(-1, len(columns))
+    place: dict[str, int] = {}
+    for k, column in enumerate(columns[1:], 1):
+        name = coordinate_of_path(column)
+        if name in place:
+            raise InputError(path, f"the coordinate {shown(name)} is there twice", place=f"line {end + 2}")
+        place |= {name: k} if name is not None else {}
+    return Coordinates(tuple(place), values[:, list(place.values())], said_degrees(path, lines[:end])), values[:, 0]
 
 
 def frame_rate(time: np.ndarray) -> float:

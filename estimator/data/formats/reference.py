@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.cameras.camera import UPS
+from estimator.data.formats.angle_files import AngleFile, read_angle_csv, read_opensim_angles
 from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.checked_json import LARGEST
 from estimator.data.formats.markers import check_spread, named_points
 from estimator.data.formats.npz import read_npz
-from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_mot, read_trc
+from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_trc
 from estimator.data.media.clip import FPS_RANGE
 from humanoid.subject.landmarks import landmark_name
 from humanoid.support.errors import InputError, shown
@@ -42,9 +43,10 @@ class ReferenceFile(NamedTuple):
 def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
     """Landmarks, joint angles or both.
 
-    Reads kinemode's own npz export and the truth of a rendered clip, an npz with `points`, `names` and `fps`, TRC, C3D
-    and MOT. Landmark names of other programs become ours where there is one, and stay as they are otherwise; of markers
-    (TRC, C3D) those that are joint centres do, see `estimator.data.formats.markers`.
+    Reads kinemode's own npz export and the truth of a rendered clip, an npz with `points`, `names` and `fps`, TRC and
+    C3D; joint angles in MOT, STO and csv, see `estimator.data.formats.angle_files`. Landmark names of other programs
+    become ours where there is one, and stay as they are otherwise; of markers (TRC, C3D) those that are joint centres
+    do, see `estimator.data.formats.markers`.
 
     up: the axis of the world of a TRC or C3D file that points up; y of TRC unless given, of C3D what the file says.
 
@@ -79,11 +81,12 @@ def _markers(path: Path, file: MarkerFile) -> ReferenceFile:
     return ReferenceFile(named.names, named.points, time, None, True, named.sources, file.notes)
 
 
-def _mot(path: Path) -> ReferenceFile:
-    coordinates, time = read_mot(path)
-    if coordinates.values.size == 0:
+def _angles(path: Path, file: AngleFile) -> ReferenceFile:
+    count = len(file.time)
+    if file.coordinates.values.size == 0:
         raise InputError(path, "has no coordinates")
-    return ReferenceFile((), np.zeros((len(time), 0, 3)), _rising(path, time, len(time)), coordinates)
+    time = _rising(path, file.time, count)
+    return ReferenceFile((), np.zeros((count, 0, 3)), time, file.coordinates, notes=file.notes)
 
 
 def _npz(path: Path) -> ReferenceFile:
@@ -174,5 +177,7 @@ _READERS: dict[str, Callable[[Path], ReferenceFile]] = {
     ".npz": _npz,
     ".trc": lambda path: _markers(path, read_trc(path)),
     ".c3d": lambda path: _markers(path, read_c3d(path)),
-    ".mot": _mot,
+    ".mot": lambda path: _angles(path, read_opensim_angles(path)),
+    ".sto": lambda path: _angles(path, read_opensim_angles(path)),
+    ".csv": lambda path: _angles(path, read_angle_csv(path)),
 }

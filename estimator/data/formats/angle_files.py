@@ -1,0 +1,90 @@
+"""Files of joint coordinates over time, whose header or columns say what they are measured in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.formats.motion_table import OF_EXPORTS, read_motion_table
+from estimator.data.formats.opensim import Coordinates, coordinate_of_path, read_mot, said_degrees
+from humanoid.support.errors import InputError, first_of, shown
+
+_TURN = 2.0 * np.pi
+_NO_ANGLE = re.compile(r".*_(t?[xyz]|cos|sin|q[wxyz])")
+_TO_DEGREES = {"_rad": 180.0 / np.pi, "_deg": 1.0}
+_TO_METRES = {"_m": 1.0, "_cm": 1e-2, "_mm": 1e-3}
+
+
+class AngleFile(NamedTuple):
+    """coordinates, their time (T,) [s], and what is worth knowing."""
+
+    coordinates: Coordinates
+    time: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def read_opensim_angles(path: Path) -> AngleFile:
+    """The coordinates of a mot or sto, see `read_mot`; where its header does not say inDegrees they are radians, as
+    OpenSim takes them.
+
+    Raises
+    ------
+    InputError: as `read_mot`; a header that does not say inDegrees, and an angle beyond 2 pi.
+    """
+    coordinates, time = read_mot(path)
+    if coordinates.in_degrees is not None:
+        return AngleFile(coordinates, time)
+    if _beyond_a_turn(coordinates):
+        problem = "does not say whether its angles are degrees or radians, and some are beyond 2 pi"
+        raise InputError(path, problem, place="header", remedy="add a line inDegrees=yes or inDegrees=no")
+    note = "the header of the reference does not say inDegrees: angles are taken for radians, as OpenSim does"
+    return AngleFile(coordinates._replace(in_degrees=False), time, (note,))
+
+
+def read_angle_csv(path: Path) -> AngleFile:
+    """The joint coordinates of a csv: `read_motion_table`, with a column for each coordinate, called as our joint or as
+    OpenSim's gait models have it.
+
+    Angles are what their column says (`_deg` or `_rad` behind its name), otherwise what a line `# inDegrees=yes` or
+    `# inDegrees=no` above the names says, and without either in degrees. What exports have beside joints is passed
+    over, and columns without a number.
+
+    Raises
+    ------
+    InputError: no table, nothing but time; angles whose unit nobody says and which could be radians, as none is beyond
+        2 pi.
+    """
+    table = read_motion_table(path)
+    said = said_degrees(path, [comment.lstrip("#") for comment in table.comments])
+    in_degrees = said is not False
+    columns: dict[str, np.ndarray] = {}
+    unsaid: list[str] = []
+    for column, values in zip(table.names, table.values.T, strict=True):
+        name = coordinate_of_path(column)
+        if name is None or OF_EXPORTS.fullmatch(column) or not np.isfinite(values).any():
+            continue
+        end = next((end for end in (*_TO_DEGREES, *_TO_METRES) if name.endswith(end)), "")
+        name = name.removesuffix(end)
+        if name in columns:
+            raise InputError(path, f"{shown(name)} is there twice", place=f"column {shown(column)}")
+        if end in _TO_DEGREES:
+            values = values * _TO_DEGREES[end] / (1.0 if in_degrees else _TO_DEGREES["_rad"])
+        elif not end and not _NO_ANGLE.fullmatch(name):
+            unsaid.append(name)
+        columns[name] = values * _TO_METRES.get(end, 1.0)
+    values = np.array(list(columns.values())).reshape(len(columns), len(table.time)).T
+    coordinates = Coordinates(tuple(columns), values, in_degrees)
+    if said is None and unsaid and not _beyond_a_turn(coordinates, unsaid):
+        problem = f"angles may be degrees or radians: none is beyond 2 pi of {first_of(unsaid, 3)}"
+        raise InputError(path, problem, remedy="add a line '# inDegrees=yes' or '# inDegrees=no' above the names")
+    return AngleFile(coordinates, table.time)
+
+
+def _beyond_a_turn(coordinates: Coordinates, names: Sequence[str] | None = None) -> bool:
+    """Whether an angle, of all columns or of these, is larger than radians of a joint are."""
+    chosen = [k for k, n in enumerate(coordinates.names) if (n in names if names else not _NO_ANGLE.fullmatch(n))]
+    return bool((np.abs(coordinates.values[:, chosen]) > _TURN).any())
