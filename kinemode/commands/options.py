@@ -95,6 +95,9 @@ class InputOptions:
     focal
         Focal length of the one camera without a camera file: 26mm (on 35 mm film, as phones state it), 1400px, or 0.72
         (of the picture's longer side). Unless given the clip's own tags say it, or it is that of most phones.
+    phone
+        In place of --focal the phone that took it: "iPhone 12 Pro" or iPhone13,3. Its focal length is that of video
+        which is neither zoomed nor cropped by stabilisation, as OpenCap has calibrated it.
     layout
         What the keypoint files' points are, where their number leaves it open: coco17 or h36m17, body25 or body25b;
         or any other known layout. auto takes the more common one, and says so where another fits much better.
@@ -124,6 +127,7 @@ class InputOptions:
     up: str | None = None
     layout: str = "auto"
     focal: str | None = None
+    phone: str | None = None
     start: float | Literal["index"] | None = None
     end: float | None = None
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from humanoid.support.errors import InputError
 from kinemode.inputs.named import by_name, named_values, value_of
+from kinemode.inputs.phones import checked_phone
 
 if TYPE_CHECKING:
     from estimator.vision.resolution import Size
@@ -39,7 +40,7 @@ class Declared:
     layout: what the keypoints of files are, a key of `humanoid.subject.landmarks.FORMATS`; "auto" takes the file's
         word.
     focal: length of the one camera that no file describes, see `kinemode.inputs.lens.lens_of`; None where the clip
-        tells it, or nobody.
+        tells it, or nobody. phone: the model that took it, in place of focal, see `kinemode.inputs.phones.phone`.
     """
 
     keypoint_size: Sizes = None
@@ -51,6 +52,7 @@ class Declared:
     up: str | None = None
     layout: str = "auto"
     focal: str | None = None
+    phone: str | None = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""
@@ -69,6 +71,14 @@ class Declared:
         if given and not by_name(self.offset):
             raise InputError("--offset", "is for no camera", remedy=f"NAME=SECONDS; cameras: {', '.join(names)}")
         return dict.fromkeys(names, 0.0) | given
+
+    def check_lens(self) -> None:
+        """Raise InputError for both a focal length and a phone, and for a phone that is not known."""
+        if self.phone is None:
+            return
+        if self.focal is not None:
+            raise InputError("--phone", "says the focal length, as --focal does", remedy="leave one of them out")
+        checked_phone(self.phone)
 
     def part(self) -> tuple[float | None, float | None]:
         """`start` and `end`, checked."""

@@ -1,4 +1,5 @@
-"""The focal length of a camera without a calibration: as the user or the file says it, else that of most phones."""
+"""The focal length of a camera without a calibration: as the user, the file or the phone's model says it, else that of
+most phones."""
 
 from __future__ import annotations
 
@@ -6,14 +7,16 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from estimator.data.media.lens_tags import FILM_DIAGONAL, film_equivalent
+from estimator.data.media.lens_tags import FILM_DIAGONAL, LensTags, lens_tags
 from humanoid.support.errors import InputError, shown
+from kinemode.inputs.phones import checked_phone, phone
 
 PHONES = 0.74
 """Of the longer side: what calibrations of phones and tablets have in the middle, two from 0.67 to 0.91 (the lenses
 that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
 _SENSOR = 1.2  # diagonal over longer side: between the sensor's 4:3 (1.25) and the film's 16:9 (1.15), which crops it
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*(mm|px)?\s*")
+_TABLE = "OpenCap's calibration of video that is neither zoomed nor stabilised"
 _SHARES, _PIXELS = (0.2, 20.0), (10.0, 1e6)
 
 
@@ -24,17 +27,26 @@ class Lens(NamedTuple):
     source: str = ""
 
 
-def lens_of(said: str | None, path: Path | None, longer_side: float) -> Lens:
-    """The lens of a clip. said: by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path:
-    of the clip. longer_side: of the picture [px].
+def lens_of(said: str | None, path: Path | None, longer_side: float, model: str | None = None) -> Lens:
+    """The lens of a clip: what the user says, else its tags, else the lens of the phone that its tags name.
 
-    Raises InputError: said is none of these.
+    said: by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path: of the clip.
+    longer_side: of the picture [px]. model: of the phone, by the user, see `kinemode.inputs.phones.phone` for what its
+    focal length is of.
+
+    Raises InputError: said is none of these; the phone is not known.
     """
+    if model is not None:
+        chosen = checked_phone(model)
+        return Lens(chosen.focal, f"--phone ({chosen.name}: {_TABLE})")
     if said is not None:
         return Lens(_written(said, longer_side), "--focal")
-    equivalent = None if path is None else film_equivalent(path)
-    if equivalent is not None:
-        return Lens(_of_film(equivalent), f"the file ({equivalent:g} mm on 35 mm film)")
+    tags = LensTags() if path is None else lens_tags(path)
+    if tags.equivalent is not None:
+        return Lens(_of_film(tags.equivalent), f"the file ({tags.equivalent:g} mm on 35 mm film)")
+    known = None if tags.model is None else phone(tags.model)
+    if known is not None:
+        return Lens(known.focal, f"the phone that the file names ({known.name}: {_TABLE})")
     return Lens(PHONES)
 
 
@@ -60,5 +72,5 @@ def described(lens: Lens, pixels: str, name: str) -> str:
         return f"the focal length of {name} is {pixels}, by {lens.source}"
     return (
         f"no camera given: a focal length of {pixels} is guessed for {name}, as most phones have; sizes and distances"
-        " depend on it: --focal says it"
+        " depend on it: --focal or --phone says it"
     )

@@ -194,7 +194,10 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
         sizes = {name: clip.image_size for name, clip in opened.items()}
         known = known._replace(
-            aspects={name: clip.pixel_aspect for name, clip in opened.items()}, clips=clip_files, focal=told.focal
+            aspects={name: clip.pixel_aspect for name, clip in opened.items()},
+            clips=clip_files,
+            focal=told.focal,
+            phone=told.phone,
         )
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
@@ -275,7 +278,7 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
     clips' pixels, by name, where they are known. up: the axis that the file says points up, None where it says none.
-    clips: by name, which may tell the lens. focal: what the user says of it."""
+    clips: by name, which may tell the lens. focal, phone: what the user says of it."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
@@ -283,6 +286,7 @@ class _KnownCameras(NamedTuple):
     up: str | None = None
     clips: Mapping[str, Path] = MappingProxyType({})
     focal: str | None = None
+    phone: str | None = None
 
     @staticmethod
     def of(given: Cameras) -> _KnownCameras:
@@ -365,8 +369,9 @@ def _cameras(
 ) -> tuple[dict[str, Camera], list[str]]:
     """Camera of each track by the track's name; the one camera of a single clip is guessed where nothing is given."""
     if known.cameras is not None:
-        if known.focal is not None:
-            raise InputError("--focal", "is of a camera that no file describes", remedy="leave it out, or the cameras")
+        if known.focal is not None or known.phone is not None:
+            option = "--phone" if known.focal is None else "--focal"
+            raise InputError(option, "is of a camera that no file describes", remedy="leave it out, or the cameras")
         alone = len(tracks) == len(known.cameras) == 1
         chosen = {name: _choose(name, known, alone=alone and name not in named) for name in tracks}
         notes = [
@@ -384,7 +389,7 @@ def _cameras(
         remedy = "give the clip, a camera file or --keypoint-size WxH"
         raise InputError(track.source, "does not say the size of the image", remedy=remedy)
     aspect = known.aspects.get(name, 1.0)
-    lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]))
+    lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]), known.phone)
     guess = guessed_camera(name, size, aspect, lens.focal)
     wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
     pixels = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"

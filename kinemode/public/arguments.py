@@ -258,12 +258,13 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "unit": _MAYBE_NUMBER,
     "up": (_or_none(_text), "a text"),
     "focal": (_or_none(_text), "a text"),
+    "phone": (_or_none(_text), "a text"),
     "scene": (_or_none(_of("estimator.synthesis.settings", "SceneSettings")), "kinemode.SceneSettings"),
     "view": (_or_none(_of("estimator.synthesis.settings", "ViewSettings")), "kinemode.ViewSettings"),
     "detector": (_or_none(_of("estimator.synthesis.settings", "DetectorSettings")), "kinemode.DetectorSettings"),
     "reference": (
         _or_none(_either(_of("estimator.runs.evaluation", "Reference"), _path)),
-        "a kinemode.Reference, or the path of an .npz, .trc, .c3d or .mot file",
+        "a kinemode.Reference, or the path of an .npz, .trc, .c3d, .mot, .sto or .csv file",
     ),
 }
 """By argument: whether a value is of a kind that is taken, and what to say of those that are."""

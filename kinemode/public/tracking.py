@@ -58,6 +58,7 @@ def track(
     sync: str = "off",
     up: str | None = None,
     focal: str | None = None,
+    phone: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -114,7 +115,9 @@ def track(
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
         have offsets.
     focal: length of the one camera that no file describes: "26mm" (on 35 mm film), "1400px", or "0.72" of the longer
-        side; unless given the clip's tags say it, or it is that of most phones.
+        side. phone: in its place the model that took the clip, "iPhone 12 Pro" or "iPhone13,3": its focal length in
+        OpenCap's calibrations, of video that is neither zoomed nor cropped by stabilisation. Unless one of them is
+        given the clip's tags say the length or the model, or it is that of most phones.
     up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), or a direction as
         "0.1,0.97,0.2"; unless it or the camera file says so it is found where several cameras see the person stand or
         walk, and z is taken where none do. The world is turned so that z points up, as exports, gait and previews
@@ -141,19 +144,18 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal,
+        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone,
     )  # fmt: skip
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
-    _check_settings(settings, index)
+    _check_files(settings, index)
     loaded = loaded_subject(subject)
-    if out is None and spool.folder is not None:
-        out = spool.folder.path / "track.run"  # the run keeps its pictures
+    out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
@@ -185,6 +187,7 @@ def fit(
     sync: str = "off",
     up: str | None = None,
     focal: str | None = None,
+    phone: str | None = None,
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -199,11 +202,11 @@ def fit(
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
-        focal=focal, progress=progress,
+        focal=focal, phone=phone, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
@@ -242,6 +245,7 @@ def compare(
     sync: str = "off",
     up: str | None = None,
     focal: str | None = None,
+    phone: str | None = None,
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -269,16 +273,15 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal,
+        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone,
     )  # fmt: skip
     check_as("folder", out=out)
     choice("fit", fit, FIT_CHOICES)
     seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
-    _check_settings(settings, index)
-    _check_reference(reference)
+    _check_files(settings, index, reference)
     loaded = loaded_subject(subject)
     from kinemode import jobs
     from kinemode.comparison.compare import compare_trackers
@@ -291,14 +294,10 @@ def compare(
         return compare_trackers(loaded, seen, trackers, wanted, reference)
 
 
-def _check_reference(reference: Any) -> None:
-    if isinstance(reference, (str, Path)):
-        check_exists(reference)
-
-
 def _declared(*given: Any) -> Declared:
     declared = Declared(*given)
     choice("sync", declared.sync, SYNC_CHOICES)
+    declared.check_lens()
     return declared
 
 
@@ -320,8 +319,8 @@ def loaded_subject(subject: SubjectLike) -> Subject:
     return subject if isinstance(subject, Subject) else load_subject(subject)
 
 
-def _check_settings(settings: Mapping[str, Any] | PathLike | None, index: PathLike | None = None) -> None:
-    """Raise InputError for files of settings, or an index, that are not there."""
-    for path in (settings, index):
+def _check_files(*given: object) -> None:
+    """Raise InputError for files, of settings for one, that are not there."""
+    for path in given:
         if isinstance(path, (str, Path)):
             check_exists(path)
