@@ -3,9 +3,14 @@
 Each raises `ContractError`, an AssertionError, at the first promise that is broken, and says which one, with numbers.
 """
 
+from kinemode.testing.calibration import SimulatedClip, check_calibration, simulated_clips
 from kinemode.testing.cues import check_cue
 from kinemode.testing.laws import ContractError, slope
+from kinemode.testing.ranks import RankStatistics
 from kinemode.testing.terms import check_term
 from kinemode.testing.trackers import check_tracker
 
-__all__ = ["ContractError", "check_cue", "check_term", "check_tracker", "slope"]
+__all__ = [
+    "ContractError", "RankStatistics", "SimulatedClip", "check_calibration", "check_cue", "check_term", "check_tracker",
+    "simulated_clips", "slope",
+]  # fmt: skip

@@ -81,21 +81,7 @@ class _TrackerCheck:
         require(kept, self.who, law, said)
 
     def track(self, frames: Sequence[Observation], state: Any = None, first: int = 0, of: Any = None) -> list[Told]:
-        """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
-        tracker = self.make() if of is None else of
-        ahead, behind = capabilities_of(tracker).frames_ahead, capabilities_of(tracker).frames_behind
-        told = []
-        for k in range(first, len(frames)):
-            seen, result = frames[k], None
-            rng = np.random.default_rng((self.seed, seen.index))
-            following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead or behind else ()
-            if state is not None:
-                before = (tuple(frames[max(0, k - behind) : k]),) if behind else ()
-                state, result = tracker.step(rng, state, seen, *following, *before)
-            elif tracker.can_start(seen):
-                state, result = tracker.init(rng, seen, *following)
-            told.append(Told(result, state))
-        return told
+        return track_frames(self.make() if of is None else of, frames, (self.seed,), state, first)
 
     def begins(self) -> None:
         """By its own word, which does not change; and never from nothing."""
@@ -196,6 +182,25 @@ class _TrackerCheck:
         for a, b, seen in zip(ours, theirs, frames, strict=False):
             apart = differing(_told(a), _told(b))
             self.require(not apart, law, f"frame {seen.index}{where}: {apart}")
+
+
+def track_frames(
+    tracker: Any, frames: Sequence[Observation], seed: tuple[int, ...], state: Any = None, first: int = 0
+) -> list[Told]:
+    """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
+    ahead, behind = capabilities_of(tracker).frames_ahead, capabilities_of(tracker).frames_behind
+    told = []
+    for k in range(first, len(frames)):
+        seen, result = frames[k], None
+        rng = np.random.default_rng((*seed, seen.index))
+        following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead or behind else ()
+        if state is not None:
+            before = (tuple(frames[max(0, k - behind) : k]),) if behind else ()
+            state, result = tracker.step(rng, state, seen, *following, *before)
+        elif tracker.can_start(seen):
+            state, result = tracker.init(rng, seen, *following)
+        told.append(Told(result, state))
+    return told
 
 
 def _told(told: Told) -> dict[str, np.ndarray]:
