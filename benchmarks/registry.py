@@ -146,6 +146,12 @@ MEASURES = (
         (NOTHING,),
     ),
     Measure(
+        "benchmarks.accuracy.calibration_ranks",
+        "Ranks of true joint angles in a tracker's posterior, of poses that its prior expects and of poses anywhere.",
+        "from the prior: error <= 0.08, no joint beyond the band of chance",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.accuracy.degrees",
         "Joint angles of phone films without a camera file against markers, beside two learned peers.",
         "legs at most 6.0 degrees, 4.5 with their own zero",
