@@ -83,6 +83,8 @@ def test_known_shifts_and_noise_are_the_errors(run: Run, tmp_path: Path) -> None
     assert not {name.split("_beta")[0] for name in scores if "beta" in name or name in UNMEASURED}
     groups = result.group_scores
     assert groups["knees"].mean_absolute == pytest.approx(0.5 * scores["knee_angle_l"].mean_absolute, abs=1e-6)
+    joints = [s.rms for name, s in scores.items() if s.unit == "deg" and not name.startswith("pelvis_")]
+    assert groups["all"].rms == pytest.approx(np.mean(joints))
     of_legs = [scores[f"{n}_{s}"].rms_without_bias for s in "lr" for n in ("hip_flexion", "knee_angle", "ankle_angle")]
     assert groups["legs"].rms_without_bias == pytest.approx(np.mean(of_legs))
     assert "reference alone: subtalar_angle_r" in " ".join(result.notes)
@@ -148,7 +150,7 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
         ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not say whether.*add a line inDegrees=yes"),
         ("a.sto", "endheader\ntime /forceset/a/activation\n0 1\n", "has no coordinates"),
         ("a.sto", "inDegrees=no\nendheader\ntime /jointset/k/b/value b\n0 1 1\n", "line 3: the coordinate 'b' is"),
-        ("a.sto", "inDegrees=no\nendheader\ntime ground_force_vx\n0 1\n", "shares no landmarks and no joint angles"),
+        ("a.mot", "endheader\ntime ground_force_1_vx\n0 700\n", "shares no landmarks and no joint angles"),
     ],
 )  # fmt: skip
 def test_faults_are_named(run: Run, tmp_path: Path, name: str, text: str, said: str) -> None:

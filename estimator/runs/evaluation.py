@@ -83,10 +83,11 @@ class Evaluation(Summarised):
     @property
     def group_scores(self) -> dict[str, JointScore]:
         """Means over the flexion of a person's "hips", "knees", "ankles", all three ("legs"), and over "all" turning
-        joints [deg], of groups with at least two joints that were compared."""
+        joints [deg], but a gait model's pelvis, whose turns are those of the two worlds too; of groups with at least
+        two joints that were compared."""
         known = {name: s for name, s in self.joint_scores.items() if s.unit == "deg" and s.frames}
         members = {group: [known[n] for n in names if n in known] for group, names in GROUPS.items()}
-        members["all"] = list(known.values())
+        members["all"] = [score for name, score in known.items() if not name.startswith("pelvis_")]
         return {group: JointScore.mean(scores) for group, scores in members.items() if len(scores) > 1}
 
     @property

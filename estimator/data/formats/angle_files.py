@@ -14,7 +14,7 @@ from estimator.data.formats.opensim import Coordinates, coordinate_of_path, read
 from humanoid.support.errors import InputError, first_of, shown
 
 _TURN = 2.0 * np.pi
-_NO_ANGLE = re.compile(r".*_(t?[xyz]|cos|sin|q[wxyz])")
+_NO_ANGLE = re.compile(r".*_([tvpm]?[xyz]|cos|sin|q[wxyz])")  # lengths, and forces of plates
 _TO_DEGREES = {"_rad": 180.0 / np.pi, "_deg": 1.0}
 _TO_METRES = {"_m": 1.0, "_cm": 1e-2, "_mm": 1e-3}
 
