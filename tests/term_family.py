@@ -11,6 +11,7 @@ from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import Observation
 from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.level_feet import LevelFeet, Soles
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_mixture import load_mixture
@@ -168,6 +169,12 @@ def limb_targets(name: str, potential: str) -> Callable[[np.random.Generator], M
     return make
 
 
+def level_feet(rng: np.random.Generator) -> Made:
+    """A foot that stands, and one that nearly does."""
+    body = body_of("human34")
+    return body, LevelFeet(body, Soles.of(body), np.array([1.2, 0.3]), world_up(CAMERAS), 0.2), random_pose(body, rng)
+
+
 FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
@@ -177,6 +184,7 @@ FAMILY = {
     **{f"transition-{p}": transition("human34", p) for p in POTENTIALS},
     "transition-arm8": transition("arm8", "leclerc"),
     "interpenetration": interpenetration,
+    "level-feet": level_feet,
     "pose-prior": pose_prior(0.7),
     **{f"assigned-{p}": assigned(p) for p in ("lorentzian", "leclerc")},
     **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},

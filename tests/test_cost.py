@@ -19,6 +19,7 @@ from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
+from estimator.tracking.smoothing import SmoothSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 
@@ -217,3 +218,16 @@ def test_the_model_sums_its_terms() -> None:
     bare = CostModel(body, CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0), self_collision)
     assert bare.cost(term).terms == (term,)
     assert np.allclose(model.transition_std(0.2), 2.0 * model.transition_std(0.1))
+
+
+def test_quick_joints_may_change_more() -> None:
+    body = body_of("human34")
+    own, alike = (CostModel(body, CostSettings(turn_speed=5.0, quickness=q)).transition_std(0.1) for q in (True, False))
+    assert np.ptp(alike[6:]) == 0.0
+    ratio = dict(zip([body.model.names[j] for j in range(2, body.njoints)], (own / alike)[6:], strict=True))
+    assert (ratio["left_knee_flexion"], ratio["lumbar_axial"], ratio["neck_axial"]) == pytest.approx((3.0, 0.4, 1.0))
+    assert np.array_equal(own[:6], alike[:6])
+    smoothed = [
+        SmoothSettings(turn_acceleration=7.0).motion(CostModel(body, CostSettings(quickness=q))) for q in (True, False)
+    ]
+    assert np.allclose(smoothed[0].acceleration_std / smoothed[1].acceleration_std, own / alike)

@@ -10,8 +10,10 @@ import pytest
 
 from estimator.data.observation import Observation
 from estimator.data.standing import SPAN, StandingPoints, with_standing
+from estimator.energy.level_feet import LevelFeet, Soles
 from estimator.energy.standing import standing_targets, standing_ties
 from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.tracking.smoothing import SmoothSettings, smooth
 from humanoid.subject.landmarks import mirror_index
 from tests.builders import body_of, camera_at, observe, random_pose
@@ -127,6 +129,31 @@ def test_targets_are_the_tie_with_the_earlier_pose_held() -> None:
     np.testing.assert_allclose(own, gradient[BODY.nv :], atol=1e-9)
     assert standing_targets(BODY, np.zeros(len(NAMES)), before, 0.02) == []
     assert standing_ties(BODY, np.zeros(len(NAMES)), 0.02) == []
+
+
+@pytest.mark.parametrize("angle", [-0.3, 0.2])
+def test_a_foot_is_level_at_zero_and_pays_for_its_tilt(angle: float) -> None:
+    """By the angle itself, whatever the heading; a foot that does not stand pays nothing, nor one without a body that
+    is upright."""
+    soles, up, std = Soles.of(BODY), np.array([0.0, 0.0, 1.0]), 0.1
+    assert [NAMES[i] for i in soles.toe] == ["left_big_toe", "right_big_toe"]
+    q = pin.neutral(BODY.model)
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, 0.8)).coeffs()
+    level = LevelFeet(BODY, soles, np.ones(2), up, std)
+    assert level.value(BODY.at(q)) == pytest.approx(0.0, abs=1e-12)
+    q[BODY.model.idx_qs[BODY.model.getJointId("left_ankle_dorsiflexion")]] = angle
+    paid = 2.0 * np.log1p((np.sin(angle) / std) ** 2 / 4.0)  # Lorentzian of nu 4; the sole lies along the foot
+    assert level.value(BODY.at(q)) == pytest.approx(paid, rel=0.02)
+    assert LevelFeet(BODY, soles, np.array([0.05, 1.0]), up, std).value(BODY.at(q)) == pytest.approx(0.0, abs=1e-12)
+    assert not len(Soles.of(body_of("arm8")).heel)
+
+
+def test_standing_feet_are_level_in_the_energy_unless_nothing_stands() -> None:
+    (observation,) = seen(squat(12), ASIDE)[-1:]
+    for weight, names in ((1.0, ["level feet"]), (0.0, [])):
+        model = CostModel(BODY, CostSettings(standing_weight=weight))
+        terms = model.cost(model.observation_term(observation)).terms
+        assert [t.name for t in terms if isinstance(t, LevelFeet)] == names
 
 
 def test_held_feet_slide_less_and_the_rest_is_no_worse() -> None:

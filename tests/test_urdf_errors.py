@@ -108,6 +108,7 @@ FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "flesh attribute": ("<flesh ", '<flesh tapr="0 0" ', ("'tapr' is unknown", "mean taper")),
     "stabiliser joint": ('<stabiliser joint="elbow"', '<stabiliser joint="elbows"', ("'elbows'", "mean elbow")),
     "stabiliser std": ('std="0.2"', 'std="0"', ("std=0 is not positive", "line 12")),
+    "quickness": ('std="0.2"', 'std="0.2" quickness="0"', ("quickness=0 is out of range", "0.01 to 100", "line 12")),
     "stabiliser twice": (
         "<stabiliser",
         '<stabiliser joint="elbow" rest="0" std="1"/><stabiliser',

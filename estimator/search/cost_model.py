@@ -10,11 +10,13 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
+from estimator.energy.gravity_prior import world_up
+from estimator.energy.level_feet import LevelFeet, Soles
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.standing import StandingTie, standing_targets, standing_ties
+from estimator.energy.standing import LEAST, StandingTie, standing_targets, standing_ties
 from estimator.energy.term import Cost, Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
@@ -32,7 +34,8 @@ class CostModel:
     """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once.
 
     cues: the settings of each cue of the pictures. pose_prior: the learned mixture of poses, with its share of the
-    energy, None where the body or the settings have none.
+    energy, None where the body or the settings have none. quickness (nv,): see `quickness_of`; 1 where the settings do
+    not ask for it.
     """
 
     def __init__(
@@ -48,10 +51,13 @@ class CostModel:
         self.self_collision = self_collision if self_collision is not None and self_collision.pairs else None
         spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
+        self.quickness = quickness_of(body) if self.settings.quickness else np.ones(body.nv)
         self._context = TermContext(body, self.settings, self.self_collision)
         self._fixed = tuple(terms_of(self._context, by_cameras=False))
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
+        self._soles = Soles.of(body)
+        self._last_level: tuple[Reprojection, list[LevelFeet]] | None = None
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
@@ -101,6 +107,18 @@ class CostModel:
             self._last_by_cameras = cameras, terms
         return self._last_by_cameras[1]
 
+    def _level_feet(self, observed: Reprojection) -> list[LevelFeet]:
+        """Of the feet of which heel and toes stand in what is observed, made once for an observation."""
+        if self._last_level is None or self._last_level[0] is not observed:
+            s, soles, standing = self.settings, self._soles, observed.observation.standing
+            terms = []
+            if standing is not None and s.standing_weight > 0.0:
+                both = s.standing_weight * np.minimum(standing[soles.heel], standing[soles.toe])
+                if np.any(both >= LEAST):
+                    terms = [LevelFeet(self.body, soles, both, world_up(observed.cameras), s.standing_tilt)]
+            self._last_level = observed, terms
+        return self._last_level[1]
+
     def cost(
         self,
         observed: Reprojection | None,
@@ -111,7 +129,7 @@ class CostModel:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
-            terms = [observed, *terms, *self._by_cameras(observed.cameras)]
+            terms = [observed, *terms, *self._by_cameras(observed.cameras), *self._level_feet(observed)]
         if q_previous is not None:
             terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)
@@ -144,7 +162,20 @@ class CostModel:
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""
         s = self.settings
-        return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, SHORTEST_STEP)
+        return (
+            self.quickness
+            * per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed)
+            * max(dt, SHORTEST_STEP)
+        )
+
+
+def quickness_of(body: Body) -> np.ndarray:
+    """How quickly each degree of freedom (nv,) moves, as the stabilisers have it; 1 of the root."""
+    model, quickness = body.model, np.ones(body.nv)
+    for stabiliser in body.subject.stabilisers:
+        if model.existJointName(stabiliser.joint):
+            quickness[model.idx_vs[model.getJointId(stabiliser.joint)]] = stabiliser.quickness
+    return quickness
 
 
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:

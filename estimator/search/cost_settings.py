@@ -28,10 +28,12 @@ class CostSettings:
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
-        frames, per second, of joints, of the root's orientation and of its position; transition_potential,
-        transition_nu: long tails let a mode jump when the image insists.
+        frames, per second, of joints, of the root's orientation and of its position; quickness: whether a joint's own
+        factor, which its stabiliser has, counts there and in smoothing; transition_potential, transition_nu: long
+        tails let a mode jump when the image insists.
     standing_weight: how much the points of the feet that rest in the pictures are held, 0 not at all; standing_error
-        [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed.
+        [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed;
+        standing_tilt [rad]: of how level a foot is that stands with heel and toes.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
     terms: of kinds of terms that plugins have registered, by name.
     """
@@ -49,10 +51,12 @@ class CostSettings:
     turn_speed: float = setting(6.0, above=0)
     root_turn_speed: float = setting(3.0, above=0)
     root_slide_speed: float = setting(1.5, above=0)
+    quickness: bool = True
     transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     transition_nu: float = setting(20.0, above=0)
     standing_weight: float = setting(1.0, at_least=0)
     standing_error: float = setting(0.01, above=0)
     standing_slip: float = setting(0.15, above=0)
+    standing_tilt: float = setting(0.1, above=0)
     exchange_penalty: float = setting(3.0, at_least=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

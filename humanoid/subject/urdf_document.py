@@ -65,9 +65,9 @@ class Document:
         """One finite number in an attribute."""
         return self.numbers(element, key, 1, default)[0]
 
-    def plausible(self, element: ET.Element, key: str) -> float:
+    def plausible(self, element: ET.Element, key: str, default: str | None = None) -> float:
         """One number of plausible size: a length, an angle or a factor."""
-        value = self.number(element, key)
+        value = self.number(element, key, default)
         if abs(value) > PLAUSIBLE:
             raise self._implausible(element, key)
         return value

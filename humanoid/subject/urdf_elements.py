@@ -6,7 +6,8 @@ URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy 
     <link ...><flesh .../></link>                     see `humanoid.subject.urdf_flesh`
     <landmark name link xyz/>
     <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
-    <stabiliser joint rest std/>                      rest position and standard deviation [rad or m]
+    <stabiliser joint rest std [quickness]/>          rest position and standard deviation [rad or m]; how quickly the
+                                                      joint moves, as a factor of the settings' speed and acceleration
     <proportion joint scale_min scale_max mean std symmetric_with/>
 
 A proportion scales the origin of its joint, and of the joints named in `symmetric_with`, and stretches the flesh of
@@ -36,6 +37,7 @@ from humanoid.support.near_names import near_names, nearest
 
 T = TypeVar("T")
 
+_QUICKNESS = (0.01, 100.0)
 LEAST_STD = 1e-6  # rad, m or a factor: what is surer than this divides by zero
 _CLOSE_TAG = 0.75  # likeness from which an element is meant for one of ours; other programs have their own
 _URDF = ("link", "joint", "material", "transmission", "gazebo", "inertial", "visual", "collision", "origin")
@@ -43,7 +45,7 @@ _ROOT: dict[str, tuple[str, ...]] = {
     "subject": ("base",),
     "landmark": ("name", "link", "xyz"),
     "upright": ("link", "xyz", "std"),
-    "stabiliser": ("joint", "rest", "std"),
+    "stabiliser": ("joint", "rest", "std", "quickness"),
     "proportion": ("joint", "scale_min", "scale_max", "mean", "std", "symmetric_with"),
 }
 _LINK: dict[str, tuple[str, ...]] = {"flesh": FLESH_ATTRIBUTES}
@@ -76,11 +78,15 @@ class UprightElement:
 
 @dataclass(frozen=True)
 class Stabiliser:
-    """Equilibrium of a joint (CSS 3.2.2): rest position and standard deviation [rad or m]."""
+    """Equilibrium of a joint (CSS 3.2.2): rest position and standard deviation [rad or m].
+
+    quickness: the joint's usual speeds and accelerations, as a factor of those that settings have for all joints.
+    """
 
     joint: str
     rest: float
     std: float
+    quickness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -232,7 +238,11 @@ def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
     rest, std = document.plausible(e, "rest"), document.plausible(e, "std")
     if std < LEAST_STD:
         raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
-    return Stabiliser(name, rest, std)
+    quickness = document.plausible(e, "quickness", "1")
+    if not _QUICKNESS[0] <= quickness <= _QUICKNESS[1]:
+        remedy = f"give a factor of {_QUICKNESS[0]:g} to {_QUICKNESS[1]:g}, or leave it out"
+        raise document.fault(e, f"quickness={quickness:g} is out of range", remedy)
+    return Stabiliser(name, rest, std, quickness)
 
 
 def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:

@@ -14,13 +14,13 @@ class SmoothSettings:
     """Motion prior and effort.
 
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
-    accelerations of joints, of the root's orientation and of its position. The velocities' are those of the transition
-    (`CostSettings`). iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at
-    once, which bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features
-    are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for
-    another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of the version
-    for live use, how many frames it is behind and Newton steps a frame. enabled: off leaves the path as the tracker
-    chose it.
+    accelerations of joints, scaled by their quickness, of the root's orientation and of its position. The velocities'
+    are those of the transition (`CostSettings`). iterations: Newton steps at most. tolerance: energy a step must gain.
+    window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked at, how
+    often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy
+    that a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
+    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame. enabled: off
+    leaves the path as the tracker chose it.
     """
 
     enabled: bool = True
@@ -39,4 +39,5 @@ class SmoothSettings:
     def motion(self, model: CostModel) -> MotionPrior:
         """The motion prior of a body."""
         turn, root_turn, root_slide = self.turn_acceleration, self.root_turn_acceleration, self.root_slide_acceleration
-        return MotionPrior(model.transition_std(1.0), per_dof(model.body, turn, root_turn, root_slide))
+        acceleration_std = model.quickness * per_dof(model.body, turn, root_turn, root_slide)
+        return MotionPrior(model.transition_std(1.0), acceleration_std)
