@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.energy.point_targets import PointTargets
+from estimator.energy.points import to_world
 from estimator.numerics.robust import LORENTZIAN, rho
 from humanoid.kinematics.body import Body, PosedBody
+from humanoid.support.compiled import jit
 
 LEAST = 0.1  # probability of standing from which a point is held
 _NU = 8.0  # squared standard deviations from which a point has begun to move
@@ -40,20 +42,56 @@ class StandingTie:
     """
 
     def __init__(self, body: Body, index: np.ndarray, weight: np.ndarray, std: float) -> None:
-        self._body, self._index, self._weight, self._precision = body, index, weight, 1.0 / std**2
+        self._body, self._weight, self._precision = body, weight, 1.0 / std**2
+        self._joint, self._local = body.landmark_joint[index], np.ascontiguousarray(body.landmark_local[index])
 
     def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """See `estimator.tracking.smoothing.ties.FlowTie`."""
-        body, some = self._body, self._index
-        moved = body.landmarks(after)[some] - body.landmarks(before)[some]
-        of_before, of_after = (body.landmark_jacobians(posed, some) for posed in (before, after))
-        rows = np.concatenate([-of_before, of_after], axis=2)
-        parts = [rho(LORENTZIAN, square, _NU) for square in self._precision * np.square(moved).sum(axis=1)]
-        held = self._precision * self._weight * np.array([slope for _, slope, _ in parts])
-        weighted = held[:, None, None] * rows
-        gradient += np.einsum("nij,ni->j", weighted, moved)
-        hessian += weighted.reshape(-1, rows.shape[2]).T @ rows.reshape(-1, rows.shape[2])
-        return 0.5 * float(self._weight @ np.array([cost for cost, _, _ in parts]))
+        count, columns = len(self._joint), len(before.spatial_jacobian)
+        rows, scaled, pull = np.zeros((3 * count, 2, columns)), np.empty(3 * count), np.empty(3 * count)
+        value: float = _tie_rows(
+            before.placements, after.placements, before.spatial_jacobian, after.spatial_jacobian,
+            self._body.column_support, self._joint, self._local, self._precision, self._weight, rows, scaled, pull,
+        )  # fmt: skip
+        flat = self._body.collected(rows).reshape(3 * count, -1)
+        gradient += flat.T @ pull
+        hessian += flat.T @ (scaled[:, None] * flat)
+        return value
+
+
+@jit
+def _tie_rows(  # type: ignore[no-untyped-def]
+    before, after, J_before, J_after, support, joint, local, precision, weight, rows, scaled, pull
+):
+    """Value of a tie of S points; fills `rows` (R, 2, nc) with the derivatives of their movements by both poses, three
+    for each point, `pull` (R,) with the value's by the movements, and `scaled` (R,) with its stiffness.
+
+    before, after (njoints, 12), J_before, J_after (nc, 6), support (njoints, nc): of the two poses and the body. joint
+    (S,), local (S, 3), weight (S,): of the points.
+    """
+    value = 0.0
+    p, x = np.empty((2, 3)), np.empty(3)
+    for n in range(joint.shape[0]):
+        to_world(before[joint[n]], local[n], p[0])
+        to_world(after[joint[n]], local[n], p[1])
+        square = 0.0
+        for i in range(3):
+            x[i] = p[1, i] - p[0, i]
+            square += precision * x[i] * x[i]
+        cost, slope, _ = rho(LORENTZIAN, square, _NU)
+        value += 0.5 * weight[n] * cost
+        for i in range(3):
+            scaled[3 * n + i] = precision * weight[n] * slope
+            pull[3 * n + i] = precision * weight[n] * slope * x[i]
+        for k in range(support.shape[1]):
+            if not support[joint[n], k]:
+                continue
+            for t in range(2):
+                J, sign = (J_after[k], 1.0) if t else (J_before[k], -1.0)
+                rows[3 * n, t, k] = sign * (J[0] + J[4] * p[t, 2] - J[5] * p[t, 1])
+                rows[3 * n + 1, t, k] = sign * (J[1] + J[5] * p[t, 0] - J[3] * p[t, 2])
+                rows[3 * n + 2, t, k] = sign * (J[2] + J[3] * p[t, 1] - J[4] * p[t, 0])
+    return value
 
 
 def standing_ties(body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> list[StandingTie]:

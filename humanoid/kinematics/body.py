@@ -252,10 +252,11 @@ class Body(Summarised):
 
     def landmark_jacobians(self, posed: PosedBody, some: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], or of some by their numbers, world frame, (L, 3, nv)."""
-        linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
-        velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[some, None])
+        vx, vy, vz, wx, wy, wz = posed.spatial_jacobian.T
+        x, y, z = self.landmarks(posed)[some].T[:, :, None]
+        velocity = np.stack([vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x)], axis=1)
         moved = self.column_support[self.landmark_joint[some]]
-        return self.collected(np.where(moved[:, None, :], velocity.transpose(0, 2, 1), 0.0))
+        return self.collected(np.where(moved[:, None, :], velocity, 0.0))
 
     def collected(self, columns: np.ndarray) -> np.ndarray:
         """What belongs to the columns of the spatial Jacobian (..., nc) by degree of freedom, (..., nv): sums, of
