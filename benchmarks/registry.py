@@ -183,6 +183,12 @@ MEASURES = (
         (MOCAP_MORE,),
     ),
     Measure(
+        "benchmarks.accuracy.unseen",
+        "Errors on captured people left out of learning, one camera: by clip, by action, by how fast they turn.",
+        "hips aligned <= 95, PA <= 66 mm; over 250 mm <= 1 %; angles <= 9 degrees",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.accuracy.gradients",
         "Gradients against central differences, energies along searches, residuals at their ends.",
         "1e-5; energy never rises; KKT residual < 1e-6",

@@ -16,6 +16,7 @@ from benchmarks.support.tracking import timed_track
 from estimator.runs.reference_motion import Reference
 from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
+from kinemode.rendering.files import RenderedClip
 
 LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
 FOLDERS = ("mocap_more", "mocap")
@@ -75,6 +76,15 @@ def spread_of(files: Sequence[Path], count: int) -> list[Path]:
     return chosen
 
 
+def render_captured(motion: Path, seconds: float, seed: int, folder: Path) -> RenderedClip:
+    """At most so many seconds of a captured motion by the person in the pictures before one camera: the files of the
+    clip, whose keypoints have the errors of `DETECTOR`; no videos."""
+    return km.render(
+        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=False,
+        seconds=min(seconds, load_mocap(motion).seconds),
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Task:
     """One clip.
@@ -92,10 +102,7 @@ class Task:
 
 def tracked(task: Task) -> dict[str, dict[str, TrackErrors]]:
     """Errors by share of the prior and trajectory; the person has other lengths than human34, which is fitted."""
-    clip = km.render(
-        task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
-        seconds=min(task.seconds, load_mocap(task.motion).seconds),
-    )  # fmt: skip
+    clip = render_captured(task.motion, task.seconds, task.seed, task.folder)
     truth, by_weight = Reference.load(clip.truth), {}
     for weight in task.weights:
         named = {"pose_prior_file": str(task.prior)} if weight > 0.0 else {}

@@ -1,0 +1,186 @@
+"""Captured clips of people left out of learning, tracked from the keypoints of one of two detectors, frame by frame."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.support.mocap_person import FPS
+from benchmarks.support.pose_prior_clips import render_captured, subject_of, trial_of
+from benchmarks.support.result_store import Figures, ResultStore, cached_clip, removed
+from benchmarks.support.scores import FAR_MM, trajectories
+from benchmarks.support.tracking import timed_track
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.runs.evaluation import LIMB_JOINTS, mpjpe, pa_mpjpe
+from estimator.runs.joint_angle import joint_entry, joint_value
+from estimator.runs.pairs import match_frames, paired
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
+from estimator.synthesis.detector import of_points
+from estimator.trackers.defaults import together
+from humanoid.kinematics.body import ROOT_TURN_Q
+from kinemode.rendering.files import RenderedClip
+
+KINDS = ("detector", "joints")
+"""COCO's 17 keypoints with the errors of `benchmarks.support.mocap_person.DETECTOR`; the 12 limb joints alone with
+`JOINTS_NOISE`."""
+JOINTS_NOISE = (3.0, 0.0, 0.0)  # [px], shares of outliers and of what is missing
+_STREAM = 4  # of random numbers, beside those of the clip
+GROUPS = {
+    "hips": ("left_hip_flexion", "right_hip_flexion"),
+    "knees": ("left_knee_flexion", "right_knee_flexion"),
+    "elbows": ("left_elbow_flexion", "right_elbow_flexion"),
+}
+"""Joints whose angle the captured skeleton tells: it has the ends of the limbs and no turns about them, so that knees
+and elbows are told by themselves, and a hip's flexion with hips and shoulders, which place the pelvis."""
+ANGLES = tuple(name for names in GROUPS.values() for name in names)
+TURNS = ("0 to 30", "30 to 90", "over 90")
+_TURN_EDGES = (30.0, 90.0)  # [deg/s]
+
+# what is done in the trials of the CMU database that file names do not tell
+_OF_TRIAL = {"02_03": "run", "02_05": "punch", "02_06": "bend", "02_08": "swordplay", "05_01": "walk"}
+_OF_TRIAL |= {f"35_{trial}": "run" for trial in range(17, 27)}
+_OF_SUBJECT = {"05": "dance", "16": "jump", "49": "acrobatics"}
+_OF_SUBJECT |= dict.fromkeys(("02", "06", "07", "08", "10", "12", "26", "35"), "walk")
+
+
+def action_of(name: str) -> str:
+    """What is done in a clip, by the numbers that its name ends with, else by its first word."""
+    known = _OF_TRIAL.get(trial_of(name)) or _OF_SUBJECT.get(subject_of(name))
+    return known or name.split("_")[0]
+
+
+def heading_rate(quaternion: np.ndarray, fps: float) -> np.ndarray:
+    """How fast the pelvis turns about the vertical [deg/s], (T,), without a sign: central differences of the heading of
+    its left side, which stays level when a person bends. quaternion (T, 4): xyzw, world with z up."""
+    if len(quaternion) < 2:
+        return np.zeros(len(quaternion))
+    left = Rotation.from_quat(quaternion).as_matrix()[:, :, 1]
+    heading = np.unwrap(np.arctan2(-left[:, 0], left[:, 1]))
+    return np.abs(np.rad2deg(np.gradient(heading))) * fps
+
+
+def turn_bins(rate: np.ndarray) -> np.ndarray:
+    """Place in `TURNS` of rates [deg/s]; an edge belongs to the faster one."""
+    return np.digitize(rate, _TURN_EDGES)
+
+
+class FrameErrors(NamedTuple):
+    """A smoothed trajectory against the truth, NaN in frames without a pose.
+
+    aligned, pa (T,): mean error of the limb joints with the hips aligned and after the best similarity [mm]. degrees
+    (T, A): absolute errors of `ANGLES`. rate (T,): of the true pelvis, see `heading_rate`.
+    """
+
+    aligned: np.ndarray
+    pa: np.ndarray
+    degrees: np.ndarray
+    rate: np.ndarray
+
+    @staticmethod
+    def of(run: Run, truth: Reference) -> FrameErrors:
+        """Of a run of the body that the truth, a rendered clip's, is of but for its lengths."""
+        assert truth.coordinates is not None  # a clip's truth has them
+        pairs = paired(run.body.landmark_names, run.time, truth)
+        points = pairs.of(run.landmarks)
+        known = match_frames(run.time, truth.time, len(truth.points)) >= 0
+        q, columns = truth.coordinates.values[known], [truth.coordinates.names.index(name) for name in ANGLES]
+        ours = np.stack([joint_value(joint_entry(run.body, name), run.q[pairs.frame]) for name in ANGLES], axis=1)
+        return FrameErrors(
+            1e3 * mpjpe(points, pairs.truth, pairs.shared.root),
+            1e3 * pa_mpjpe(points, pairs.truth),
+            np.abs(np.rad2deg(ours - q[:, columns])),
+            heading_rate(q[:, ROOT_TURN_Q], FPS),
+        )
+
+    @staticmethod
+    def joined(several: Sequence[FrameErrors]) -> FrameErrors:
+        """Those of several clips, one after the other."""
+        return FrameErrors(*(np.concatenate(arrays) for arrays in zip(*several, strict=True)))
+
+    def at(self, frames: np.ndarray) -> FrameErrors:
+        """Those of some frames, (T,) bool."""
+        return FrameErrors(*(array[frames] for array in self))
+
+    def means(self) -> dict[str, float]:
+        """Mean errors of frames with a pose: `aligned`, `pa` [mm]; `angles`, `hips`, `knees`, `elbows` [deg]. `far`:
+        share of frames over 250 mm with the hips aligned, or without a pose."""
+        joints = np.nanmean(self.degrees, axis=0)
+        groups = {name: joints[[ANGLES.index(j) for j in of]].mean() for name, of in GROUPS.items()}
+        all_ = {
+            "aligned": np.nanmean(self.aligned),
+            "pa": np.nanmean(self.pa),
+            "far": np.mean(~(self.aligned <= FAR_MM)),
+        }
+        return {name: float(value) for name, value in {**all_, "angles": joints.mean(), **groups}.items()}
+
+
+@dataclass(frozen=True)
+class UnseenRun:
+    """A piece of work: a captured clip tracked from one kind of keypoints.
+
+    motion: BVH file. seconds: at most so much of it. seed: of noise and tracker. kind: one of `KINDS`. changes: to the
+    settings, as JSON. prior: file of the mixture learned without the person. folder: of all rendered clips.
+    """
+
+    motion: Path
+    seconds: float
+    seed: int
+    kind: str
+    changes: str
+    prior: Path
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """See `benchmarks.support.result_store.Piece`."""
+        return f"{self.motion.stem}_{self.kind}_{self.seed}"
+
+    @property
+    def what(self) -> Mapping[str, Any]:
+        """See `benchmarks.support.result_store.Piece`."""
+        return {
+            "unseen": self.motion.stem, "seconds": self.seconds, "seed": self.seed, "kind": self.kind,
+            "settings": self.changes,
+        }  # fmt: skip
+
+    def prepare(self) -> RenderedClip:
+        """Render the clip unless it is there."""
+        return cached_clip(
+            self.folder / f"{self.motion.stem}_{self.seed}_{self.seconds:g}s",
+            lambda folder: render_captured(self.motion, self.seconds, self.seed, folder),
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """The changes with the prior's file, which has no effect, and is refused, where they turn the prior off."""
+        changes = json.loads(self.changes)
+        off = changes.get("cost", {}).get("pose_prior_weight") == 0.0
+        return together({} if off else {"cost": {"pose_prior_file": str(self.prior)}}, changes)
+
+    def work(self, store: ResultStore) -> Figures:
+        """The arrays of `FrameErrors`; and `tracks`, `TrackErrors` by trajectory."""
+        clip, out, joints = self.prepare(), store.scratch(self, ".run"), store.scratch(self, ".json")
+        keypoints = clip.keypoints if self.kind == "detector" else write_joints(clip, joints, self.seed)
+        run, _ = timed_track(keypoints, clip.cameras, out, seed=self.seed, settings=self.settings())
+        truth = Reference.load(clip.truth)
+        arrays = {name: array.tolist() for name, array in FrameErrors.of(run, truth)._asdict().items()}
+        tracks = {name: asdict(errors) for name, errors in trajectories(run, truth).items()}
+        for path in (out, joints):
+            removed(path)
+        return {**arrays, "tracks": tracks}
+
+
+def write_joints(clip: RenderedClip, path: Path, seed: int) -> dict[str, Path]:
+    """Write the limb joints of a clip as its camera sees them, with `JOINTS_NOISE`; the file by the camera's name."""
+    truth, (camera,) = Reference.load(clip.truth), load_cameras(clip.cameras).values()
+    points = truth.points[:, [truth.names.index(name) for name in LIMB_JOINTS]]
+    rng = np.random.default_rng((seed, _STREAM))
+    write_keypoints(path, of_points(LIMB_JOINTS, "landmarks", points, camera, rng, JOINTS_NOISE, FPS))
+    return {camera.name: path}
