@@ -8,17 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from estimator.data.cameras.camera import guessed_camera
+from estimator.data.cameras.camera import Camera, guessed_camera, parallel_camera
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
 from estimator.data.formats.people_file import write_people
-from estimator.data.observation import Observation
+from estimator.data.observation import LiftedPose, Observation
 from estimator.data.sequence import assemble
 from estimator.data.timing import at_places
+from estimator.energy.lifted import ACROSS, ALONG, BONES, lifted_directions
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
+from estimator.search.first_pose import start_modes
+from estimator.search.mode_search import ModeSearch
+from estimator.tracking.registry import settings_for
 from humanoid.subject.landmarks import FORMATS, mirror_index
 from humanoid.support.errors import InputError
-from tests.builders import body_of
+from tests.builders import body_of, camera_at, observe, random_pose
 
 BODY = body_of("human34")
 NAMES = BODY.landmark_names
@@ -133,3 +140,115 @@ def test_between_two_frames_the_nearer_ones_counts() -> None:
     np.testing.assert_array_equal(placed.world, [track.world[0], track.world[1], nothing, track.world[2]])
     bare = at_places(replace(track, world=None), np.array([0.2, 0.8]), np.arange(3) / 30.0)
     assert bare.world is None
+
+
+AHEAD = camera_at(0.0)
+ASIDE = camera_at(200.0, aim=(0.9, -1.1, 0.4))  # sees the person near its picture's edge
+FLAT = parallel_camera("flat", (640, 480), 180.0, np.zeros(3), azimuth=1.9)
+
+
+def lifted_by(camera: Camera, q: np.ndarray, scale: float = 1.0, body: Any = BODY) -> Observation:
+    """Keypoints of a pose and what a perfect network makes of it: the person as seen on the optical axis, of another
+    size."""
+    seen = observe(body, q, (camera,))
+    points = body.landmarks(body.at(q)) @ camera.R_camera_world.T
+    if not camera.parallel:
+        ends = [i for i, name in enumerate(body.landmark_names) if any(name in bone for bone in BONES)]
+        ray = camera.directions(seen.pixels[0, ends].mean(axis=0))
+        axis = np.cross(ray, [0.0, 0.0, 1.0])
+        axis *= np.arctan2(np.linalg.norm(axis), ray[2]) / np.linalg.norm(axis)
+        points = points @ pin.exp3(axis).T
+    return replace(seen, lifted=LiftedPose(scale * points - 0.3))
+
+
+@pytest.mark.parametrize("name", ["human34", "upper13"])
+@pytest.mark.parametrize("camera", [AHEAD, ASIDE, FLAT], ids=["ahead", "aside", "parallel"])
+def test_a_perfect_pose_has_no_energy_where_it_is_seen(name: str, camera: Camera) -> None:
+    """Whatever size the network gives it; without the turn to the ray it has one at the picture's edge."""
+    body, rng = body_of(name), np.random.default_rng(3)
+    q = random_pose(body, rng, share=0.5, turn=0.5)
+    seen = lifted_by(camera, q, 1.3, body)
+    (term,) = lifted_directions(body, seen, 0.3)
+    gradient = np.zeros(body.nv)
+    value = term.accumulate(body.at(q), gradient, np.zeros((body.nv, body.nv)))
+    np.testing.assert_allclose([value, *gradient], 0.0, atol=1e-9)
+    points = body.landmarks(body.at(q)) @ camera.R_camera_world.T
+    (plain,) = lifted_directions(body, replace(seen, lifted=LiftedPose(points)), 0.3)
+    assert camera is not ASIDE or plain.value(body.at(q)) > 0.1
+
+
+def test_eleven_bones_of_a_person_each_with_its_spread() -> None:
+    """A forearm turned by a small angle in the picture, and by one out of it, to a camera that sees it ahead."""
+    q = BODY.neutral
+    seen, axes = lifted_by(FLAT, q), np.eye(3)
+    assert len(BONES) == len({frozenset(bone) for bone in BONES}) == 11
+    elbow, wrist = (NAMES.index(f"left_{name}") for name in ("elbow", "wrist"))
+    assert seen.lifted is not None
+    bone = seen.lifted.points[wrist] - seen.lifted.points[elbow]
+    for axis, std in ((axes[2], ACROSS), (np.cross(bone, axes[2]) / np.linalg.norm(np.cross(bone, axes[2])), None)):
+        points = seen.lifted.points.copy()
+        points[wrist] = points[elbow] + pin.exp3(0.01 * axis) @ bone
+        e = (points[wrist] - points[elbow] - bone) / np.linalg.norm(bone)
+        expected = np.hypot(np.linalg.norm(e[:2]) / ACROSS, e[2] / ALONG["elbow"]) ** 2
+        assert std is None or expected == pytest.approx((np.linalg.norm(e) / std) ** 2)
+        for share, sure in ((1.0, 1.0), (0.25, 0.6)):
+            confidence = seen.confidence.copy()
+            confidence[0, wrist] = sure
+            given = replace(seen, confidence=confidence, lifted=LiftedPose(points, share))
+            (term,) = lifted_directions(BODY, given, 0.3)
+            assert term.value(BODY.at(q)) == pytest.approx(0.5 * 0.3 * share * sure * expected, rel=1e-3)
+
+
+def test_nothing_is_drawn_where_nothing_is_known() -> None:
+    seen = lifted_by(AHEAD, BODY.neutral)
+    assert seen.lifted is not None
+    nowhere = LiftedPose(np.full_like(seen.lifted.points, np.nan))
+    others = (
+        replace(seen, lifted=None), replace(seen, lifted=seen.lifted._replace(share=0.0)),
+        replace(seen, lifted=nowhere), replace(seen, confidence=np.zeros_like(seen.confidence)),
+    )  # fmt: skip
+    assert [lifted_directions(BODY, other, 0.3) for other in others] == [[]] * 4
+    assert lifted_directions(BODY, seen, 0.0) == []
+    bare, full = (CostModel(BODY).cost(CostModel(BODY).observation_term(o)).terms for o in (others[0], seen))
+    assert [term.name for term in full] == [*(term.name for term in bare), "lifted"]
+
+
+def test_left_and_right_are_exchanged_with_the_keypoints() -> None:
+    """Read with its sides exchanged, a detection that has them swapped says what the right one does."""
+    rng = np.random.default_rng(5)
+    q, other = random_pose(BODY, rng, share=0.5, turn=0.5), random_pose(BODY, rng, share=0.5, turn=0.5)
+    seen, search = lifted_by(AHEAD, q), ModeSearch(CostModel(BODY))
+    swapped = seen.exchanged(search.mirror)
+    right, wrong, repaired = (
+        search.model.cost(term).value_at(other)
+        for term in (
+            search.term(seen, "as_detected"), search.term(swapped, "as_detected"), search.term(swapped, "exchanged")
+        )
+    )  # fmt: skip
+    assert repaired == pytest.approx(right, rel=1e-12)
+    assert wrong > right + 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 9])
+def test_it_tells_at_which_depth_limbs_are(seed: int) -> None:
+    """To one camera an arm that reaches towards it looks like one that reaches away: of the first poses the best is the
+    one that was lifted, though the frame counts little beside those before it, which a first pose does not know."""
+    body = body_of("upper13")
+    q = body.clamp(random_pose(body, np.random.default_rng(seed), share=0.8))
+    seen = lifted_by(camera_at(15.0, distance=3.0), q, 0.9, body)
+    assert seen.lifted is not None
+    seen = replace(seen, lifted=seen.lifted._replace(share=0.05))
+
+    def off(weight: float) -> float:
+        search = ModeSearch(CostModel(body, CostSettings(lifted_weight=weight)))
+        best = start_modes(search, np.random.default_rng(0), seen, 4).modes[0]
+        return float(np.linalg.norm(body.landmarks(body.at(best.q)) - body.landmarks(body.at(q)), axis=1).max())
+
+    assert off(1.0) < 0.02
+    assert off(0.0) > 0.4
+
+
+@pytest.mark.parametrize("name", ["css-paper", "condensation", "annealed"])
+def test_the_trackers_of_the_papers_do_not_ask_it(name: str) -> None:
+    assert settings_for(name).cost.lifted_weight == 0.0
+    assert settings_for("css").cost.lifted_weight > 0.0

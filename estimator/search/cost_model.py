@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
+from estimator.energy.lifted import lifted_directions
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
@@ -55,10 +56,9 @@ class CostModel:
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
-        """The keypoint term of a frame."""
-        return Reprojection(
-            self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
-        )
+        """The keypoint term of a frame, and beside it that of the pose that was lifted with them."""
+        s, lifted = self.settings, lifted_directions(self.body, observation, self.settings.lifted_weight)
+        return Reprojection(self.body, observation, self.keypoint_sigma(observation), s.potential, s.nu, lifted)
 
     def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood:
         """What the pictures of a frame say; `posed`, about where the body is, gives its extent in the images."""
@@ -111,7 +111,7 @@ class CostModel:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
-            terms = [observed, *terms, *self._by_cameras(observed.cameras)]
+            terms = [observed, *terms, *self._by_cameras(observed.cameras), *observed.beside]
         if q_previous is not None:
             terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)

@@ -32,6 +32,8 @@ class CostSettings:
         transition_nu: long tails let a mode jump when the image insists.
     standing_weight: how much the points of the feet that rest in the pictures are held, 0 not at all; standing_error
         [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed.
+    lifted_weight: how much the directions of bones count that a network has lifted from one camera's picture, where the
+        keypoint file has them (`estimator.energy.lifted`), 0 not at all; of successive frames only what is new.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
     terms: of kinds of terms that plugins have registered, by name.
     """
@@ -54,5 +56,6 @@ class CostSettings:
     standing_weight: float = setting(1.0, at_least=0)
     standing_error: float = setting(0.01, above=0)
     standing_slip: float = setting(0.15, above=0)
+    lifted_weight: float = setting(0.15, at_least=0)
     exchange_penalty: float = setting(3.0, at_least=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

@@ -17,6 +17,8 @@ AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
 """The trackers of the papers take keypoints as they are."""
 NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
 """They do not ask whether feet stand."""
+NOT_LIFTED: dict[str, Any] = {"cost": {"lifted_weight": 0.0}}
+"""Nor what another network makes of the picture."""
 NO_CAPTURE: dict[str, Any] = {"cost": {"pose_prior_weight": 0.0}}
 """They know no captured poses."""
 LEAST_SQUARES: dict[str, Any] = {
@@ -44,4 +46,4 @@ def together(*changes: Mapping[str, Any]) -> dict[str, Any]:
     return made
 
 
-FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS)
+FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, NOT_LIFTED)
