@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from builders import BROWN, body_of, camera_at, observe, random_pose
 
 from estimator.data.cameras.camera import Camera, parallel_camera
-from estimator.data.observation import Observation
+from estimator.data.observation import LiftedPose, Observation
 from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.level_feet import LevelFeet, Soles
+from estimator.energy.lifted import lifted_directions
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_mixture import load_mixture
@@ -175,6 +177,22 @@ def level_feet(rng: np.random.Generator) -> Made:
     return body, LevelFeet(body, Soles.of(body), np.array([1.2, 0.3]), world_up(CAMERAS), 0.2), random_pose(body, rng)
 
 
+def lifted(name: str, camera: Camera) -> Callable[[np.random.Generator], Made]:
+    """What a network has lifted is of another pose, and of a keypoint that is missing nothing is known."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        seen = observed(body, rng, cameras=(camera, CAMERAS[1]))
+        points = body.landmarks(body.at(random_pose(body, rng, share=0.6, turn=0.4))) @ camera.R_camera_world.T
+        seen = replace(
+            seen, cameras=(camera,), pixels=seen.pixels[:1], confidence=seen.confidence[1:], lifted=LiftedPose(points)
+        )
+        (term,) = lifted_directions(body, seen, 0.7)
+        return body, term, random_pose(body, rng, share=0.6, turn=0.4)
+
+    return make
+
+
 FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
@@ -188,6 +206,8 @@ FAMILY = {
     "pose-prior": pose_prior(0.7),
     **{f"assigned-{p}": assigned(p) for p in ("lorentzian", "leclerc")},
     **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
+    **{f"lifted-{name}": lifted(name, CAMERAS[0]) for name in ("human34", "upper13")},
+    "lifted-parallel": lifted("human34", MIXED[1]),
     "point-targets-arm8": point_targets("arm8", "lorentzian"),
     **{f"limb-targets-{p}": limb_targets("human34", p) for p in POTENTIALS},
     "limb-targets-arm8": limb_targets("arm8", "lorentzian"),

@@ -101,6 +101,12 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         lambda a: a.update(estimate_q=np.zeros(8), estimate_covariance=-np.eye(8)),
         "covariance is not symmetric and positive",
     ),
+    "half of a lifted pose": ("observation", lambda a: a.update(lifted_share=np.array(0.5)), "lifted is missing"),
+    "a lifted pose of two shares": (
+        "observation",
+        lambda a: a.update(lifted=np.zeros((a["pixels"].shape[1], 3)), lifted_share=np.array(2.0)),
+        "lifted has numbers that cannot be",
+    ),
     "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
     "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),

@@ -422,7 +422,7 @@ def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
     seen = []
     for _ in range(6):
         people = People.of(json.loads(json.dumps(people.content())), 6)  # as a file keeps it
-        seen.append({n: round(points[0, 0]) for n, points in people.see(detector, PICTURE).items()})
+        seen.append({n: round(person["keypoints"][0, 0]) for n, person in people.see(detector, PICTURE).items()})
     assert seen == [{0: 10, 1: 60}, {0: 10}, {0: 10, 1: 62}, {0: 10}, {0: 10, 2: 35}, {0: 10, 2: 35}]
     assert detector.searches == ["parts", None, "whole", None, "whole", None]
 
@@ -495,14 +495,17 @@ def test_the_filter_of_the_square() -> None:
 def test_several_people_are_read_as_they_are_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     names = [f"k{j}" for j in range(17)]
-    frames = [{n: (rng.uniform(0.1, 0.9, (17, 3)) * [64, 48, 1]).tolist() for n in who} for who in ([0, 3], [], [3])]
+    frames = [
+        {n: {"keypoints": (rng.uniform(0.1, 0.9, (17, 3)) * [64, 48, 1]).tolist()} for n in who}
+        for who in ([0, 3], [], [3])
+    ]
     write_people(tmp_path / "a.json", "coco17", names, frames, image_size=(64, 48), fps=25.0)
     read = load_people(tmp_path / "a.json")
     assert read.image_size == (64, 48)
     for frame, people in zip(frames, read.frames.values(), strict=True):
         assert [p.id for p in people] == [str(number) for number in frame]
-        for person, points in zip(people, frame.values(), strict=True):
-            np.testing.assert_array_equal(person.points, points)
+        for person, content in zip(people, frame.values(), strict=True):
+            np.testing.assert_array_equal(person.points, content["keypoints"])
 
 
 def test_models_are_asked_for_and_refused(tmp_path: Path) -> None:
@@ -543,6 +546,25 @@ def test_mediapipe_finds_what_it_found_before(
     apart = np.linalg.norm(ours.pixels - theirs.pixels[:8], axis=2)
     assert np.median(apart) < 0.5
     assert apart.max() < 3.0
+
+
+def test_mediapipes_world_has_the_pictures_axes(
+    shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Limbs lead the same way in it as in pictures that are turned by 30 degrees, and by MediaPipe's square back."""
+    made_or_skip("mediapipe", monkeypatch)
+    clip = Clip.open(shared_data / "beam4cam" / "videos" / "cam01.mp4")
+    (tmp_path / "turned").mkdir()
+    width, height = clip.image_size
+    for i, degrees in enumerate((0.0, 30.0, -30.0)):
+        turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
+        cv2.imwrite(str(tmp_path / "turned" / f"{i}.png"), cv2.warpAffine(clip.frame(0), turn, (width, height)))
+    track = km.load_keypoints(km.detect(tmp_path / "turned", out=tmp_path / "a.json")["turned"])
+    assert track.world is not None
+    ends = [[track.names.index(f"{side}_{name}") for side in ("left", "right") for name in names]
+            for names in (("shoulder", "hip", "knee"), ("hip", "knee", "ankle"))]  # fmt: skip
+    seen, lifted = (np.diff(p[:, ends], axis=1)[:, 0] @ [1.0, 1j] for p in (track.pixels, track.world[..., :2]))
+    assert np.abs(np.degrees(np.angle(seen / lifted))).max() < 12.0
 
 
 def test_an_onnx_model_finds_known_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

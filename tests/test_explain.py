@@ -45,17 +45,36 @@ def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[s
                 "human34", None, cameras=clip.cameras, keypoints=clip.keypoints, out=folder / "k.run", **both
             ),
             "pictures": km.track("human34", **named(clip), masks=clip.masks, out=folder / "p.run", **both),
+            "lifted": km.track(
+                "human34", None, cameras=clip.cameras, keypoints=with_world(clip, folder), out=folder / "l.run", **both
+            ),
         }
 
 
-def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str, Run]) -> None:
-    run = runs["keypoints"]
+def with_world(clip: RenderedClip, folder: Path) -> Path:
+    """The clip's keypoints with a pose in space beside them, whatever it is."""
+    (path,) = clip.keypoints.values()
+    content, rng = json.loads(path.read_text()), np.random.default_rng(0)
+    for frame in content["frames"]:
+        if frame["keypoints"]:
+            frame["world"] = rng.normal(0.0, 0.4, (len(frame["keypoints"]), 3)).tolist()
+    (folder / path.name).write_text(json.dumps(content))
+    return folder / path.name
+
+
+@pytest.mark.parametrize("name", ["keypoints", "lifted"])
+def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str, Run], name: str) -> None:
+    run = runs[name]
+    assert (run.observation(0).lifted is not None) == (name == "lifted")
     for t in range(FRAMES):
         for k in range(len(run.result(t).weight)):
             explained = explain(run, t, k)
             assert explained.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
             assert explained.notes == ()
             assert ("transition" in [p.name for p in explained.parts]) == (t > 0)
+            lifted = run.observation(t).lifted
+            counts = lifted is not None and lifted.share == 1.0
+            assert [p.energy > 0.0 for p in explained.parts if p.name == "lifted"] == [True] * counts
             assert all(p.energy >= 0.0 for p in explained.parts if p.name != "pose prior")
     (keypoints,) = [p for p in explain(run, 1).parts if p.name == "keypoints"]
     assert keypoints.count == np.count_nonzero(run.confidence[1])

@@ -430,9 +430,9 @@ def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatc
     lost = iter([{}, {}, {1: ([], 0)}, {}])  # 1 is remembered for a while, then forgotten
 
     class Seen(People):
-        def see(self, detector: Asked, picture: np.ndarray) -> dict[int, np.ndarray]:
+        def see(self, detector: Asked, picture: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
             self.lost = next(lost)
-            return next(pictures)
+            return {number: {"keypoints": points} for number, points in next(pictures).items()}
 
     monkeypatch.setattr(sources, "DetectorProcess", lambda wanted: None)
     monkeypatch.setattr(sources, "People", Seen)

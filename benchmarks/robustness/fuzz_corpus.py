@@ -80,7 +80,9 @@ def _keypoints() -> dict[str, list[Files]]:
     ]
     others = _other_programs()
     people = {**_own("coco17"), "frames": [
-        {"people": [{"id": who, "keypoints": points("coco17", t).tolist()} for who in range(2)]} for t in range(FRAMES)
+        {"people": [{"id": who, "keypoints": points("coco17", t).tolist(), "world": [[0.1, -0.2, 0.3]] * 17}
+                    for who in range(2)]}
+        for t in range(FRAMES)
     ]}  # fmt: skip
     whole = [_own("coco17"), _own("mediapipe33"), people, named, alpha, cmu, frames,
              {"meta_info": {}, "instance_info": frames}, {"people": pose}]  # fmt: skip

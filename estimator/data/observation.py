@@ -18,6 +18,17 @@ class PoseEstimate(NamedTuple):
     covariance: np.ndarray
 
 
+class LiftedPose(NamedTuple):
+    """Landmarks in space as a network has lifted them from the one camera's picture.
+
+    points (L, 3) [m]: axes x right, y down, z away, as if the person were seen on the optical axis; where they begin
+    does not count. NaN where there is none. share: 0 to 1, how much of it counts (`estimator.data.lifted`).
+    """
+
+    points: np.ndarray
+    share: float = 1.0
+
+
 @dataclass(frozen=True)
 class Observation:
     """What every camera shows of one instant.
@@ -35,6 +46,7 @@ class Observation:
         detector's have, 0 for all others; None where all are as detected.
     standing (L,): probability that a landmark has not moved in the last moments (`estimator.data.standing`); None where
         that was not asked.
+    lifted: the pose in space that the keypoint file has beside the keypoints of the only camera; None without.
     """
 
     index: int
@@ -48,6 +60,7 @@ class Observation:
     estimate: PoseEstimate | None = None
     spread: np.ndarray | None = None
     standing: np.ndarray | None = None
+    lifted: LiftedPose | None = None
 
     @property
     def count(self) -> int:
@@ -63,8 +76,14 @@ class Observation:
         """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
         spread = None if self.spread is None else self.spread[:, mirror]
         standing = None if self.standing is None else self.standing[mirror]
+        lifted = None if self.lifted is None else self.lifted._replace(points=self.lifted.points[mirror])
         pixels, confidence = self.pixels[:, mirror], self.confidence[:, mirror]
-        return replace(self, pixels=pixels, confidence=confidence, spread=spread, standing=standing)
+        return replace(self, pixels=pixels, confidence=confidence, spread=spread, standing=standing, lifted=lifted)
+
+    @property
+    def alone(self) -> Observation:
+        """The same instant as if none had been observed before it: all of its lifted pose counts."""
+        return self if self.lifted is None else replace(self, lifted=self.lifted._replace(share=1.0))
 
 
 def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:

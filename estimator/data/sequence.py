@@ -10,7 +10,8 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.image_cues import ImageCues
-from estimator.data.observation import Observation
+from estimator.data.lifted import with_shares
+from estimator.data.observation import LiftedPose, Observation
 from estimator.data.standing import with_standing
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -34,7 +35,7 @@ def assemble(
     A landmark whose keypoint a layout lacks stays missing; a track without any names is one without keypoints. A track
     shorter than `times` (T,) [s] is missing at its end, a longer one is cut; `timing.length_notes` says so.
     detected: the keypoints frame by frame as the detector gave them, of tracks that were brought to other instants:
-    interpolation hides how much they tremble.
+    interpolation hides how much they tremble. What a track has of the pose in space counts where it is the only one.
 
     Raises
     ------
@@ -55,11 +56,23 @@ def assemble(
         whole = (detected or {}).get(name)
         jitter.append(keypoint_jitter(pixels[:, c] if whole is None else whole.pixels[:, there]))
     given = all(track.layout == GIVEN for track in tracks.values())
+    lifted = _lifted_poses(body, list(tracks.values()), len(times))
     observations = (
-        Observation(i, float(t), tuple(used), pixels[i], confidence[i], tuple(jitter), given)
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i], tuple(jitter), given, lifted=lifted[i])
         for i, t in enumerate(np.asarray(times).tolist())
     )
-    return with_standing(observations, body.landmark_names)
+    return with_shares(with_standing(observations, body.landmark_names))
+
+
+def _lifted_poses(body: Body, tracks: Sequence[KeypointTrack], count: int) -> list[LiftedPose | None]:
+    """Of each of `count` instants; none where there are several tracks."""
+    world = tracks[0].world
+    if len(tracks) > 1 or world is None:
+        return [None] * count
+    here, there = common_landmarks(body.landmark_names, tracks[0])
+    points = np.full((count, len(body.landmark_names), 3), np.nan)
+    points[: len(world), here] = world[:count, there]
+    return [None if np.isnan(p).all() else LiftedPose(p) for p in points]
 
 
 def keypoint_jitter(pixels: np.ndarray) -> float:

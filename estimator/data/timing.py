@@ -202,8 +202,8 @@ def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> Ke
 
     times (N,): of the track's first N frames [s]; others do not count.
     Between two frames a point lies on the line from the one to the other and is as sure as the less sure of the two; it
-    is missing where it is missing in either, or where the frames are more than `LONGEST_BRIDGE` apart. A track whose
-    first frames are the instants comes back as it is.
+    is missing where it is missing in either, or where the frames are more than `LONGEST_BRIDGE` apart. Of the world the
+    nearer frame's is taken. A track whose first frames are the instants comes back as it is.
     """
     count = len(times)
     if _follows(places, count):
@@ -220,7 +220,10 @@ def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> Ke
     pixels[b] = (1.0 - part) * pixels[b] + part * track.pixels[upper[b]]
     confidence[b] = np.minimum(confidence[b], track.confidence[upper[b]])
     pixels[~known], confidence[~known] = np.nan, 0.0
-    return replace(track, pixels=pixels, confidence=confidence)
+    world = None if track.world is None else track.world[np.rint(place).astype(np.int64)]
+    if world is not None:
+        world[~known] = np.nan
+    return replace(track, pixels=pixels, confidence=confidence, world=world)
 
 
 def _follows(places: np.ndarray, count: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from estimator.data.cameras.projection import (
 )
 from estimator.data.observation import Observation
 from estimator.energy.points import LoadedPoints, accumulate_points, to_world
-from estimator.energy.term import BatchTerm
+from estimator.energy.term import BatchTerm, Term
 from estimator.numerics.robust import POTENTIALS, rho
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
@@ -31,6 +32,7 @@ class Reprojection(BatchTerm):
     observation: pixels (C, L, 2), confidence (C, L).
     sigma (C, L): standard deviation of each keypoint [px].
     potential, nu: see `estimator.numerics.robust`.
+    beside: terms of what else is known of the frame, in the same reading of left and right.
 
     One object serves one thread: it reuses buffers.
     """
@@ -38,9 +40,15 @@ class Reprojection(BatchTerm):
     name = "keypoints"
 
     def __init__(
-        self, body: Body, observation: Observation, sigma: np.ndarray, potential: str = "lorentzian", nu: float = 4.0
+        self,
+        body: Body,
+        observation: Observation,
+        sigma: np.ndarray,
+        potential: str = "lorentzian",
+        nu: float = 4.0,
+        beside: Sequence[Term] = (),
     ) -> None:
-        self._body = body
+        self._body, self.beside = body, tuple(beside)
         # a smoother keeps the terms of all frames, which must not keep all pictures
         self.observation, self.cameras = replace(observation, cues=()), observation.cameras
         self._kind, self._nu = POTENTIALS[potential], float(nu)

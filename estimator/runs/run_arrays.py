@@ -38,6 +38,7 @@ _FRAME = {
 _VELOCITY = {"velocity": RESULT_FIELDS["velocity"]}  # runs made before it was kept have none
 _ORIGINS = {PREFIX + name: field for name, field in ORIGIN_FIELDS.items()}
 _ESTIMATE = {"estimate_q": Field("f", ("nq",)), "estimate_covariance": Field("f", ("nv", "nv"))}
+_LIFTED = {"lifted": Field("f", ("L", "3"), finite=False), "lifted_share": Field("f")}
 _OBSERVATION = {
     "pixels": Field("f", ("C", "L", "2"), finite=False),
     "confidence": Field("f", ("C", "L")),
@@ -126,6 +127,10 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
         check_arrays(arrays, _ESTIMATE, sizes_of(body))
         check_configurations(body, arrays["estimate_q"][None], "estimate_q")
         check_covariances(arrays["estimate_covariance"][None])
+    if any(name in arrays for name in _LIFTED):
+        check_arrays(arrays, _LIFTED, {"L": len(body.landmark_names), "3": 3})
+        if np.isinf(arrays["lifted"]).any() or not 0.0 <= arrays["lifted_share"] <= 1.0:
+            raise DamageError("lifted has numbers that cannot be")
 
 
 def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:

@@ -99,7 +99,7 @@ class RunWriter:
                         "confidence": o.confidence,
                         "given": np.array(o.given),
                         "jitter": np.array(o.jitter),
-                        **_estimate_of(o),
+                        **_knowledge_of(o),
                     }
                 ),
             )
@@ -191,5 +191,7 @@ class RunWriter:
             self.close()
 
 
-def _estimate_of(o: Observation) -> dict[str, np.ndarray]:
-    return {} if o.estimate is None else {"estimate_q": o.estimate.q, "estimate_covariance": o.estimate.covariance}
+def _knowledge_of(o: Observation) -> dict[str, np.ndarray]:
+    estimate, lifted = o.estimate, o.lifted
+    arrays = {} if estimate is None else {"estimate_q": estimate.q, "estimate_covariance": estimate.covariance}
+    return arrays if lifted is None else {**arrays, "lifted": lifted.points, "lifted_share": np.array(lifted.share)}

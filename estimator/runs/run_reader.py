@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
-from estimator.data.observation import Observation, PoseEstimate
+from estimator.data.observation import LiftedPose, Observation, PoseEstimate
 from estimator.data.standing import SPAN, with_standing
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
@@ -159,7 +159,8 @@ class Run(Summarised):
         time = float(self.header.times[i])
         estimate = PoseEstimate(a["estimate_q"], a["estimate_covariance"]) if "estimate_q" in a else None
         seen = Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
-        return replace(seen, estimate=estimate)
+        lifted = LiftedPose(a["lifted"], float(a["lifted_share"])) if "lifted" in a else None
+        return replace(seen, estimate=estimate, lifted=lifted)
 
     @property
     def estimates(self) -> dict[int, PoseEstimate] | None:

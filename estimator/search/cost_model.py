@@ -12,6 +12,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
 from estimator.energy.gravity_prior import world_up
 from estimator.energy.level_feet import LevelFeet, Soles
+from estimator.energy.lifted import lifted_directions
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
@@ -57,14 +58,17 @@ class CostModel:
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
         self._soles = Soles.of(body)
-        self._last_level: tuple[Reprojection, list[LevelFeet]] | None = None
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
-        """The keypoint term of a frame."""
-        return Reprojection(
-            self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
-        )
+        """The keypoint term of a frame, and beside it those of the pose that was lifted with them and of the feet that
+        stand."""
+        s, sigma = self.settings, self.keypoint_sigma(observation)
+        beside: list[Term] = [
+            *lifted_directions(self.body, observation, s.lifted_weight),
+            *self._level_feet(observation),
+        ]
+        return Reprojection(self.body, observation, sigma, s.potential, s.nu, beside)
 
     def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood:
         """What the pictures of a frame say; `posed`, about where the body is, gives its extent in the images."""
@@ -107,17 +111,16 @@ class CostModel:
             self._last_by_cameras = cameras, terms
         return self._last_by_cameras[1]
 
-    def _level_feet(self, observed: Reprojection) -> list[LevelFeet]:
-        """Of the feet of which heel and toes stand in what is observed, made once for an observation."""
-        if self._last_level is None or self._last_level[0] is not observed:
-            s, soles, standing = self.settings, self._soles, observed.observation.standing
-            terms = []
-            if standing is not None and s.standing_weight > 0.0:
-                both = s.standing_weight * np.minimum(standing[soles.heel], standing[soles.toe])
-                if np.any(both >= LEAST):
-                    terms = [LevelFeet(self.body, soles, both, world_up(observed.cameras), s.standing_tilt)]
-            self._last_level = observed, terms
-        return self._last_level[1]
+    def _level_feet(self, observation: Observation) -> list[LevelFeet]:
+        """Of the feet of which heel and toes stand."""
+        s, soles, standing = self.settings, self._soles, observation.standing
+        if standing is None or s.standing_weight <= 0.0:
+            return []
+        both = np.minimum(standing[soles.heel], standing[soles.toe])
+        if not np.any(both >= LEAST):
+            return []
+        up = world_up(observation.cameras)
+        return [LevelFeet(self.body, soles, s.standing_weight * both, up, s.standing_tilt)]
 
     def cost(
         self,
@@ -129,7 +132,7 @@ class CostModel:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
-            terms = [observed, *terms, *self._by_cameras(observed.cameras), *self._level_feet(observed)]
+            terms = [observed, *terms, *self._by_cameras(observed.cameras), *observed.beside]
         if q_previous is not None:
             terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)

@@ -34,6 +34,8 @@ class CostSettings:
     standing_weight: how much the points of the feet that rest in the pictures are held, 0 not at all; standing_error
         [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed;
         standing_tilt [rad]: of how level a foot is that stands with heel and toes.
+    lifted_weight: how much the directions of bones count that a network has lifted from one camera's picture, where the
+        keypoint file has them (`estimator.energy.lifted`), 0 not at all; of successive frames one in 0.3 s counts.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
     terms: of kinds of terms that plugins have registered, by name.
     """
@@ -58,5 +60,6 @@ class CostSettings:
     standing_error: float = setting(0.01, above=0)
     standing_slip: float = setting(0.15, above=0)
     standing_tilt: float = setting(0.1, above=0)
+    lifted_weight: float = setting(0.3, at_least=0)
     exchange_penalty: float = setting(3.0, at_least=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

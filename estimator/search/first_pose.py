@@ -28,8 +28,10 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
     random configurations within the limits. Where one camera alone sees the body, the limbs of these first modes are
     also tried at their other depths, which headings alone do not reach. Then samples are drawn about what was reached,
-    see `ModeSearchSettings.start_samples`; where there are pictures its covariance holds what they say.
+    see `ModeSearchSettings.start_samples`; where there are pictures its covariance holds what they say. The frame
+    counts as the first that is seen.
     """
+    observation = observation.alone
     if search.settings.start == BY_INDEX:
         return example_modes(search, rng, observation, count)
     associations = search.associations(observation)

@@ -19,6 +19,8 @@ NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
 """They do not ask whether feet stand."""
 ALL_AS_QUICK: dict[str, Any] = {"cost": {"quickness": False}}
 """To them all joints are as quick."""
+NOT_LIFTED: dict[str, Any] = {"cost": {"lifted_weight": 0.0}}
+"""Nor what another network makes of the picture."""
 NO_CAPTURE: dict[str, Any] = {"cost": {"pose_prior_weight": 0.0}}
 """They know no captured poses."""
 LEAST_SQUARES: dict[str, Any] = {
@@ -46,4 +48,4 @@ def together(*changes: Mapping[str, Any]) -> dict[str, Any]:
     return made
 
 
-FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, ALL_AS_QUICK)
+FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, ALL_AS_QUICK, NOT_LIFTED)

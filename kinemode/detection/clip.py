@@ -12,19 +12,19 @@ from typing import IO, Any
 import numpy as np
 
 from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT
-from estimator.data.formats.people_file import write_people
+from estimator.data.formats.people_file import PersonContent, write_people
 from estimator.data.media.clip import Clip
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import DetectorChoice
-from kinemode.detection.people import Asked, People
+from kinemode.detection.people import Asked, People, Seen
 from kinemode.detection.process import DetectorProcess
 from kinemode.terminal.progress import Progress
 
-_PIXELS, _CONFIDENCE = 2, 4  # decimals
-Frame = dict[int, list[list[float]]]
-"""The keypoints [x, y, confidence] of the people in a frame, by their numbers."""
+_DECIMALS = {"keypoints": (2, 2, 4), "world": (4, 4, 4)}
+Frame = dict[int, PersonContent]
+"""The people in a frame, by their numbers."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def _frames(clip: Clip, part: Path, wanted: DetectorChoice, detector: Asked, pro
 
 def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, list[str]]:
     """The layout and the names of the keypoints; their count tells it where the detector does not."""
-    count = next((len(points) for frame in frames for points in frame.values()), 0)
+    count = next((len(person["keypoints"]) for frame in frames for person in frame.values()), 0)
     layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count, "")
     if count and not layout:
         remedy = "counts: " + ", ".join(f"{len(names)} ({name})" for name, names in FORMATS.items())
@@ -99,12 +99,11 @@ def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, 
     return layout, detector.names or [name or f"keypoint_{j}" for j, name in enumerate(labels)]
 
 
-def _rounded(people: dict[int, np.ndarray]) -> Frame:
-    decimals = (_PIXELS, _PIXELS, _CONFIDENCE)
-    return {
-        number: [[round(v, d) for v, d in zip(row, decimals, strict=True)] for row in points.tolist()]
-        for number, points in people.items()
-    }
+def _rounded(people: dict[int, Seen]) -> Frame:
+    def rows(points: np.ndarray, decimals: tuple[int, ...]) -> list[list[float]]:
+        return [[round(v, d) for v, d in zip(row, decimals, strict=True)] for row in points.tolist()]
+
+    return {n: {name: rows(values, _DECIMALS[name]) for name, values in seen.items()} for n, seen in people.items()}
 
 
 def _state_of(path: Path) -> list[Any]:
@@ -124,7 +123,7 @@ def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
             return None
         whole = [line for line in lines if line.endswith(b"\n")]
         told = [json.loads(line) for line in whole]
-        frames = [{int(number): points for number, points in frame["people"].items()} for frame in told]
+        frames = [{int(number): person for number, person in frame["people"].items()} for frame in told]
         people = People.of(told[-1]["next"], most) if told else People(most)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

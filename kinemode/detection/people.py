@@ -9,6 +9,10 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 State = dict[str, Any]
+SEEN = ("keypoints", "world")
+Seen = dict[str, np.ndarray]
+"""Of a person the keypoints (K, 3; x, y [px], confidence), and where the detector gives it their world (K, 3) [m], see
+`estimator.data.formats.keypoints_own`."""
 Search = Literal["whole", "parts"] | None
 SEARCHED = 10  # pictures: people are searched for in every so many, and in the one after somebody was lost
 CLOSELY = 30  # pictures: so that people are found who are small in them
@@ -53,8 +57,8 @@ class People:
         lost = {int(number): (box, index) for number, (box, index) in content["lost"].items()}
         return People(most, states, lost, content["index"], content["born"], content["search"])
 
-    def see(self, detector: Asked, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """The keypoints (K, 3; x, y [px], confidence) of the people in the next picture, by their numbers."""
+    def see(self, detector: Asked, picture: np.ndarray) -> dict[int, Seen]:
+        """The people in the next picture, by their numbers."""
         searched: Search = "whole" if self.search or self.index % SEARCHED == 0 else None
         searched = "parts" if self.index % CLOSELY == 0 else searched
         numbers = list(self.states)
@@ -68,7 +72,7 @@ class People:
         self.search = not seen or len(seen) < len(numbers)
         self.states = {number: person["state"] for number, person in seen.items()}
         self.index += 1
-        return {number: np.array(person["keypoints"]) for number, person in seen.items()}
+        return {n: {name: np.array(person[name]) for name in SEEN if name in person} for n, person in seen.items()}
 
     def _joined(self, seen: dict[int, State], newcomers: Sequence[State]) -> dict[int, State]:
         """Those who are followed with those who are new or back again."""

@@ -56,9 +56,9 @@ class DetectorProcess:
     def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: Search = None) -> dict[str, Any]:
         """What it sees in a picture (height, width, 3; uint8, BGR), or in the picture before.
 
-        Returns "people", for each state None or its keypoints (K rows of x, y [px], confidence) and next state, and
-        with `search` "starts", states of the people who seem to be there; "parts" looks closer than "whole". Raises
-        InputError where it fails.
+        Returns "people", for each state None or its keypoints (K rows of x, y [px], confidence), perhaps their world (K
+        rows of x, y, z [m]), and next state, and with `search` "starts", states of the people who seem to be there;
+        "parts" looks closer than "whole". Raises InputError where it fails.
         """
         request: dict[str, Any] = {"states": list(states), "search": search}
         if picture is not None:

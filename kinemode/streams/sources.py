@@ -9,7 +9,7 @@ import numpy as np
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.vision.resolution import Size, fitted_track
 from kinemode.detection.detectors import DetectorChoice
-from kinemode.detection.people import People
+from kinemode.detection.people import People, Seen
 from kinemode.detection.process import DetectorProcess
 from kinemode.inputs.named import PathLike
 
@@ -84,8 +84,8 @@ class Detecting:
         seen = self._people.see(self._process, picture)
         if self._person not in self._people.lost and self._person not in seen:
             self._person = max(seen, key=lambda number: _size(seen[number]), default=None)
-        return None if self._person is None else seen.get(self._person)
+        return seen[self._person]["keypoints"] if self._person in seen else None
 
 
-def _size(points: np.ndarray) -> float:
-    return float(np.hypot(*np.ptp(points[:, :2], axis=0)))
+def _size(person: Seen) -> float:
+    return float(np.hypot(*np.ptp(person["keypoints"][:, :2], axis=0)))

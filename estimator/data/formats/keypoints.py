@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,8 @@ class KeypointTrack:
     names (J): landmark of each keypoint, None where none corresponds.
     pixels (T, J, 2): [px], NaN where missing.
     confidence (T, J): 0 to 1, 0 exactly where missing.
+    world (T, J, 3): the same points in space [m], see `estimator.data.formats.keypoints_own`, NaN in frames without;
+        None where no frame has it.
     image_size: width, height [px], None where the file does not say. fps: likewise.
     notes: what was put right or is worth knowing.
     source: the file.
@@ -40,6 +43,7 @@ class KeypointTrack:
     fps: float | None = None
     notes: tuple[str, ...] = ()
     source: str = ""
+    world: np.ndarray | None = None
 
     @property
     def frame_count(self) -> int:
@@ -81,8 +85,9 @@ class PeopleFile:
         pixels, confidence = _as_arrays(reading, chosen, first)
         all_notes = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
         return KeypointTrack(
-            reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, all_notes, self.source
-        )
+            reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, all_notes, self.source,
+            _worlds(chosen, first, pixels.shape[:2]),
+        )  # fmt: skip
 
 
 def load_people(path: str | Path, *, layout: str = "auto") -> PeopleFile:
@@ -118,7 +123,10 @@ def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str,
     labels = names or tuple(name or f"keypoint_{j}" for j, name in enumerate(track.names))
     values = np.concatenate([np.nan_to_num(track.pixels), track.confidence[..., None]], axis=2)
     seen = np.any(track.confidence > 0.0, axis=1).tolist()
-    frames = [{"keypoints": v.tolist() if s else None} for v, s in zip(values, seen, strict=True)]
+    frames: list[dict[str, Any]] = [{"keypoints": v.tolist() if s else None} for v, s in zip(values, seen, strict=True)]
+    for frame, world in zip(frames, () if track.world is None else track.world, strict=False):
+        if frame["keypoints"] and np.isfinite(world).all():
+            frame["world"] = world.tolist()
     size = list(track.image_size) if track.image_size else None
     content = {"format": track.layout, "image_size": size, "fps": track.fps, "names": list(labels), "frames": frames}
     with replacing(path) as temporary:
@@ -137,6 +145,17 @@ def _as_arrays(reading: Reading, chosen: Mapping[int, Person], first: int) -> tu
         points[index] = person.points
     points = points[first:]
     return np.ascontiguousarray(points[..., :2]), np.ascontiguousarray(points[..., 2])
+
+
+def _worlds(chosen: Mapping[int, Person], first: int, shape: tuple[int, ...]) -> np.ndarray | None:
+    """World (T, J, 3) of the chosen detections, None where none has any; shape: T, J."""
+    known = {t - first: p.world for t, p in chosen.items() if t >= first and p.world is not None}
+    if not known:
+        return None
+    worlds = np.full((*shape, 3), np.nan)
+    for t, world in known.items():
+        worlds[t] = world
+    return worlds
 
 
 def _numbering_notes(reading: Reading, first: int) -> tuple[str, ...]:

@@ -17,10 +17,14 @@ LAYOUT_BY_COUNT = {3 * len(names): layout for layout, names in reversed(FORMATS.
 
 @dataclass(frozen=True)
 class Person:
-    """One detection of a person: points (J, 3) with x, y [px], NaN where missing, and confidence, 0 where missing."""
+    """One detection of a person: points (J, 3) with x, y [px], NaN where missing, and confidence, 0 where missing.
+
+    world (J, 3): the same points in space [m], see `estimator.data.formats.keypoints_own`; None where a file has none.
+    """
 
     points: np.ndarray
     id: str | None = None
+    world: np.ndarray | None = None
 
     @cached_property
     def size(self) -> float:

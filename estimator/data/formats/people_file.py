@@ -9,26 +9,28 @@ from typing import Any
 
 from humanoid.support.atomic import replacing
 
-Points = Sequence[Sequence[float]]
+PersonContent = Mapping[str, Sequence[Sequence[float]]]
+"""Of a person: keypoints (K, 3) x, y [px], confidence; perhaps world (K, 3) [m], see
+`estimator.data.formats.keypoints_own`."""
 
 
 def write_people(
     path: str | Path,
     layout: str,
     names: Sequence[str],
-    frames: Sequence[Mapping[int, Points]],
+    frames: Sequence[Mapping[int, PersonContent]],
     *,
     image_size: tuple[int, int] | None = None,
     fps: float | None = None,
     **more: Any,
 ) -> None:
-    """Write the keypoints of every frame's people, by their numbers.
+    """Write every frame's people, by their numbers.
 
     Parameters
     ----------
     layout: a key of `humanoid.subject.landmarks.FORMATS`. names (K): of the keypoints.
-    frames: for each frame by number (K, 3) x, y [px], confidence; a frame may be without anybody. Where there is only
-        one number in all of them, they are written as the keypoints of one person.
+    frames: for each frame the people by number; a frame may be without anybody. Where there is only one number in all
+        of them, they are written as one person.
     image_size: width, height [px]. fps: frames per second. more: further members of the file.
 
     Raises
@@ -43,9 +45,9 @@ def write_people(
         temporary.write_text(json.dumps(content, separators=(",", ":")), encoding="utf-8")
 
 
-def _of_one(people: Mapping[int, Points]) -> dict[str, Any]:
-    return {"keypoints": next((list(points) for points in people.values()), None)}
+def _of_one(people: Mapping[int, PersonContent]) -> dict[str, Any]:
+    return next((dict(person) for person in people.values()), {"keypoints": None})
 
 
-def _of_all(people: Mapping[int, Points]) -> dict[str, Any]:
-    return {"people": [{"id": number, "keypoints": list(points)} for number, points in people.items()]}
+def _of_all(people: Mapping[int, PersonContent]) -> dict[str, Any]:
+    return {"people": [{"id": number, **person} for number, person in people.items()]}

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.lifted import with_shares
 from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.newton import NewtonSettings, Problem, Step, minimise
@@ -98,10 +99,10 @@ def chosen_frames(observations: Sequence[Observation], settings: FitSettings) ->
     """Usable frames, evenly spread over the first seconds."""
     usable = [o for o in observations if enough_keypoints(o)]
     usable = [o for o in usable if o.time <= usable[0].time + settings.seconds]
-    if len(usable) <= settings.frames:
-        return usable
-    picks = np.unique(np.linspace(0, len(usable) - 1, settings.frames).round().astype(int))
-    return [usable[k] for k in picks]
+    if len(usable) > settings.frames:
+        picks = np.unique(np.linspace(0, len(usable) - 1, settings.frames).round().astype(int))
+        usable = [usable[k] for k in picks]
+    return with_shares(usable)
 
 
 def _poses(

@@ -50,6 +50,7 @@ input_stream: "square"
 input_side_packet: "model_complexity"
 output_stream: "landmarks"
 output_stream: "auxiliary"
+output_stream: "world"
 node {
   calculator: "PoseLandmarkByRoiCpu"
   input_side_packet: "MODEL_COMPLEXITY:model_complexity"
@@ -57,6 +58,7 @@ node {
   input_stream: "ROI:square"
   output_stream: "LANDMARKS:landmarks"
   output_stream: "AUXILIARY_LANDMARKS:auxiliary"
+  output_stream: "WORLD_LANDMARKS:world"
 }
 """
 FULL = 1  # the model of this complexity is in the wheel; the others would be fetched
@@ -112,7 +114,7 @@ class MediapipePose:
         return starts
 
     def look(self, picture: np.ndarray, state: dict[str, Any]) -> dict[str, Any] | None:
-        """Keypoints and next state of a person, None where there is none."""
+        """Keypoints, landmarks in space and next state of a person, None where there is none."""
         x, y, width, height, turn = state["square"]
         square = self._rect(x_center=x, y_center=y, width=width, height=height, rotation=turn)
         seen = self._landmarks.process({"image": _rgb(picture), "square": square})
@@ -123,7 +125,9 @@ class MediapipePose:
         rows, columns = picture.shape[:2]
         keypoints = [[p.x * columns, p.y * rows, p.visibility] for p in seen.landmarks.landmark]
         ends, memory = steadied([(p.x, p.y) for p in seen.auxiliary.landmark[:2]], state["memory"], (columns, rows))
-        return {"keypoints": keypoints, "state": _state(ends, memory, (columns, rows))}
+        person = {"keypoints": keypoints, "state": _state(ends, memory, (columns, rows))}
+        # MediaPipe has turned them back from the square to the picture's axes
+        return person if seen.world is None else {**person, "world": [[p.x, p.y, p.z] for p in seen.world.landmark]}
 
 
 def steadied(

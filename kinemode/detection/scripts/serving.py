@@ -4,7 +4,8 @@ A request is a line of JSON. "size": [width, height] says that the bytes of a pi
 without it the request is about the picture before. "search" asks for "starts", where people seem to be: "whole" or
 "parts" (a closer look, for people who are small), else null.
 "states" are people to look at: "people" in the answer has for each null, or its "keypoints" [x, y, confidence] in
-pixels and the "state" to look for it with in the next picture. A state has a "box" (left, top, right, bottom in shares
+pixels, perhaps their "world" [x, y, z] in metres (see `estimator.data.formats.keypoints_own`), and the "state" to look
+for it with in the next picture. A state has a "box" (left, top, right, bottom in shares
 of the picture); whatever else is in it is the detector's own.
 """
 
@@ -27,7 +28,7 @@ class Detector(Protocol):
         """States of the people who seem to be in a picture, the surest first; parts: look closely."""
 
     def look(self, picture: np.ndarray, state: dict[str, Any]) -> dict[str, Any] | None:
-        """Keypoints and next state of a person, None where there is none."""
+        """Keypoints, perhaps their world, and next state of a person, None where there is none."""
 
 
 def main(make: Any) -> None:
