@@ -2,7 +2,8 @@
 
 The films, the truth (OpenSim's inverse kinematics of markers) and the peers' answers are OpenCap's (Uhlrich et al.,
 PLOS Computational Biology 2023). Angles are the coordinates of its gait model, the pelvis' after the one turn that fits
-the clip; own: with each angle's mean error of the clip taken away, as models define their zeros differently.
+the clip; own: with each angle's mean error of the clip taken away, as models define their zeros differently. Then how
+often the truth lies in the run's 90 % intervals (`benchmarks.accuracy.degree_bands`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from cyclopts import Parameter
 from scipy.spatial.transform import Rotation
 
 import kinemode as km
+from benchmarks.accuracy.degree_bands import COORDINATES, calibration, central_levels
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.numerics.alignment import rotation_onto, similarity_onto
@@ -31,11 +33,15 @@ PEERS = ("peer_mono", "peer_wham")
 _SIDES = (("left", "l"), ("right", "r"))
 _PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 _LUMBAR = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
-_CALLED = {"hip_flexion": "hip_flexion", "knee_flexion": "knee_angle", "ankle_dorsiflexion": "ankle_angle"}
+_CALLED = {
+    "hip_flexion": "hip_flexion", "knee_flexion": "knee_angle", "ankle_dorsiflexion": "ankle_angle",
+    "hip_adduction": "hip_adduction", "hip_rotation": "hip_rotation", "elbow_flexion": "elbow_flex",
+}  # fmt: skip
 _OF_MODEL = {f"{side}_{ours}": f"{theirs}_{letter}" for side, letter in _SIDES for ours, theirs in _CALLED.items()}
+_LEGS = tuple(name for name in _OF_MODEL if name.endswith(("hip_flexion", "knee_flexion", "ankle_dorsiflexion")))
 GROUPS = {
     "hips": ("left_hip_flexion", "right_hip_flexion"), "knees": ("left_knee_flexion", "right_knee_flexion"),
-    "ankles": ("left_ankle_dorsiflexion", "right_ankle_dorsiflexion"), "legs": tuple(_OF_MODEL),
+    "ankles": ("left_ankle_dorsiflexion", "right_ankle_dorsiflexion"), "legs": _LEGS,
     "pelvis tilt": ("pelvis_tilt",), "lumbar": ("lumbar_extension",),
 }  # fmt: skip
 _JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
@@ -105,6 +111,14 @@ def errors(method: Motion, truth: Motion, time: np.ndarray) -> dict[str, tuple[f
     return mean | {"PA [mm]": (1e3 * float(np.mean(pa)),) * 2}
 
 
+def bands(run: Run, truth: Motion) -> dict[str, float]:
+    """How well the run's intervals hold the truth, in every third frame, which are alike otherwise."""
+    frames = np.flatnonzero((run.time >= truth.time[0]) & (run.time <= truth.time[-1]))[::3]
+    known = at(truth, run.time[frames]).angles
+    theirs = {_OF_MODEL.get(name, name): values for name, values in known.items()}
+    return calibration(central_levels(run, frames, {c: theirs[c] for c in COORDINATES.values()}))
+
+
 def main(
     *,
     films: Annotated[tuple[str, ...], Several] = FILMS,
@@ -135,6 +149,7 @@ def main(
         print("the data has no folder opencap: nothing is measured")
         return
     made = report.table("mean absolute error [deg], as it is / own zero", "film", "method", *GROUPS, "PA [mm]")
+    held = report.table("truths in 90 % intervals", "film", "all joints", "fewest", "most", "calibration error")
     figures: dict[str, Any] = {}
     for film in films:
         place = folder / "opencap" / film
@@ -156,5 +171,12 @@ def main(
             cells = [f"{mean[g][0]:.1f} / {mean[g][1]:.1f}" for g in GROUPS]
             made.add_row(film, name, *cells, f"{mean['PA [mm]'][0]:.1f}")
             figures[film][name] = {group: value.tolist() for group, value in mean.items()}
+        in_bands = [bands(run, truth) for run in runs]
+        mean_bands = {name: float(np.mean([b[name] for b in in_bands])) for name in in_bands[0]}
+        held.add_row(
+            film, *(f"{100 * mean_bands[k]:.0f} %" for k in ("90 %", "fewest", "most")), f"{mean_bands['error']:.3f}"
+        )
+        figures[film]["intervals"] = mean_bands
     report.console().print(made)
+    report.console().print(held)
     save(json, figures)

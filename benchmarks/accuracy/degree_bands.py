@@ -1,0 +1,76 @@
+"""How often true joint angles lie in the intervals that a run has for them.
+
+The truth has other zeros, and its angles are another model's: what counts is by how much the run's best pose is off in
+the gait model's coordinate, which goes up or down with the body's joint. What is left of a difference between zeros is
+part of what an interval has to hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
+from estimator.runs.marginals import Marginals
+from estimator.runs.run_file import Run
+from humanoid.kinematics.body import Body
+
+_OF_SIDE = {
+    "hip_flexion": "hip_flexion", "hip_abduction": "hip_adduction", "hip_rotation": "hip_rotation",
+    "knee_flexion": "knee_angle", "ankle_dorsiflexion": "ankle_angle", "elbow_flexion": "elbow_flex",
+}  # fmt: skip
+COORDINATES = {f"{side}_{ours}": f"{theirs}_{side[0]}" for side in ("left", "right")
+               for ours, theirs in _OF_SIDE.items()} | {
+    "lumbar_flexion": "lumbar_extension", "lumbar_lateral": "lumbar_bending", "lumbar_axial": "lumbar_rotation",
+}  # fmt: skip
+"""human34's joints, and the gait model's coordinates that tell the same."""
+LEVELS = np.linspace(0.05, 0.95, 19)
+_STEP = 0.05  # rad
+
+
+def directions(body: Body, q: np.ndarray) -> dict[str, float]:
+    """Whether the coordinate goes up, 1, or down, -1, with each joint at poses q (T, nq)."""
+    names, before = gait_coordinates(body, q, GAIT_MODELS["rajagopal"])
+    signs = {}
+    for joint, coordinate in COORDINATES.items():
+        moved = q.copy()
+        moved[:, body.model.idx_qs[body.model.getJointId(joint)]] += _STEP
+        after = gait_coordinates(body, moved, GAIT_MODELS["rajagopal"])[1]
+        signs[joint] = float(np.sign(np.mean((after - before)[:, names.index(coordinate)])))
+    return signs
+
+
+def central_levels(run: Run, frames: np.ndarray, truth: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """By joint, the probabilities (F,) of the central intervals that end at the truth; evenly spread where all is
+    right. truth: the gait model's coordinates (F,) [deg] at the frames, by their names."""
+    body, q = run.body, run.q[frames]
+    names, ours = gait_coordinates(body, q, GAIT_MODELS["rajagopal"])
+    signs, joints = directions(body, q), [j for j, c in COORDINATES.items() if c in truth]
+    places = np.array([body.model.getJointId(joint) for joint in joints])
+    off = [signs[j] * (truth[COORDINATES[j]] - ours[:, names.index(COORDINATES[j])]) for j in joints]
+    off_by = np.radians((np.transpose(off) + 180.0) % 360.0 - 180.0)
+    in_q, in_v = np.array(body.model.idx_qs)[places], np.array(body.model.idx_vs)[places]
+    below = []
+    for row, frame in enumerate(frames):
+        posterior = run.posterior(int(frame))
+        value = q[row, in_q] + off_by[row] - posterior.best[in_q]
+        below.append(_some(posterior.marginals(), in_v).cdf(value))
+    return dict(zip(joints, np.abs(2.0 * np.transpose(below) - 1.0), strict=True))
+
+
+def _some(marginals: Marginals, rows: np.ndarray) -> Marginals:
+    of = marginals
+    return Marginals(of.weight, of.mean[rows], of.std[rows], of.lean[rows], of.low[rows], of.high[rows])
+
+
+def calibration(levels: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Share of truths in the 90 % intervals, over all joints, of the joint with the fewest and with the most; and the
+    expected calibration error: mean over levels of how far the share is from the level."""
+    by_joint = {joint: float(np.mean(own <= 0.9)) for joint, own in levels.items()}
+    every = np.concatenate(list(levels.values()))
+    shares = np.array([np.mean(every <= level) for level in LEVELS])
+    return {
+        "90 %": float(np.mean(list(by_joint.values()))), "fewest": min(by_joint.values()),
+        "most": max(by_joint.values()), "error": float(np.mean(np.abs(shares - LEVELS))),
+    }  # fmt: skip
