@@ -20,7 +20,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from tests.builders import bent, body_of, inside, random_pose
 
-AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0)
+AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0, 0.0)
 
 
 def frame(q: Sequence[np.ndarray], covariance: Sequence[np.ndarray], weight: Sequence[float] = (1.0,)) -> FrameResult:
@@ -265,6 +265,19 @@ def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half
     assert calibration_error(even) == pytest.approx(0.0, abs=1e-3)
     assert coverage(even, 0.9)[0] == pytest.approx(0.9, abs=1e-3)
     assert calibration_error(np.ones(10)) == pytest.approx(0.5)
+
+
+def test_a_foot_has_a_deviation_that_frames_do_not_take_away() -> None:
+    """In its own joint alone, and not where the ankle leans on a limit."""
+    body = body_of("human34")
+    known = np.diag(np.full(body.nv, 0.01**2))
+    right = body.model.idx_vs[body.model.getJointId("right_ankle_dorsiflexion")]
+    left = body.model.idx_vs[body.model.getJointId("left_ankle_dorsiflexion")]
+    known[left, left] = 0.0
+    posterior = Posterior.of(body, frame([body.neutral], [known]), replace(AS_IT_IS, foot_std=0.2))
+    expected = known.copy()
+    expected[right, right] += 0.2**2
+    np.testing.assert_allclose(posterior.covariance[0], expected, atol=1e-12)
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -38,7 +38,13 @@ from estimator.runs.calibration import PosteriorCalibration
 from kinemode.terminal import report
 
 PLAIN = PosteriorCalibration(
-    covariance_scale=1.0, scale_spread=0.0, weight_temperature=1.0, prior_weight=1.0, limit_lean=1e-3, size_std=0.0
+    covariance_scale=1.0,
+    scale_spread=0.0,
+    weight_temperature=1.0,
+    prior_weight=1.0,
+    limit_lean=1e-3,
+    size_std=0.0,
+    foot_std=0.0,
 )
 SEEN, NOT_SEEN = "held out, but they set the stabilisers", "held out, seen by nothing (authored)"
 UNSEEN_PEOPLE = "captured motions of unseen people"

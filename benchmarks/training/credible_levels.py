@@ -73,7 +73,7 @@ def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str]
     All three kinds of regions count alike. From round to round the one change of one number to a neighbour in `TRIED`
     is made that gains most, until none does; the distance from limits is the mean of the true ones.
     """
-    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.02)
+    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.02)  # nothing here tells a foot's
     known = {best: miscoverage(best, cases)}
     while True:
         tried = [c for c in _neighbours(best) if c not in known]

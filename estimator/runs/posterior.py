@@ -69,6 +69,8 @@ class Posterior:
             _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
         ]
         covariance = c.covariance_scale * np.array(covariances)
+        feet = _foot_joints(body)
+        covariance[:, feet, feet] += np.where(covariance[:, feet, feet] > 0.0, c.foot_std**2, 0.0)
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_from is not None and body.has_free_root:
             covariance = covariance + np.array([_distance_covariance(body, mode, seen_from, c.size_std) for mode in q])
@@ -188,6 +190,12 @@ def _with_prior(
     # (known^-1 + more)^-1, without the inverse of what may be nearly singular
     posterior[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
     return 0.5 * (posterior + posterior.T)
+
+
+def _foot_joints(body: Body) -> np.ndarray:
+    """Numbers of the degrees of freedom that turn nothing but a foot: of joints that carry a heel."""
+    joints = {int(j) for name, j in zip(body.landmark_names, body.landmark_joint, strict=True) if name.endswith("heel")}
+    return np.array([body.model.idx_vs[j] for j in sorted(joints) if body.model.nvs[j] == 1], dtype=np.int64)
 
 
 def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:
