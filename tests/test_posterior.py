@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2, norm, truncnorm
 
 from benchmarks.training import credible_levels
-from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals, _cut_gaussian
@@ -18,6 +17,7 @@ from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
+from kinemode.testing.ranks import calibration_error, coverage
 from tests.builders import bent, body_of, inside, random_pose
 
 AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0, 0.0)

@@ -11,10 +11,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
-from estimator.runs.marginals import Marginals
 from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
+from kinemode.testing.ranks import calibration_error, coverage
 
 _OF_SIDE = {
     "hip_flexion": "hip_flexion", "hip_abduction": "hip_adduction", "hip_rotation": "hip_rotation",
@@ -25,7 +26,6 @@ COORDINATES = {f"{side}_{ours}": f"{theirs}_{side[0]}" for side in ("left", "rig
     "lumbar_flexion": "lumbar_extension", "lumbar_lateral": "lumbar_bending", "lumbar_axial": "lumbar_rotation",
 }  # fmt: skip
 """human34's joints, and the gait model's coordinates that tell the same."""
-LEVELS = np.linspace(0.05, 0.95, 19)
 _STEP = 0.05  # rad
 
 
@@ -49,28 +49,19 @@ def central_levels(run: Run, frames: np.ndarray, truth: Mapping[str, np.ndarray]
     signs, joints = directions(body, q), [j for j, c in COORDINATES.items() if c in truth]
     places = np.array([body.model.getJointId(joint) for joint in joints])
     off = [signs[j] * (truth[COORDINATES[j]] - ours[:, names.index(COORDINATES[j])]) for j in joints]
-    off_by = np.radians((np.transpose(off) + 180.0) % 360.0 - 180.0)
+    off_by = np.radians(wrapped_degrees(np.transpose(off)))
     in_q, in_v = np.array(body.model.idx_qs)[places], np.array(body.model.idx_vs)[places]
-    below = []
+    below, value = [], np.zeros(body.nv)
     for row, frame in enumerate(frames):
         posterior = run.posterior(int(frame))
-        value = q[row, in_q] + off_by[row] - posterior.best[in_q]
-        below.append(_some(posterior.marginals(), in_v).cdf(value))
+        value[in_v] = q[row, in_q] + off_by[row] - posterior.best[in_q]
+        below.append(posterior.marginals().cdf(value)[in_v])
     return dict(zip(joints, np.abs(2.0 * np.transpose(below) - 1.0), strict=True))
-
-
-def _some(marginals: Marginals, rows: np.ndarray) -> Marginals:
-    of = marginals
-    return Marginals(of.weight, of.mean[rows], of.std[rows], of.lean[rows], of.low[rows], of.high[rows])
 
 
 def calibration(levels: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Share of truths in the 90 % intervals, over all joints, of the joint with the fewest and with the most; and the
-    expected calibration error: mean over levels of how far the share is from the level."""
-    by_joint = {joint: float(np.mean(own <= 0.9)) for joint, own in levels.items()}
-    every = np.concatenate(list(levels.values()))
-    shares = np.array([np.mean(every <= level) for level in LEVELS])
-    return {
-        "90 %": float(np.mean(list(by_joint.values()))), "fewest": min(by_joint.values()),
-        "most": max(by_joint.values()), "error": float(np.mean(np.abs(shares - LEVELS))),
-    }  # fmt: skip
+    expected calibration error."""
+    shares = [float(coverage(own, 0.9)[0]) for own in levels.values()]
+    error = calibration_error(np.concatenate(list(levels.values())))
+    return {"90 %": float(np.mean(shares)), "fewest": min(shares), "most": max(shares), "error": error}

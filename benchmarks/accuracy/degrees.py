@@ -23,6 +23,8 @@ from benchmarks.accuracy.degree_bands import COORDINATES, calibration, central_l
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.numerics.alignment import rotation_onto, similarity_onto
+from estimator.runs.coordinate_errors import GROUPS as LEG_GROUPS
+from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.coordinates import turns_zxy
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.runs.run_file import Run
@@ -30,22 +32,14 @@ from kinemode.terminal import report
 
 FILMS = ("walk", "squat")
 PEERS = ("peer_mono", "peer_wham")
-_SIDES = (("left", "l"), ("right", "r"))
 _PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 _LUMBAR = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
-_CALLED = {
-    "hip_flexion": "hip_flexion", "knee_flexion": "knee_angle", "ankle_dorsiflexion": "ankle_angle",
-    "hip_adduction": "hip_adduction", "hip_rotation": "hip_rotation", "elbow_flexion": "elbow_flex",
-}  # fmt: skip
-_OF_MODEL = {f"{side}_{ours}": f"{theirs}_{letter}" for side, letter in _SIDES for ours, theirs in _CALLED.items()}
-_LEGS = tuple(name for name in _OF_MODEL if name.endswith(("hip_flexion", "knee_flexion", "ankle_dorsiflexion")))
-GROUPS = {
-    "hips": ("left_hip_flexion", "right_hip_flexion"), "knees": ("left_knee_flexion", "right_knee_flexion"),
-    "ankles": ("left_ankle_dorsiflexion", "right_ankle_dorsiflexion"), "legs": _LEGS,
+_OF_MODEL = {joint.replace("abduction", "adduction"): c for joint, c in COORDINATES.items() if c not in _LUMBAR}
+GROUPS = {group: tuple(name for name in names if name in _OF_MODEL) for group, names in LEG_GROUPS.items()} | {
     "pelvis tilt": ("pelvis_tilt",), "lumbar": ("lumbar_extension",),
 }  # fmt: skip
 _JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-_LIMBS = tuple(f"{side}_{joint}" for joint in _JOINTS for side, _ in _SIDES)
+_LIMBS = tuple(f"{side}_{joint}" for joint in _JOINTS for side in ("left", "right"))
 
 
 class Motion(NamedTuple):
@@ -103,7 +97,7 @@ def errors(method: Motion, truth: Motion, time: np.ndarray) -> dict[str, tuple[f
     }
     mean: dict[str, tuple[float, float]] = {}
     for group, names in GROUPS.items():
-        of_group = [(off[name] + 180.0) % 360.0 - 180.0 for name in names]
+        of_group = [wrapped_degrees(off[name]) for name in names]
         own = [np.abs(o - o.mean()).mean() for o in of_group]
         mean[group] = float(np.mean([np.abs(o).mean() for o in of_group])), float(np.mean(own))
     fits = [similarity_onto(x, y, scaled=True) for x, y in zip(ours.points, theirs.points, strict=True)]
@@ -116,7 +110,7 @@ def bands(run: Run, truth: Motion) -> dict[str, float]:
     frames = np.flatnonzero((run.time >= truth.time[0]) & (run.time <= truth.time[-1]))[::3]
     known = at(truth, run.time[frames]).angles
     theirs = {_OF_MODEL.get(name, name): values for name, values in known.items()}
-    return calibration(central_levels(run, frames, {c: theirs[c] for c in COORDINATES.values()}))
+    return calibration(central_levels(run, frames, theirs))
 
 
 def main(

@@ -39,7 +39,6 @@ from benchmarks.support.result_store import Figures, ResultStore, all_done
 from benchmarks.training.pose_prior import prior_settings
 from estimator.data.formats.settings_file import load_settings
 from humanoid.support.errors import InputError
-from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
 from kinemode.terminal import report
 
@@ -115,7 +114,7 @@ def main(
             for kind in kinds
         }  # fmt: skip
         pieces, store = [run for of in runs.values() for run in of], ResultStore(folder)
-        in_processes(clip_of, list({(run.motion, run.seed): run for run in pieces}.values()), jobs)
+        in_processes(UnseenRun.prepare, list({(run.motion, run.seed): run for run in pieces}.values()), jobs)
         results = dict(zip(pieces, all_done("unseen people", store, pieces, jobs), strict=True))
         codes = len(store.codes(pieces))
     tables = {key: means_of([(run, results[run]) for run in of]) for key, of in runs.items()}
@@ -134,11 +133,6 @@ def variant(path: Path) -> dict[str, Any]:
         problem = "the prior is that of everybody but the person tracked"
         raise InputError(path, problem, place="cost.pose_prior_file", remedy="leave it out")
     return changes
-
-
-def clip_of(run: UnseenRun) -> RenderedClip:
-    """Its clip, rendered unless it is there."""
-    return run.prepare()
 
 
 def means_of(done: Sequence[tuple[UnseenRun, Figures]]) -> dict[str, dict[str, Means]]:

@@ -31,7 +31,6 @@ from benchmarks.support.common import (
 )
 from benchmarks.support.result_store import Figures, ResultStore, all_done, removed
 from benchmarks.support.tracking import timed_track
-from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.evaluation import procrustes
 from estimator.runs.pairs import paired
@@ -40,6 +39,7 @@ from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from humanoid.support.atomic import replacing
 from kinemode.terminal import report
+from kinemode.testing.ranks import calibration_error, coverage
 
 GONE = tuple(f"{side}_{joint}" for joint in ("elbow", "wrist", "knee", "ankle") for side in ("left", "right"))
 GAP, TIMES = 15, 2  # frames, for every keypoint

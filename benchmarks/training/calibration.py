@@ -27,8 +27,6 @@ from benchmarks.training.calibration_plot import write_reliability
 from benchmarks.training.credible_levels import (
     KINDS,
     Levels,
-    calibration_error,
-    coverage,
     credible_levels_of,
     fitted_calibration,
     together,
@@ -36,6 +34,7 @@ from benchmarks.training.credible_levels import (
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
 from estimator.runs.calibration import PosteriorCalibration
 from kinemode.terminal import report
+from kinemode.testing.ranks import calibration_error, coverage
 
 PLAIN = PosteriorCalibration(
     covariance_scale=1.0,

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.support.figure_file import new_figure, write_figure
-from benchmarks.training.credible_levels import GRID, KINDS, Levels, calibration_error, coverage
+from benchmarks.training.credible_levels import KINDS, Levels
+from kinemode.testing.ranks import LEVELS, calibration_error, coverage
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}
 _COLOURS = ("#c44e52", "#1f4e79")
@@ -18,7 +19,7 @@ def write_reliability(path: Path, variants: Mapping[str, Levels], conditions: Ma
     """Coverage over level for every kind of region, as a PNG: the variants, and thin and grey the last one's
     conditions."""
     figure = new_figure(11.0, 4.0)
-    ends = np.concatenate([[0.0], GRID, [1.0]])
+    ends = np.concatenate([[0.0], LEVELS, [1.0]])
     panels = figure.subplots(1, len(KINDS), sharey=True)
     for axes, kind in zip(panels, KINDS, strict=True):
         axes.plot([0, 1], [0, 1], color="black", linewidth=0.8, linestyle="--")

@@ -12,8 +12,8 @@ from benchmarks.support.common import in_processes
 from benchmarks.training.calibration_clips import Tracked
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
+from kinemode.testing.ranks import LEVELS, coverage
 
-GRID = np.linspace(0.05, 0.95, 19)
 KINDS = ("dof", "landmark", "pose")
 TRIED = {
     "covariance_scale": (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0),
@@ -57,16 +57,6 @@ def together(parts: Iterable[Levels]) -> Levels:
     return Levels(np.concatenate(dof), np.concatenate(landmark), np.concatenate(pose))
 
 
-def coverage(levels: np.ndarray, level: float | np.ndarray) -> np.ndarray:
-    """Share of the truths (...) within their regions of the given level or levels (P,)."""
-    return np.asarray(np.mean(levels.ravel()[:, None] <= np.atleast_1d(level), axis=0))
-
-
-def calibration_error(levels: np.ndarray) -> float:
-    """Expected calibration error: mean over levels 0.05 to 0.95 of how far the coverage is from the level."""
-    return float(np.mean(np.abs(coverage(levels, GRID) - GRID)))
-
-
 def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str], None]) -> PosteriorCalibration:
     """The calibration of least mean squared distance between coverage and level on tracked clips.
 
@@ -96,9 +86,9 @@ def _neighbours(calibration: PosteriorCalibration) -> list[PosteriorCalibration]
 
 
 def miscoverage(calibration: PosteriorCalibration, cases: Sequence[Tracked]) -> float:
-    """Mean square of coverage less level on `GRID`, summed over the kinds of regions."""
+    """Mean square of coverage less level on `LEVELS`, summed over the kinds of regions."""
     pooled = together(credible_levels_of(case, calibration) for case in cases)
-    return sum(float(np.mean(np.square(coverage(getattr(pooled, k), GRID) - GRID))) for k in KINDS)
+    return sum(float(np.mean(np.square(coverage(getattr(pooled, k), LEVELS) - LEVELS))) for k in KINDS)
 
 
 def _mean_lean(cases: Sequence[Tracked]) -> float:

@@ -11,6 +11,7 @@ from estimator.energy.points import add_by_column, turn
 from estimator.energy.standing import LEAST
 from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import LORENTZIAN, rho
+from estimator.numerics.vectors import cross, dot
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
@@ -92,7 +93,7 @@ def load_soles(  # type: ignore[no-untyped-def]
     (S, 3), rise, precision, weight (S,), up (3,): see `LevelFeet`.
     """
     value = 0.0
-    d, m = np.empty(3), np.empty(3)
+    d = np.empty(3)
     for n in range(joint.shape[0]):
         climb = _climb(placements[joint[n]], along[n], up, d)
         e = climb - rise[n]
@@ -102,23 +103,22 @@ def load_soles(  # type: ignore[no-untyped-def]
         pull = stiff * e
         if exact:
             stiff += 2.0 * weight[n] * bending * precision[n] * precision[n] * e * e
-        # only turns w move d: de = up . (w x d) = w . m
-        m[0], m[1], m[2] = d[1] * up[2] - d[2] * up[1], d[2] * up[0] - d[0] * up[2], d[0] * up[1] - d[1] * up[0]
+        m = cross(d, up)  # only turns w move d: de = up . (w x d) = w . m
         i = dof_joint.shape[0] - 1
         while dof_joint[i] != joint[n]:
             i -= 1
         while i >= 0:
             w = J[i, 3:]
-            gradient[i] += pull * _dot(w, m)
+            gradient[i] += pull * dot(w, m)
             k = i
             while k >= 0:
                 v = J[k, 3:]
-                s = stiff * _dot(w, m) * _dot(v, m)
+                s = stiff * dot(w, m) * dot(v, m)
                 if exact:  # up . (v x (w x d)), v being above w; within one joint the symmetric half
-                    bent = _dot(up, w) * _dot(v, d)
+                    bent = dot(up, w) * dot(v, d)
                     if dof_joint[k] == dof_joint[i]:
-                        bent = 0.5 * (bent + _dot(up, v) * _dot(w, d))
-                    s += pull * (bent - climb * _dot(v, w))
+                        bent = 0.5 * (bent + dot(up, v) * dot(w, d))
+                    s += pull * (bent - climb * dot(v, w))
                 hessian[i, k] += s
                 if k != i:
                     hessian[k, i] += s
@@ -143,10 +143,4 @@ def sole_values(placements, joint, along, rise, up, precision, weight, values): 
 def _climb(placement, along, up, d):  # type: ignore[no-untyped-def]
     """up . d, up (3,); fills d (3,), a sole in the world."""
     turn(placement, along, d)
-    return _dot(up, d)
-
-
-@jit
-def _dot(a, b):  # type: ignore[no-untyped-def]
-    """Of vectors a, b (3,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return dot(up, d)

@@ -54,10 +54,10 @@ class JointScore:
             return JointScore(unit, np.nan, np.nan, np.nan, 0)
         bias = known.mean()
         if wraps:
-            known = _wrapped(known)
+            known = wrapped_degrees(known)
             middle = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(known)).mean()))
-            bias = _wrapped(middle + _wrapped(known - middle).mean())
-        rest = _wrapped(known - bias) if wraps else known - bias
+            bias = wrapped_degrees(middle + wrapped_degrees(known - middle).mean())
+        rest = wrapped_degrees(known - bias) if wraps else known - bias
         sizes = [f(x) for x in (known, rest) for f in (_mean_absolute, _rms)]
         return JointScore(unit, sizes[0], sizes[1], float(bias), known.size, sizes[2], sizes[3])
 
@@ -188,7 +188,8 @@ def _alone(ours: list[str], theirs: list[str]) -> tuple[str, ...]:
     return tuple(f"coordinates of the {side} alone: {listed(names)}" for side, names in said if names)
 
 
-def _wrapped(degrees: np.ndarray) -> np.ndarray:
+def wrapped_degrees(degrees: np.ndarray) -> np.ndarray:
+    """The same turns, from -180 to 180."""
     return np.mod(degrees + 180.0, 360.0) - 180.0
 
 

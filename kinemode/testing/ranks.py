@@ -10,7 +10,7 @@ from scipy.stats import chi2, kstwo
 
 _BINS = 10  # of the ranks; fewer where these would hold less than five each
 _FEWEST = 5
-_LEVELS = np.linspace(0.05, 0.95, 19)
+LEVELS = np.linspace(0.05, 0.95, 19)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,12 @@ class RankStatistics:
 
     @property
     def calibration_error(self) -> float:
-        """Mean over the levels 0.05 to 0.95 of how far the share of truths within the central interval of this
-        probability is from it, over all coordinates together."""
-        return float(np.mean(np.abs(self.coverage(_LEVELS) - _LEVELS)))
+        """See `calibration_error`: of central intervals, over all coordinates together."""
+        return calibration_error(self._levels())
 
     def coverage(self, levels: float | np.ndarray) -> np.ndarray:
         """Share of truths within the central intervals of these probabilities, over all coordinates together."""
-        return np.asarray(np.mean(self._levels().ravel() <= np.atleast_1d(levels)[:, None], axis=1))
+        return coverage(self._levels(), levels)
 
     def band(self, chance: float) -> float:
         """The `deviation` that some coordinate of a right posterior exceeds with this probability at most: Kolmogorov's
@@ -89,6 +88,17 @@ class RankStatistics:
 
     def _of_intervals(self) -> np.ndarray:
         return _distance(self._levels())
+
+
+def coverage(levels: np.ndarray, level: float | np.ndarray) -> np.ndarray:
+    """Share (P,) of truths within their regions of the given level or levels (P,); levels (...): of the smallest region
+    that has each truth in it."""
+    return np.asarray(np.mean(levels.ravel()[:, None] <= np.atleast_1d(level), axis=0))
+
+
+def calibration_error(levels: np.ndarray) -> float:
+    """Expected calibration error: mean over `LEVELS` of how far the `coverage` is from the level."""
+    return float(np.mean(np.abs(coverage(levels, LEVELS) - LEVELS)))
 
 
 def rank_statistics(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from estimator.numerics.linear import solve_definite
-from estimator.search.jumps.vectors import cross, dot, plus, turn_in_place
+from estimator.numerics.vectors import cross, dot, plus, turn_in_place
 from humanoid.support.compiled import jit
 
 EXACT = 1e-9  # m

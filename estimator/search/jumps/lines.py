@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from estimator.search.jumps.vectors import cross, dot, plus
+from estimator.numerics.vectors import cross, dot, plus
 from humanoid.support.compiled import jit
 
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from estimator.search.jumps.vectors import cross, dot, plus, rotated, times
+from estimator.numerics.vectors import cross, dot, plus, rotated, times
 from humanoid.support.compiled import jit
 
 STRAIGHT = 1e-6  # sine of the angle between two segments that leave the plane of a limb open

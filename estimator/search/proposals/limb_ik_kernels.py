@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from estimator.numerics.linear import eliminate
+from estimator.numerics.vectors import cross, dot, plus, rotated, times
 from estimator.search.jumps.descent import placed, within
 from estimator.search.jumps.subproblems import ball_turns, hinge_turns
-from estimator.search.jumps.vectors import cross, dot, plus, rotated, times
 from humanoid.support.compiled import jit
 
 EXACT = 1e-10  # m: what is farther from where it should be is not there
