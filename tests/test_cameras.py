@@ -42,11 +42,12 @@ def test_round_trip_is_exact(tmp_path: Path) -> None:
         rng.random(5) / 7,
         cameras["b"].R_camera_world,
         rng.random(3),
+        focal_std=1 / 7,
     )
     write_cameras(tmp_path / "out.json", [*cameras.values(), odd])
     again = load_cameras(tmp_path / "out.json")
     assert list(again) == ["a", "b", "c"]
-    for name in ("K", "distortion", "R_camera_world", "t_camera_world", "image_size"):
+    for name in ("K", "distortion", "R_camera_world", "t_camera_world", "image_size", "focal_std"):
         np.testing.assert_array_equal(getattr(again["c"], name), getattr(odd, name))
 
 
@@ -86,6 +87,8 @@ def test_short_forms(tmp_path: Path) -> None:
         ("t", [0.0, float("nan"), 0.0]),
         ("t", [0.0, True, None]),
         ("t", [0.0, 0.0]),
+        ("focal_std", 1.5),
+        ("focal_std", [0.1]),
     ],
 )
 def test_faults_name_their_place(tmp_path: Path, key: str, value: Any) -> None:
@@ -95,7 +98,7 @@ def test_faults_name_their_place(tmp_path: Path, key: str, value: Any) -> None:
     assert caught.value.place == f"cameras[1].{key}"
     assert caught.value.source.endswith("cameras.json")
     del wrong[key]
-    if key != "distortion":
+    if key not in ("distortion", "focal_std"):
         with pytest.raises(InputError, match=rf"cameras\[1\]\.{key}: is missing"):
             load(tmp_path, entry("a"), wrong)
 

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.stats import chi2, norm, truncnorm
 
 from benchmarks.training import credible_levels
+from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals, _cut_gaussian
@@ -20,6 +22,8 @@ from humanoid.support.errors import InputError
 from kinemode.testing.ranks import calibration_error, coverage
 from tests.builders import bent, body_of, inside, random_pose
 
+SIDEWAYS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+CENTRE = np.array([[0.0, 0.0, 319.5], [0.0, 0.0, 239.5], [0.0, 0.0, 0.0]])
 AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0, 0.0)
 
 
@@ -232,13 +236,42 @@ def test_landmarks_scatter_as_their_covariance_says() -> None:
 
 def test_a_body_of_unknown_size_may_be_nearer_or_farther_but_looks_alike() -> None:
     body = body_of("human34")
-    centre = np.array([4.0, 1.0, 1.5])
-    certain = 1e-12 * np.eye(body.nv)
-    posterior = Posterior.of(body, frame([body.neutral], [certain]), replace(AS_IT_IS, size_std=0.05), centre)
+    centre, certain = np.array([4.0, 1.0, 1.5]), 1e-12 * np.eye(body.nv)
+    camera = replace(guessed_camera("c", (640, 480)), t_camera_world=-SIDEWAYS @ centre, R_camera_world=SIDEWAYS)
+    posterior = Posterior.of(body, frame([body.neutral], [certain]), replace(AS_IT_IS, size_std=0.05), camera)
     drawn = posterior.sample(np.random.default_rng(10), 500)[:, :3] - centre
     distance = np.linalg.norm(drawn, axis=1)
     assert distance.std() / distance.mean() == pytest.approx(0.05, rel=0.1)
     assert np.allclose(drawn / distance[:, None], drawn[0] / distance[0], atol=1e-4)
+
+
+def test_a_body_by_another_focal_length_may_be_farther_and_turned_but_looks_alike() -> None:
+    body, share = body_of("human34"), 0.01
+    camera = replace(guessed_camera("c", (640, 480)), focal_std=share)
+    away = body.neutral.copy()
+    away[:3] = camera.R_camera_world.T @ np.array([4.0, -3.0, 12.0])
+    certain = 1e-15 * np.eye(body.nv)
+    covariance = Posterior.of(body, frame([away], [certain]), AS_IT_IS, camera, size_known=True).covariance[0]
+    variances, ways = np.linalg.eigh(covariance)
+    assert variances[-2] < 1e-6 * variances[-1]
+    step = np.sqrt(variances[-1]) * ways[:, -1]
+    longer = replace(camera, K=np.diag([1.0 + share, 1.0 + share, 1.0]) @ (camera.K - CENTRE) + CENTRE)
+
+    def pixels(by: Camera, v: np.ndarray) -> np.ndarray:
+        return by.project(body.landmarks(body.at(pin.integrate(body.model, away, v))))
+
+    seen, still = pixels(camera, np.zeros(body.nv)), pixels(longer, np.zeros(body.nv))
+    moved = min((pixels(longer, sign * step) for sign in (1.0, -1.0)), key=lambda p: float(np.abs(p - seen).max()))
+    assert np.abs(moved - seen).max() < 0.05 * np.abs(still - seen).max()
+
+    def looked_at_from(v: np.ndarray) -> np.ndarray:
+        posed = body.at(pin.integrate(body.model, away, v))
+        way = posed.rotations[1].T @ (camera.centre_world - posed.translations[1])
+        return np.asarray(way / np.linalg.norm(way))
+
+    straight = np.where(np.arange(body.nv) < 3, step, 0.0)
+    before, turned, shifted = looked_at_from(np.zeros(body.nv)), looked_at_from(step), looked_at_from(straight)
+    assert np.abs(turned - before).max() < 0.05 * np.abs(shifted - before).max()
 
 
 def test_temperature_evens_weights_out() -> None:

@@ -92,7 +92,7 @@ class Task:
 class Tracked:
     """A tracked clip, N of its frames: what the tracker said of them, and the true configurations (N, nq).
 
-    urdf: of the tracked body. truth_landmarks (N, L, 3) [m]: of the true one. seen_from (3,): the only camera.
+    urdf: of the tracked body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera.
     """
 
     motion: str
@@ -101,7 +101,7 @@ class Tracked:
     results: tuple[FrameResult, ...]
     truth: np.ndarray
     truth_landmarks: np.ndarray
-    seen_from: np.ndarray | None
+    seen_by: Camera | None
 
     def tracked_body(self) -> Body:
         """The body that was tracked, made anew: what is sent between processes must not carry one."""
@@ -140,9 +140,9 @@ def tracked(task: Task) -> Tracked:
     tracker = make_tracker(task.tracker, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, task.seed)]
     chosen = [t for t in range(task.every // 2, len(q), task.every) if len(results[t].weight)]
-    seen_from = cameras[0].centre_world if len(cameras) == 1 and not task.known_body else None
+    seen_by = cameras[0] if len(cameras) == 1 and not task.known_body else None
     kept = tuple(results[t] for t in chosen)
-    return Tracked(task.motion.stem, task.condition, subject.urdf, kept, q[chosen], points[chosen], seen_from)
+    return Tracked(task.motion.stem, task.condition, subject.urdf, kept, q[chosen], points[chosen], seen_by)
 
 
 def _true_noise(observations: Sequence[Observation], condition: Condition) -> float:

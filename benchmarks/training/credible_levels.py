@@ -42,7 +42,7 @@ def credible_levels_of(case: Tracked, calibration: PosteriorCalibration, seed: i
     body = case.tracked_body()
     dof, landmark, pose = [], [], []
     for result, truth, places in zip(case.results, case.truth, case.truth_landmarks, strict=True):
-        posterior = Posterior.of(body, result, calibration, case.seen_from)
+        posterior = Posterior.of(body, result, calibration, case.seen_by)
         best = posterior.best
         dof.append(posterior.marginals(best).credible_level(body.difference(best, truth)))
         landmark.append(posterior.landmark_credible_levels(rng, places[None])[0])

@@ -13,12 +13,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import logsumexp
 
+from estimator.data.cameras.camera import Camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body
 from humanoid.support.errors import InputError
 
 _FAINT = 1e-3  # modes with less weight than this are left out
@@ -45,12 +46,14 @@ class Posterior:
         body: Body,
         result: FrameResult,
         calibration: PosteriorCalibration | None = None,
-        seen_from: np.ndarray | None = None,
+        seen_by: Camera | None = None,
+        *,
+        size_known: bool = False,
     ) -> Posterior:
         """The posterior of a frame.
 
-        seen_from (3,): where the only camera is, in the world [m]; None where several see the body, or its size is
-        known.
+        seen_by: the only camera; None where several see the body, or it is parallel. size_known: whether the body is as
+        large as it is modelled, which one camera does not see.
 
         Raises
         ------
@@ -72,8 +75,9 @@ class Posterior:
         feet = _foot_joints(body)
         covariance[:, feet, feet] += np.where(covariance[:, feet, feet] > 0.0, c.foot_std**2, 0.0)
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
-        if seen_from is not None and body.has_free_root:
-            covariance = covariance + np.array([_distance_covariance(body, mode, seen_from, c.size_std) for mode in q])
+        if seen_by is not None and body.has_free_root:
+            size_std = 0.0 if size_known else c.size_std
+            covariance = covariance + np.array([_distance_covariance(body, mode, seen_by, size_std) for mode in q])
         return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
@@ -208,10 +212,19 @@ def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float)
     return lean
 
 
-def _distance_covariance(body: Body, q: np.ndarray, centre: np.ndarray, size_std: float) -> np.ndarray:
-    """Covariance (nv, nv) of the root along its viewing ray: a body twice as large, twice as far away, looks alike."""
-    placement = body.at(q)
-    ray = placement.rotations[1].T @ (placement.translations[1] - centre)
-    covariance = np.zeros((body.nv, body.nv))
-    covariance[:3, :3] = size_std**2 * np.outer(ray, ray)
-    return covariance
+def _distance_covariance(body: Body, q: np.ndarray, camera: Camera, size_std: float) -> np.ndarray:
+    """Covariance (nv, nv) of the root by what one camera cannot see.
+
+    A body of another size, as much farther away, looks alike. So does one by a longer focal length, farther away along
+    the optical axis and turned with the ray that it is seen along, as far as perspective within the body is small.
+    """
+    posed = body.at(q)
+    R_camera_root = camera.R_camera_world @ posed.rotations[1]
+    place = camera.R_camera_world @ posed.translations[1] + camera.t_camera_world
+    farther = np.array([0.0, 0.0, place[2]])  # by the focal length's own share of itself
+    turn = np.cross(place, farther) / (place @ place)  # of the ray to it
+    modes = np.zeros((2, body.nv))
+    modes[0, ROOT_PLACE_V] = size_std * (R_camera_root.T @ place)
+    modes[1, ROOT_PLACE_V] = camera.focal_std * (R_camera_root.T @ farther)
+    modes[1, ROOT_TURN_V] = camera.focal_std * (R_camera_root.T @ turn)
+    return np.asarray(modes.T @ modes)

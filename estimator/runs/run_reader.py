@@ -343,9 +343,9 @@ class Run(Summarised):
         Raises InputError where the frame has no hypotheses.
         """
         cameras = self.header.cameras
-        alone = len(cameras) == 1 and self.header.subject_source in BUILT_IN
-        seen_from = cameras[0].centre_world if alone and not cameras[0].parallel else None  # which tells the size
-        return Posterior.of(self.body, self.result(i), calibration, seen_from)
+        alone = cameras[0] if len(cameras) == 1 and not cameras[0].parallel else None  # a parallel one tells the size
+        size_known = self.header.subject_source not in BUILT_IN
+        return Posterior.of(self.body, self.result(i), calibration, alone, size_known=size_known)
 
     @cached_property
     def spread(self) -> Spread:

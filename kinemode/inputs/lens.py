@@ -14,6 +14,9 @@ from kinemode.inputs.phones import checked_phone, phone
 PHONES = 0.74
 """Of the longer side: what calibrations of phones and tablets have in the middle, two from 0.67 to 0.91 (the lenses
 that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
+_PHONES_STD = 0.09  # of its logarithm, over these
+_MODEL_STD = 0.03  # between calibrations of one kind of lens
+_FILM_STD = 0.06  # a stated length on film is rounded, and is the photograph's: video is cropped
 _SENSOR = 1.2  # diagonal over longer side: between the sensor's 4:3 (1.25) and the film's 16:9 (1.15), which crops it
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*(mm|px)?\s*")
 _TABLE = "OpenCap's calibration of video that is neither zoomed nor stabilised"
@@ -21,9 +24,11 @@ _SHARES, _PIXELS = (0.2, 20.0), (10.0, 1e6)
 
 
 class Lens(NamedTuple):
-    """focal: length over the picture's longer side. source: who says so, for a note; empty where it is a guess."""
+    """focal: length over the picture's longer side. std: relative standard deviation of it. source: who says so, for a
+    note; empty where it is a guess."""
 
     focal: float
+    std: float
     source: str = ""
 
 
@@ -38,23 +43,24 @@ def lens_of(said: str | None, path: Path | None, longer_side: float, model: str 
     """
     if model is not None:
         chosen = checked_phone(model)
-        return Lens(chosen.focal, f"--phone ({chosen.name}: {_TABLE})")
+        return Lens(chosen.focal, _MODEL_STD, f"--phone ({chosen.name}: {_TABLE})")
     if said is not None:
-        return Lens(_written(said, longer_side), "--focal")
+        return Lens(*_written(said, longer_side), "--focal")
     tags = LensTags() if path is None else lens_tags(path)
     if tags.equivalent is not None:
-        return Lens(_of_film(tags.equivalent), f"the file ({tags.equivalent:g} mm on 35 mm film)")
+        return Lens(_of_film(tags.equivalent), _FILM_STD, f"the file ({tags.equivalent:g} mm on 35 mm film)")
     known = None if tags.model is None else phone(tags.model)
     if known is not None:
-        return Lens(known.focal, f"the phone that the file names ({known.name}: {_TABLE})")
-    return Lens(PHONES)
+        return Lens(known.focal, _MODEL_STD, f"the phone that the file names ({known.name}: {_TABLE})")
+    return Lens(PHONES, _PHONES_STD)
 
 
 def _of_film(millimetres: float) -> float:
     return millimetres / FILM_DIAGONAL * _SENSOR
 
 
-def _written(said: str, longer_side: float) -> float:
+def _written(said: str, longer_side: float) -> tuple[float, float]:
+    """Focal length over the longer side, and its relative standard deviation."""
     match = _WRITTEN.fullmatch(str(said))
     value, unit = (float(match[1]), match[2]) if match else (0.0, None)
     low, high = _PIXELS if unit == "px" else _SHARES
@@ -63,7 +69,7 @@ def _written(said: str, longer_side: float) -> float:
         problem = f"{shown(said)} is no focal length"
         remedy = "as 26mm (on 35 mm film), 1400px, or 0.72 (of the picture's longer side)"
         raise InputError("--focal", problem, remedy=remedy)
-    return focal / longer_side if unit == "px" else focal
+    return focal / longer_side if unit == "px" else focal, _FILM_STD if unit == "mm" else 0.0
 
 
 def described(lens: Lens, pixels: str, name: str) -> str:
@@ -71,6 +77,6 @@ def described(lens: Lens, pixels: str, name: str) -> str:
     if lens.source:
         return f"the focal length of {name} is {pixels}, by {lens.source}"
     return (
-        f"no camera given: a focal length of {pixels} is guessed for {name}, as most phones have; sizes and distances"
-        " depend on it: --focal or --phone says it"
+        f"no camera given: a focal length of {pixels} (+-{lens.std:.0%}) is guessed for {name}, as most phones have;"
+        " sizes and distances depend on it: --focal or --phone says it"
     )

@@ -390,7 +390,7 @@ def _cameras(
         raise InputError(track.source, "does not say the size of the image", remedy=remedy)
     aspect = known.aspects.get(name, 1.0)
     lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]), known.phone)
-    guess = guessed_camera(name, size, aspect, lens.focal)
+    guess = guessed_camera(name, size, aspect, lens.focal, lens.std)
     wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
     pixels = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
     return {name: guess}, [described(lens, pixels, name)]

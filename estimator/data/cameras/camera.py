@@ -29,6 +29,7 @@ class Camera(Summarised):
     parallel: whether it is a parallel (orthographic) camera. The pixel is then K[:2, :2] @ (x, y) + K[:2, 2] of the
         place in the camera, K's scale is in px/m, and the depth z says only what hides what: it may be negative too. It
         has no lens and no centre: all its rays are along its axis, R_camera_world[2].
+    focal_std: relative standard deviation of the focal length, zero where a calibration tells it.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Camera(Summarised):
     t_camera_world: np.ndarray
     fisheye: bool = False
     parallel: bool = False
+    focal_std: float = 0.0
 
     def _called(self) -> str:
         return self.name
@@ -167,18 +169,20 @@ class Camera(Summarised):
         return np.tile(eye, (len(points), 1)), ways / np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
 
 
-def guessed_camera(name: str, image_size: tuple[int, int], pixel_aspect: float = 1.0, focal: float = 1.2) -> Camera:
+def guessed_camera(
+    name: str, image_size: tuple[int, int], pixel_aspect: float = 1.0, focal: float = 1.2, focal_std: float = 0.0
+) -> Camera:
     """A camera without a calibration, level, at the origin.
 
     pixel_aspect: width of a pixel over its height; of the sides as they are shown the longer one counts. focal: length
-    over the longer side; 1.2 is a 45 degree lens.
+    over the longer side; 1.2 is a 45 degree lens. focal_std: see `Camera`.
     The world is then x forward (along the optical axis), y left, z up.
     """
     width, height = image_size
     f = focal * max(pixel_aspect * width, height)
     K = np.array([[f / pixel_aspect, 0.0, (width - 1) / 2.0], [0.0, f, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
+    return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3), focal_std=focal_std)
 
 
 def axis_of(up: str) -> np.ndarray:

@@ -5,7 +5,8 @@
 
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates. The
 coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
-the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre.
+the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre. "focal_std" is how far
+the focal length is off in the mean, as a share of it, where it is a guess.
 Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
 Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there says which axis of
 the world points up, where that is known (else it is found from the person). A member that is not known is refused,
@@ -31,7 +32,8 @@ _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
 _MOST_PIXELS = 16384  # on a side of an image
 _FOCAL = (1.0, 1e6)  # px
 _COEFFICIENT = 1e4
-_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "R", "t")
+_FOCAL_STD = (0.0, 1.0)
+_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "focal_std", "R", "t")
 _DERIVED = ("centre_world",)  # follows from the others
 
 
@@ -45,7 +47,8 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
         "R": camera.R_camera_world.tolist(),
         "t": camera.t_camera_world.tolist(),
     }
-    return entry | ({"fisheye": True} if camera.fisheye else {}) | ({"parallel": True} if camera.parallel else {})
+    options = {"fisheye": camera.fisheye, "parallel": camera.parallel, "focal_std": camera.focal_std}
+    return entry | {key: value for key, value in options.items() if value}
 
 
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
@@ -88,6 +91,10 @@ def camera_from_json(
     if parallel and (fisheye or np.any(distortion)):
         problem, remedy = "a parallel camera has no lens", "free its pictures of the lens first, and leave this out"
         raise InputError(source, problem, place=places["fisheye" if fisheye else "distortion"], remedy=remedy)
+    focal_std = float(shaped(entry.get("focal_std", 0.0), (), source, places["focal_std"]))
+    if not _FOCAL_STD[0] <= focal_std <= _FOCAL_STD[1]:
+        problem = "must be {:g} to {:g}, got {:g}".format(*_FOCAL_STD, focal_std)
+        raise InputError(source, problem, place=places["focal_std"])
     if alone and entry.get("R") is None and entry.get("t") is None:
         guess = guessed_camera(name, size)
         R, t = guess.R_camera_world, guess.t_camera_world
@@ -96,7 +103,7 @@ def camera_from_json(
         t = shaped(needed("t"), (3,), source, places["t"])
     for array in (K, distortion, R, t):
         array.flags.writeable = False
-    return Camera(name, size, K, distortion, R, t, fisheye, parallel)
+    return Camera(name, size, K, distortion, R, t, fisheye, parallel, focal_std)
 
 
 def _flag(entry: Mapping[str, Any], key: str, source: str | Path, place: str) -> bool:
