@@ -7,9 +7,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from builders import body_of, camera_at, observe
+from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
+from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
@@ -18,6 +19,7 @@ from estimator.trackers.paths import backtrack_results
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing.chain import FrameChain
 from humanoid.kinematics.body import Body
 
 FPS = 25.0
@@ -27,11 +29,13 @@ CAMERA = camera_at(15.0, distance=3.5)
 def energy_of(body: Body, q: np.ndarray, times: np.ndarray, motion: MotionPrior) -> float:
     """Of the motion along poses (T, nq), term by term as the prior is defined."""
     v = [body.difference(a, b) / dt for a, b, dt in zip(q, q[1:], np.diff(times), strict=False)]
-    spans = [(c - a) / 2.0 for a, c in zip(times, times[2:], strict=False)]
+    gaps, spans = np.diff(times), [(c - a) / 2.0 for a, c in zip(times, times[2:], strict=False)]
     a = [(after - before) / span for before, after, span in zip(v, v[1:], spans, strict=False)]
+    share = lambda dt: min(1.0, dt / motion.correlation)  # noqa: E731
     lorentzian = lambda e: 0.5 * motion.nu * np.log1p(np.square(e) / motion.nu).sum()  # noqa: E731
     return float(
-        sum(lorentzian(x / motion.velocity_std) for x in v) + sum(lorentzian(x / motion.acceleration_std) for x in a)
+        sum(share(dt) * lorentzian(x / motion.velocity_std) for x, dt in zip(v, gaps, strict=True))
+        + sum(share(dt) * lorentzian(x / motion.acceleration_std) for x, dt in zip(a, spans, strict=True))
     )
 
 
@@ -43,13 +47,32 @@ def test_no_other_path_has_less_energy(seed: int) -> None:
     q = [np.array([body.integrate(body.neutral, rng.normal(0.0, 0.3, body.nv)) for _ in range(k)]) for k in counts]
     energy = [rng.normal(0.0, 4.0, k) for k in counts]
     times = np.cumsum(rng.uniform(0.02, 0.1, len(counts)))
-    motion = MotionPrior(np.full(body.nv, 6.0), np.full(body.nv, 10.0))
+    motion = MotionPrior(np.full(body.nv, 6.0), np.full(body.nv, 10.0), 5.0, 0.06)
     every = {
         path: sum(e[k] for e, k in zip(energy, path, strict=True))
         + energy_of(body, np.array([m[k] for m, k in zip(q, path, strict=True)]), times, motion)
         for path in product(*(range(k) for k in counts))
     }
     assert tuple(best_path(body, q, energy, times, motion)) == min(every, key=lambda path: every[path])
+
+
+def test_smoothing_has_the_same_energy_of_motion() -> None:
+    body, rng = body_of("human34"), np.random.default_rng(7)
+    q = np.array([random_pose(body, rng) for _ in range(5)])
+    times = np.cumsum(rng.uniform(0.02, 0.1, len(q)))
+    motion = MotionPrior(np.full(body.nv, 6.0), np.full(body.nv, 10.0), 5.0, 0.06)
+    chain = FrameChain(body, [Cost(body, [])] * len(q), times, motion, 1e-3)
+    assert chain.energy(q) == pytest.approx(energy_of(body, q, times, motion), rel=1e-9)
+
+
+def test_a_movement_costs_as_much_by_a_faster_camera() -> None:
+    body, motion = body_of("human34"), MotionPrior(np.full(34, 6.0), np.full(34, 10.0), 5.0, 0.06)
+
+    def cost_at(fps: float) -> float:
+        times = np.arange(0.0, 1.0, 1.0 / fps)
+        return energy_of(body, np.array([swing(body, t) for t in times]), times, motion)
+
+    assert cost_at(200.0) == pytest.approx(cost_at(50.0), rel=0.05)
 
 
 def test_one_frame_and_two() -> None:

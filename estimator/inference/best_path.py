@@ -22,17 +22,19 @@ def best_path(
     """
     if len(q) == 1:
         return np.array([int(np.argmin(energy[0]))])
-    velocity = _velocities(body, q[0], q[1], times[1] - times[0])
+    dt = float(times[1] - times[0])
+    velocity = _velocities(body, q[0], q[1], dt)
     # least[j, k]: energy of the best beginning that ends in modes j and k of the last two frames
-    least = energy[0][:, None] + energy[1][None, :] + motion.velocity_energy(velocity)
+    least = energy[0][:, None] + energy[1][None, :] + motion.velocity_energy(velocity, dt)
     chosen: list[np.ndarray] = []  # for each frame from the third: which mode came before j and k
     for t in range(2, len(q)):
-        before, velocity = velocity, _velocities(body, q[t - 1], q[t], times[t] - times[t - 1])
-        span = 0.5 * (times[t] - times[t - 2])
+        dt = float(times[t] - times[t - 1])
+        before, velocity = velocity, _velocities(body, q[t - 1], q[t], dt)
+        span = float(0.5 * (times[t] - times[t - 2]))
         acceleration = (velocity[None] - before[:, :, None]) / span  # (i, j, k, nv)
-        total = least[:, :, None] + motion.acceleration_energy(acceleration)
+        total = least[:, :, None] + motion.acceleration_energy(acceleration, span)
         chosen.append(np.argmin(total, axis=0))
-        least = total.min(axis=0) + motion.velocity_energy(velocity) + energy[t][None, :]
+        least = total.min(axis=0) + motion.velocity_energy(velocity, dt) + energy[t][None, :]
     path = list(np.unravel_index(int(np.argmin(least)), least.shape))
     for before_pair in reversed(chosen):
         path.insert(0, before_pair[path[0], path[1]])

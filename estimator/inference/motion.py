@@ -11,20 +11,27 @@ class MotionPrior(NamedTuple):
     """Energy of velocities and accelerations in the tangent space, every degree of freedom by itself.
 
     velocity_std (nv,) [per second], acceleration_std (nv,) [per second squared]: standard deviations. nu: of the
-    Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible.
+    Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible. correlation [s]: how long a
+    movement lasts; what follows sooner counts as much less as it is sooner, or every frame of a faster camera would
+    count as a movement of its own. 0: each counts in full.
     """
 
     velocity_std: np.ndarray
     acceleration_std: np.ndarray
     nu: float = 8.0
+    correlation: float = 0.0
 
-    def velocity_energy(self, v: np.ndarray) -> np.ndarray:
-        """Energy (...) of velocities (..., nv)."""
-        return self._energy(v / self.velocity_std)
+    def share(self, dt: float) -> float:
+        """How much a movement counts that follows `dt` seconds after another."""
+        return min(1.0, dt / self.correlation) if self.correlation > 0.0 else 1.0
 
-    def acceleration_energy(self, a: np.ndarray) -> np.ndarray:
-        """Energy (...) of accelerations (..., nv)."""
-        return self._energy(a / self.acceleration_std)
+    def velocity_energy(self, v: np.ndarray, dt: float) -> np.ndarray:
+        """Energy (...) of velocities (..., nv) over `dt` seconds."""
+        return self.share(dt) * self._energy(v / self.velocity_std)
+
+    def acceleration_energy(self, a: np.ndarray, dt: float) -> np.ndarray:
+        """Energy (...) of accelerations (..., nv) that last `dt` seconds."""
+        return self.share(dt) * self._energy(a / self.acceleration_std)
 
     def _energy(self, e: np.ndarray) -> np.ndarray:
         energy: np.ndarray = 0.5 * self.nu * np.log1p(np.square(e) / self.nu).sum(axis=-1)

@@ -50,7 +50,7 @@ class FrameChain:
         tolerance: float,
         ties: Sequence[Ties] | None = None,
     ) -> None:
-        self._body, self._costs, self._tolerance, self._nu = body, costs, tolerance, motion.nu
+        self._body, self._costs, self._tolerance, self._prior = body, costs, tolerance, motion
         self._ties: Sequence[Ties] = ties if ties is not None else [()] * (len(costs) - 1)
         self._dt = np.maximum(np.diff(times), SHORTEST_STEP)
         self._velocity_precision = 1.0 / np.square(motion.velocity_std)
@@ -100,13 +100,15 @@ class FrameChain:
         for t, dt in enumerate(self._dt):
             v = pin.difference(model, q[t], q[t + 1]) / dt
             J0, J1 = (x / dt for x in pin.dDifference(model, q[t], q[t + 1]))
-            energy += self._add(v, self._velocity_precision, {t: J0, t + 1: J1}, gradient, blocks)
+            share = self._prior.share(dt)
+            energy += self._add(v, self._velocity_precision, share, {t: J0, t + 1: J1}, gradient, blocks)
             if before is not None:
                 span = 0.5 * (dt + self._dt[t - 1])
                 v_before, J0_before, J1_before = before
                 parts = {t - 1: -J0_before / span, t: (J0 - J1_before) / span, t + 1: J1 / span}
                 e = (v - v_before) / span
-                energy += self._add(e, self._acceleration_precision, parts, gradient, blocks)
+                share = self._prior.share(span)
+                energy += self._add(e, self._acceleration_precision, share, parts, gradient, blocks)
             before = v, J0, J1
         return energy
 
@@ -114,13 +116,17 @@ class FrameChain:
         self,
         e: np.ndarray,
         precision: np.ndarray,
+        share: float,
         parts: dict[int, np.ndarray],
         gradient: np.ndarray,
         blocks: np.ndarray,
     ) -> float:
-        """Add the prior of e (nv,), which depends on the frames in `parts` through their Jacobians (nv, nv)."""
+        """Add a share of the prior of e (nv,), which depends on the frames in `parts` through their Jacobians
+        (nv, nv)."""
         pull, weight = np.empty_like(e), np.empty_like(e)
-        value: float = robust_square(e, precision, LORENTZIAN, self._nu, False, pull, weight)
+        value: float = share * robust_square(e, precision, LORENTZIAN, self._prior.nu, False, pull, weight)
+        pull *= share
+        weight *= share
         for t, J in parts.items():
             gradient[t] += J.T @ pull
             for s, K in parts.items():

@@ -15,18 +15,21 @@ class SmoothSettings:
 
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
     accelerations of joints, scaled by their quickness, of the root's orientation and of its position. The velocities'
-    are those of the transition (`CostSettings`). iterations: Newton steps at most. tolerance: energy a step must gain.
-    window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked at, how
-    often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy
-    that a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
-    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame. enabled: off
-    leaves the path as the tracker chose it.
+    are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let fast movements be.
+    correlation [s]: how long a movement lasts, see `MotionPrior`. iterations: Newton steps at most. tolerance: energy a
+    step must gain. window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are
+    looked at, how often at most their features are assigned, and flow is followed, anew at the smoothed poses;
+    round_gain: energy that a round must gain for another; renewed: for how many frames at once, whose cues are kept in
+    memory. lag, lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame.
+    enabled: off leaves the path as the tracker chose it.
     """
 
     enabled: bool = True
     turn_acceleration: float = setting(10.0, above=0)
     root_turn_acceleration: float = setting(5.0, above=0)
     root_slide_acceleration: float = setting(2.5, above=0)
+    nu: float = setting(8.0, above=0)
+    correlation: float = setting(0.0, at_least=0)
     iterations: int = setting(30, at_least=1)
     tolerance: float = setting(1e-3, at_least=0, tiny=True)
     window: int = setting(240, at_least=1)
@@ -40,4 +43,4 @@ class SmoothSettings:
         """The motion prior of a body."""
         turn, root_turn, root_slide = self.turn_acceleration, self.root_turn_acceleration, self.root_slide_acceleration
         acceleration_std = model.quickness * per_dof(model.body, turn, root_turn, root_slide)
-        return MotionPrior(model.transition_std(1.0), acceleration_std)
+        return MotionPrior(model.transition_std(1.0), acceleration_std, self.nu, self.correlation)
