@@ -195,6 +195,12 @@ MEASURES = (
         (NOTHING,),
     ),
     Measure(
+        "benchmarks.accuracy.foot_contact",
+        "When feet stand, by markers on heels and toes, against force plates.",
+        "F1 0.9",
+        (OPENCAP,),
+    ),
+    Measure(
         "benchmarks.accuracy.outline",
         "Widths of the body's outline beside those of beam4cam's silhouettes, across limbs, hips and head.",
         "",

@@ -1,0 +1,96 @@
+"""When feet stand, by markers on heels and toes, against force plates.
+
+The trials are of a person of OpenCap's validation (Uhlrich et al., PLOS Computational Biology 2023; as published with
+nimblephysics). A foot stands by the plates where more than 20 N act nearer to it than to the other foot, and by the
+markers where any of its three stands with a probability above a half. Sitting unloads feet that touch the floor.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.support.common import Data, Json, data_folder, save
+from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
+from estimator.inference.foot_contact import foot_contact
+from humanoid.support.errors import InputError
+from kinemode.terminal import report
+
+TRIALS = ("walking1", "walkingTS1", "STS1", "squats1")
+MARKERS = {"left": ("L_calc", "L_toe", "L_5meta"), "right": ("r_calc", "r_toe", "r_5meta")}
+_LOADED = 20.0  # N
+_LOWEST = 2.0  # percentile of a marker's height: it is on a shoe, not under it
+_MOST_OFF = 0.25  # s between an event of the plates and ours
+
+
+class PlateAgreement(NamedTuple):
+    """f1: of frames that stand. events: how many of the plates'. off [s]: of ours nearest to each, ours minus theirs,
+    NaN where none is near."""
+
+    f1: float
+    events: int
+    off: np.ndarray
+
+
+def agreements(folder: Path, trial: str) -> dict[str, PlateAgreement]:
+    """Of both feet of a trial, by side."""
+    markers = read_trc(folder / f"{trial}.trc")
+    sides = {side: _points(markers, names) for side, names in MARKERS.items()}
+    loaded = _loaded(folder / f"{trial}_grf.mot", markers.time, sides)
+    points = np.concatenate(list(sides.values()), axis=1)
+    points[..., 2] -= np.nanpercentile(points[..., 2], _LOWEST, axis=0)
+    kind = np.tile(np.arange(3), 2)
+    standing = foot_contact(points, markers.time, kind, np.array([0.0, 0.0, 1.0])).standing.reshape(-1, 2, 3)
+    ours = dict(zip(sides, (standing.max(axis=2) > 0.5).T, strict=True))
+    return {side: _agreement(ours[side], loaded[side], markers.time) for side in sides}
+
+
+def _points(markers: MarkerFile, names: tuple[str, ...]) -> np.ndarray:
+    return markers.points[:, [markers.names.index(name) for name in names]]
+
+
+def _loaded(path: Path, time: np.ndarray, sides: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Whether each foot is loaded, (T,)."""
+    forces, times = read_mot(path)
+    middle = np.array([points.mean(axis=1)[:, :2] for points in sides.values()])
+    load = np.zeros((len(sides), len(time)))
+    plates = [name.removesuffix("_vy") for name in forces.names if name.endswith("_vy")]
+    for plate in plates:
+        column = [forces.values[:, forces.names.index(f"{plate}_{axis}")] for axis in ("vy", "px", "py", "pz")]
+        force, *place = (np.interp(time, times, values) for values in column)
+        at = (np.stack(place, axis=1) @ R_OPENSIM_WORLD)[:, :2]
+        nearest = np.argmin(np.linalg.norm(middle - at, axis=2), axis=0)
+        load[nearest, np.arange(len(time))] += force
+    return dict(zip(sides, load > _LOADED, strict=True))
+
+
+def _agreement(ours: np.ndarray, theirs: np.ndarray, time: np.ndarray) -> PlateAgreement:
+    events = [np.flatnonzero(np.diff(each.astype(int))) for each in (ours, theirs)]
+    kinds = [each[index + 1] for each, index in zip((ours, theirs), events, strict=True)]
+    off = np.full(len(events[1]), np.nan)
+    for k, (index, rises) in enumerate(zip(events[1], kinds[1], strict=True)):
+        alike = time[events[0][kinds[0] == rises]] - time[index]
+        if len(alike) and np.abs(alike).min() <= _MOST_OFF:
+            off[k] = alike[np.argmin(np.abs(alike))]
+    return PlateAgreement(float(2.0 * (ours & theirs).sum() / (ours.sum() + theirs.sum())), len(off), off)
+
+
+def main(*, data: Data = None, json: Json = None) -> None:
+    """Print how well standing by markers agrees with force plates, trial by trial."""
+    folder = data_folder(data)
+    folder = None if folder is None else folder / "opencap" / "subject4"
+    if folder is None or not folder.is_dir():
+        raise InputError("data", "there is no opencap/subject4", remedy="--data DIR or KINEMODE_DATA names the folder")
+    table = report.table("standing by markers against force plates", "trial", "foot", "F1", "events", "off [ms]")
+    figures: dict[str, dict[str, object]] = {}
+    for trial in TRIALS:
+        for side, agreement in agreements(folder, trial).items():
+            off = [f"{1e3 * x:.0f}" if np.isfinite(x) else "none" for x in agreement.off]
+            table.add_row(trial, side, f"{agreement.f1:.3f}", str(agreement.events), ", ".join(off[:8]))
+            figures[f"{trial} {side}"] = {"f1": agreement.f1, "off": agreement.off.tolist()}
+    report.console().print(table)
+    scores = [float(str(each["f1"])) for each in figures.values()]
+    print(f"F1 {np.mean(scores):.3f} in the mean, {min(scores):.3f} at least; target 0.9")
+    save(json, figures)

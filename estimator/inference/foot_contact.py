@@ -1,0 +1,88 @@
+"""When points of the feet stand, by how fast they are and how high: a chain of two states for each point, standing and
+moving, forwards and backwards (Rabiner, A tutorial on hidden Markov models, Proceedings of the IEEE 77(2), 1989)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.inference.ground import Ground, fitted_ground
+
+_SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands, rolling over it included, and moves
+_LOW, _RAISED = 0.03, 0.15  # m: of the height above the floor, of what stands and what moves
+_ELSEWHERE, _REACH = 0.05, 0.5  # share of standing on something else, within so many metres
+_MOVING, _STANDING = 0.4, 0.6  # s: how long either lasts in the mean
+_CORRELATION = 0.05  # s: frames nearer than that say the same
+_HALF = 0.034  # s, to either side, over which a speed is told
+_TINY = 1e-9  # s
+_ROUNDS = 2
+
+
+class FootContact(NamedTuple):
+    """standing (T, P): probability that each point stands. floor: None where nothing stands."""
+
+    standing: np.ndarray
+    floor: Ground | None
+
+
+def foot_contact(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.ndarray) -> FootContact:
+    """Which points of the feet stand, and the floor that they stand on.
+
+    points (T, P, 3) [m], NaN where missing, at times (T,) [s], rising. kind (P,): see `fitted_ground`. up (3,): unit
+    vector in their world. At first speeds alone tell, then heights above the floor that follows from them as well. What
+    rests elsewhere, as on a box or a stair, may stand.
+    """
+    standing = standing_probability(points, time)
+    floor = None
+    for _ in range(_ROUNDS):
+        floor = fitted_ground(points, standing, kind, up)
+        if floor is None:
+            break
+        standing = standing_probability(points, time, floor.heights(points, kind))
+    return FootContact(standing, floor)
+
+
+def standing_probability(points: np.ndarray, time: np.ndarray, height: np.ndarray | None = None) -> np.ndarray:
+    """Probability (T, P) that points (T, P, 3) [m] stand, at times (T,) [s]; height (T, P) [m]: above the floor, if one
+    is known. A point that is missing is told by what it does before and after."""
+    if len(time) < 2:
+        return np.full(points.shape[:2], 0.5)
+    log = _log_likelihood(_speeds(points, time), height)
+    log *= np.minimum(1.0, np.gradient(time) / _CORRELATION)[:, None, None]
+    return _smoothed(np.where(np.isfinite(log), log, 0.0), np.diff(time))
+
+
+def _speeds(points: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """(T, P) [m/s], by central differences over at least a frame to either side."""
+    frames, last = np.arange(len(time)), len(time) - 1
+    first = np.minimum(np.searchsorted(time, time - _HALF - _TINY), np.maximum(frames - 1, 0))
+    end = np.maximum(np.searchsorted(time, time + _HALF + _TINY, side="right") - 1, np.minimum(frames + 1, last))
+    away = np.linalg.norm(points[end] - points[first], axis=2)
+    return np.asarray(away / (time[end] - time[first])[:, None])
+
+
+def _log_likelihood(speed: np.ndarray, height: np.ndarray | None) -> np.ndarray:
+    """Of moving and standing (T, P, 2), by speeds (T, P) and heights (T, P)."""
+    moving, standing = (-0.5 * np.square(speed / std) - 3.0 * np.log(std) for std in (_SWING, _SLIP))
+    if height is not None:
+        above = np.maximum(height, 0.0)
+        on_floor = np.exp(-0.5 * np.square(above / _LOW)) / _LOW
+        standing = standing + np.log((1.0 - _ELSEWHERE) * on_floor + _ELSEWHERE / _REACH)
+        moving = moving - 0.5 * np.square(above / _RAISED) - np.log(_RAISED)
+    return np.stack([moving, standing], axis=2)
+
+
+def _smoothed(log: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Probability (T, P) of the second state by the log likelihoods (T, P, 2) of all frames, `gaps` (T - 1,) [s]
+    apart."""
+    leave = 1.0 - np.exp(-gaps[:, None] / (_MOVING, _STANDING))
+    change = np.log([[1.0 - leave[:, 0], leave[:, 0]], [leave[:, 1], 1.0 - leave[:, 1]]])  # from, to, gap
+    forward, backward = log.copy(), np.zeros_like(log)
+    for t in range(1, len(log)):
+        forward[t] += np.logaddexp.reduce(forward[t - 1][:, :, None] + change[:, :, t - 1], axis=1)
+    for t in range(len(log) - 2, -1, -1):
+        ahead = log[t + 1] + backward[t + 1]
+        backward[t] = np.logaddexp.reduce(ahead[:, None, :] + change[:, :, t], axis=2)
+    both = forward + backward
+    return np.asarray(np.exp(both[..., 1] - np.logaddexp(both[..., 0], both[..., 1])))

@@ -1,0 +1,75 @@
+"""The floor under a person's feet: a plane through the places where points of the feet stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_SCATTER = 0.02  # m: of what stands on one floor; what is farther off stands on a box, or does not stand
+_NU = 2.0
+_OFFSET = 0.02  # m: of a kind of point above the sole, from kind to kind
+_TILT = 0.02  # rad: of the floor, and of what is taken for up
+_EFFECTIVE = 20.0  # places at most that count, as a point that stands is seen in many frames
+_FEWEST = 5
+_ROUNDS = 30
+_LOWEST = 20.0  # percentile to begin with
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The plane normal . x = height in the world.
+
+    normal (3,): unit vector, upwards. height, std [m]: along it, and its standard deviation. above (K,) [m]: how much
+    higher each kind of point is when it stands.
+    """
+
+    normal: np.ndarray
+    height: float
+    std: float
+    above: np.ndarray
+
+    def heights(self, points: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """How far points (..., P, 3) of kinds (P,) are above where they would stand [m], (..., P)."""
+        return np.asarray(points @ self.normal - self.height - self.above[kind])
+
+
+def fitted_ground(
+    points: np.ndarray, standing: np.ndarray, kind: np.ndarray, up: np.ndarray, tilt: float = _TILT
+) -> Ground | None:
+    """The floor of points (T, P, 3) [m], NaN where missing, that stand with probabilities (T, P); None where fewer than
+    five places stand.
+
+    kind (P,): 0, 1, ... of points that are as far above the sole as each other, such as both heels. up (3,): unit
+    vector; tilt [rad]: standard deviation of the floor from level. Iterated least squares with Student's tails.
+    """
+    known = np.isfinite(points).all(axis=2) & (standing > 0.5)
+    if known.sum() < _FEWEST:
+        return None
+    places, weight, kinds = points[known], standing[known], np.tile(kind, (len(points), 1))[known]
+    across = _across(up)
+    middle = np.average(places, axis=0, weights=weight)
+    offsets = np.eye(int(kind.max()) + 1)[kinds]
+    rows = np.column_stack([np.ones(len(places)), (places - middle) @ across.T, offsets])
+    height = (places - middle) @ up
+    prior = np.diag([0.0, *2 * [tilt**-2.0], *offsets.shape[1] * [_OFFSET**-2.0]])
+    share = min(1.0, _EFFECTIVE / len(places)) / _SCATTER**2
+    x = np.zeros(rows.shape[1])
+    x[0] = np.percentile(height, _LOWEST)
+    for _ in range(_ROUNDS):
+        residual = (height - rows @ x) / _SCATTER
+        trusted = share * weight / (1.0 + np.square(residual) / _NU) ** 1.5
+        information = rows.T @ (trusted[:, None] * rows) + prior
+        x = np.linalg.solve(information, rows.T @ (trusted * height))
+    normal = up - x[1:3] @ across
+    normal /= np.linalg.norm(normal)
+    std = float(np.sqrt(np.linalg.inv(information)[0, 0]))
+    return Ground(normal, float(normal @ (middle + x[0] * up)), std, x[3:])
+
+
+def _across(up: np.ndarray) -> np.ndarray:
+    """Two unit vectors (2, 3) across up (3,) and each other."""
+    other = np.eye(3)[int(np.argmin(np.abs(up)))]
+    first = np.cross(up, other)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(up, first)])
