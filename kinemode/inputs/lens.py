@@ -14,7 +14,8 @@ from kinemode.inputs.phones import checked_phone, phone
 PHONES = 0.74
 """Of the longer side: what calibrations of phones and tablets have in the middle, two from 0.67 to 0.91 (the lenses
 that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
-_PHONES_STD = 0.09  # of its logarithm, over these
+PHONES_STD = 0.09
+"""Standard deviation of its logarithm over these."""
 _MODEL_STD = 0.03  # between calibrations of one kind of lens
 _FILM_STD = 0.06  # a stated length on film is rounded, and is the photograph's: video is cropped
 _SENSOR = 1.2  # diagonal over longer side: between the sensor's 4:3 (1.25) and the film's 16:9 (1.15), which crops it
@@ -52,7 +53,7 @@ def lens_of(said: str | None, path: Path | None, longer_side: float, model: str 
     known = None if tags.model is None else phone(tags.model)
     if known is not None:
         return Lens(known.focal, _MODEL_STD, f"the phone that the file names ({known.name}: {_TABLE})")
-    return Lens(PHONES, _PHONES_STD)
+    return Lens(PHONES, PHONES_STD)
 
 
 def _of_film(millimetres: float) -> float:

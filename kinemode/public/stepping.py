@@ -135,7 +135,7 @@ class Tracker:
 def _cameras(camera: Camera | None, cameras: Cameras, image_size: tuple[int, int] | None) -> tuple[Camera, ...]:
     from estimator.data.cameras.camera import Camera, guessed_camera
     from estimator.data.formats.cameras import load_cameras
-    from kinemode.inputs.lens import PHONES
+    from kinemode.inputs.lens import PHONES, PHONES_STD
 
     given = [name for name, value in (("camera", camera), ("cameras", cameras)) if value is not None]
     if len(given) > 1 or (given and image_size is not None):
@@ -149,4 +149,4 @@ def _cameras(camera: Camera | None, cameras: Cameras, image_size: tuple[int, int
         return tuple((cameras if isinstance(cameras, Mapping) else load_cameras(cameras)).values())
     if image_size is None:
         raise InputError("camera", "is needed", remedy="or image_size=(WIDTH, HEIGHT), from which one is guessed")
-    return (guessed_camera(ALONE, image_size, focal=PHONES),)
+    return (guessed_camera(ALONE, image_size, focal=PHONES, focal_std=PHONES_STD),)
