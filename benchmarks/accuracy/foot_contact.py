@@ -84,13 +84,13 @@ def main(*, data: Data = None, json: Json = None) -> None:
     if folder is None or not folder.is_dir():
         raise InputError("data", "there is no opencap/subject4", remedy="--data DIR or KINEMODE_DATA names the folder")
     table = report.table("standing by markers against force plates", "trial", "foot", "F1", "events", "off [ms]")
-    figures: dict[str, dict[str, object]] = {}
+    scores, figures = list[float](), dict[str, dict[str, object]]()
     for trial in TRIALS:
         for side, agreement in agreements(folder, trial).items():
             off = [f"{1e3 * x:.0f}" if np.isfinite(x) else "none" for x in agreement.off]
             table.add_row(trial, side, f"{agreement.f1:.3f}", str(agreement.events), ", ".join(off[:8]))
+            scores.append(agreement.f1)
             figures[f"{trial} {side}"] = {"f1": agreement.f1, "off": agreement.off.tolist()}
     report.console().print(table)
-    scores = [float(str(each["f1"])) for each in figures.values()]
     print(f"F1 {np.mean(scores):.3f} in the mean, {min(scores):.3f} at least; target 0.9")
     save(json, figures)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.numerics.axes import axes_across
+
 _SCATTER = 0.02  # m: of what stands on one floor; what is farther off stands on a box, or does not stand
 _NU = 2.0
 _OFFSET = 0.02  # m: of a kind of point above the sole, from kind to kind
@@ -47,10 +49,10 @@ def fitted_ground(
     if known.sum() < _FEWEST:
         return None
     places, weight, kinds = points[known], standing[known], np.tile(kind, (len(points), 1))[known]
-    across = _across(up)
+    axes = axes_across(up)
     middle = np.average(places, axis=0, weights=weight)
     offsets = np.eye(int(kind.max()) + 1)[kinds]
-    rows = np.column_stack([np.ones(len(places)), (places - middle) @ across.T, offsets])
+    rows = np.column_stack([np.ones(len(places)), (places - middle) @ axes, offsets])
     height = (places - middle) @ up
     prior = np.diag([0.0, *2 * [tilt**-2.0], *offsets.shape[1] * [_OFFSET**-2.0]])
     share = min(1.0, _EFFECTIVE / len(places)) / _SCATTER**2
@@ -61,15 +63,7 @@ def fitted_ground(
         trusted = share * weight / (1.0 + np.square(residual) / _NU) ** 1.5
         information = rows.T @ (trusted[:, None] * rows) + prior
         x = np.linalg.solve(information, rows.T @ (trusted * height))
-    normal = up - x[1:3] @ across
+    normal = up - axes @ x[1:3]
     normal /= np.linalg.norm(normal)
     std = float(np.sqrt(np.linalg.inv(information)[0, 0]))
     return Ground(normal, float(normal @ (middle + x[0] * up)), std, x[3:])
-
-
-def _across(up: np.ndarray) -> np.ndarray:
-    """Two unit vectors (2, 3) across up (3,) and each other."""
-    other = np.eye(3)[int(np.argmin(np.abs(up)))]
-    first = np.cross(up, other)
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(up, first)])

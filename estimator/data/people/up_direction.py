@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.numerics.axes import axes_across
+
 _NEEDED = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder"))
 _HEAD_AND_TRUNK = (
     (0.497, 0.5),
@@ -63,7 +65,7 @@ def up_direction(names: Sequence[str], points: np.ndarray, times: np.ndarray) ->
     balance, forward = _balance(place, stands)
     if balance is None:
         return None
-    axes = _across(balance)
+    axes = axes_across(balance)
     covariance = _of_balance(forward[stands] @ axes)
     slope, information = _floor(place, balance, axes, float(np.ptp(times[known])))
     spread = covariance + np.linalg.inv(information + 1e-9 * np.eye(2))
@@ -125,12 +127,6 @@ def _balance(place: Mapping[str, np.ndarray], stands: np.ndarray) -> tuple[np.nd
     near = _angle(rise, np.median(rise, axis=0)) < np.radians(45.0)  # a frame whose points were mistaken
     mean = rise[near].mean(axis=0) if near.any() else np.zeros(3)
     return (_unit(mean) if np.linalg.norm(mean) > _PARALLEL and near.mean() > _PARALLEL else None), forward
-
-
-def _across(direction: np.ndarray) -> np.ndarray:
-    """Two axes (3, 2) across a direction and each other."""
-    first = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(direction)))], direction))
-    return np.stack([first, np.cross(direction, first)], axis=1)
 
 
 def _of_balance(forward: np.ndarray) -> np.ndarray:
