@@ -20,7 +20,7 @@ from tests.tiny_clip import FEW_STARTS
 
 PRIOR, NOISE = np.array([0.3, 0.2]), np.array([0.2, 0.3])  # [rad] standard deviations of the two joints and readings
 GAIN = PRIOR**2 / (PRIOR**2 + NOISE**2)
-AS_TOLD = PosteriorCalibration(covariance_scale=1.0, scale_spread=0.0, weight_temperature=1.0, prior_weight=1.0)
+AS_TOLD = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, landmark_std=0.0)
 LAW = "ranks of the truth in the posterior are uniform"
 
 
@@ -153,7 +153,7 @@ def test_css_is_calibrated_on_an_arm(covariance_scale: float, right: bool) -> No
     cameras = [camera_at(azimuth, distance=3.0) for azimuth in (10.0, 80.0)]
     settings = settings_for("css", changes={"css": {"samples": 4, "budget": {"searches": 12}}, "search": FEW_STARTS})
     clips = simulated_clips(body, cameras, 15, frames=2, seed=4)
-    calibration = PosteriorCalibration(covariance_scale=covariance_scale)
+    calibration = PosteriorCalibration(covariance_scale=covariance_scale, landmark_std=0.0)
 
     def check() -> RankStatistics:
         return check_calibration(lambda: make_tracker("css", body, settings), clips, calibration=calibration)

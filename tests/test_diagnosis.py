@@ -20,7 +20,7 @@ from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.synthesis import keypoints
+from estimator.synthesis import DetectorSettings, keypoints
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
@@ -188,9 +188,7 @@ def crouching(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for side in ("left", "right"):
         for joint, angle in (("hip_flexion", 0.9), ("knee_flexion", 1.3), ("ankle_dorsiflexion", 0.3)):
             q[:, body.q_names.index(f"{side}_{joint}")] = angle + np.linspace(0.0, 0.2, 6)
-    tracks = keypoints(
-        body, q, CAMERAS, np.random.default_rng(0), noise_px=0.5, outlier_fraction=0.0, missing_fraction=0.0
-    )
+    tracks = keypoints(body, q, CAMERAS, np.random.default_rng(0), DetectorSettings(0.5, 0.0, 0.0))
     for camera, track in zip(CAMERAS, tracks, strict=True):
         write_keypoints(folder / f"{camera.name}.json", track)
     write_cameras(folder / "cameras.json", CAMERAS)

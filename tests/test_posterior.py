@@ -18,6 +18,7 @@ from estimator.runs.marginals import Marginals, _cut_gaussian
 from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import landmark_spread
 from humanoid.support.errors import InputError
 from kinemode.testing.ranks import calibration_error, coverage
 from tests.builders import bent, body_of, inside, random_pose
@@ -300,17 +301,36 @@ def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half
     assert calibration_error(np.ones(10)) == pytest.approx(0.5)
 
 
-def test_a_foot_has_a_deviation_that_frames_do_not_take_away() -> None:
-    """In its own joint alone, and not where the ankle leans on a limit."""
-    body = body_of("human34")
+def test_a_detector_that_marks_other_points_moves_the_pose_as_least_squares_does() -> None:
+    """Where every landmark is marked off by a bias of its own, the poses found scatter as the posterior says."""
+    body, rng = body_of("human34"), np.random.default_rng(13)
+    q, certain, std = random_pose(body, rng, share=0.6), 1e-14 * np.eye(body.nv), 1e-3
+    said = Posterior.of(body, frame([q], [certain]), replace(AS_IT_IS, landmark_std=std)).covariance[0]
+    prior = np.zeros((body.nv, body.nv))
+    Stabilisers(body).accumulate(body.at(q), np.zeros(body.nv), prior)
+    spread = landmark_spread(body.landmark_names) / landmark_spread(body.landmark_names).mean()
+    drawn = std * spread[:, None] * rng.normal(size=(400, len(spread), 3))
+    at, J = body.landmarks(body.at(q)), body.landmark_jacobians(body.at(q))
+    scaled = J / (std * spread)[:, None, None] ** 2
+    hessian = np.einsum("lia,lib->ab", scaled, J) + prior
+    moved = np.zeros((len(drawn), body.nv))
+    for i, bias in enumerate(drawn):
+        for _ in range(3):
+            off = body.landmarks(body.at(body.integrate(q, moved[i]))) - at - bias
+            moved[i] -= np.linalg.solve(hessian, np.einsum("lia,li->a", scaled, off) + prior @ moved[i])
+    off = J @ said @ J.transpose(0, 2, 1)
+    shifts = np.array([body.landmarks(body.at(body.integrate(q, v))) - at for v in moved])
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(np.square(shifts), axis=0).sum(axis=1)), np.sqrt(np.trace(off, axis1=1, axis2=2)), rtol=0.12
+    )
+    np.testing.assert_allclose(moved.std(axis=0), np.sqrt(np.diagonal(said)), rtol=0.15)
+
+
+def test_landmarks_of_no_detector_that_is_known_have_no_bias() -> None:
+    body = body_of("gripper")
     known = np.diag(np.full(body.nv, 0.01**2))
-    right = body.model.idx_vs[body.model.getJointId("right_ankle_dorsiflexion")]
-    left = body.model.idx_vs[body.model.getJointId("left_ankle_dorsiflexion")]
-    known[left, left] = 0.0
-    posterior = Posterior.of(body, frame([body.neutral], [known]), replace(AS_IT_IS, foot_std=0.2))
-    expected = known.copy()
-    expected[right, right] += 0.2**2
-    np.testing.assert_allclose(posterior.covariance[0], expected, atol=1e-12)
+    posterior = Posterior.of(body, frame([body.neutral], [known]), replace(AS_IT_IS, landmark_std=0.02))
+    np.testing.assert_array_equal(posterior.covariance[0], known)
 
 
 def test_what_cannot_be_is_refused() -> None:

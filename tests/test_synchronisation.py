@@ -15,6 +15,7 @@ from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.lags import Lags
 from estimator.data.moving_rays import at_times, averaged
 from estimator.data.synchronisation import Synchrony, synchronised
+from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH
@@ -36,7 +37,7 @@ def own_times(rate: float = RATE, seconds: float = SECONDS) -> np.ndarray:
 def seen(camera: Camera, times: np.ndarray, seed: int, *, still: bool = False) -> Any:
     """A noisy detector's keypoints of somebody who turns and reaches, at times of the common clock."""
     q = authored_motion(BODY, np.full_like(times, 1.0) if still else times, TURN_REACH)
-    return keypoints(BODY, q, [camera], np.random.default_rng(seed), noise_px=1.0)[0]
+    return keypoints(BODY, q, [camera], np.random.default_rng(seed), DetectorSettings(1.0))[0]
 
 
 def clocks(begins: list[float], rates: list[float], *, held: tuple[int, ...] = (0,), still: bool = False) -> Synchrony:

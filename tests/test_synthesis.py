@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -34,7 +35,7 @@ from estimator.vision.stereo import StereoPair
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
-from humanoid.subject.landmarks import COCO17
+from humanoid.subject.landmarks import COCO17, landmark_spread
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from tests.builders import camera_at
@@ -326,10 +327,10 @@ def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
     cameras = scene_cameras()
     order = [body.landmark_names.index(name) for name in COCO17]
     exact = np.array([cameras[1].project(body.landmarks(body.at(pose)))[order] for pose in q])
-    clean = keypoints(body, q, cameras, np.random.default_rng(0), noise_px=0.0, outlier_fraction=0, missing_fraction=0)
+    clean = keypoints(body, q, cameras, np.random.default_rng(0), DetectorSettings(0.0, 0.0, 0.0))
     np.testing.assert_allclose(clean[1].pixels, exact)
     assert clean[1].confidence.min() > 0.0
-    noisy = keypoints(body, q, cameras, np.random.default_rng(0), outlier_fraction=0.05, missing_fraction=0.1)
+    noisy = keypoints(body, q, cameras, np.random.default_rng(0), DetectorSettings(2.5, 0.05, 0.1))
     assert noisy[1].names == COCO17
     error = noisy[1].pixels - exact
     missing = np.isnan(error).any(axis=2)
@@ -338,6 +339,47 @@ def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
     wrong = np.linalg.norm(error, axis=2)[~missing] > 18.0
     assert wrong.mean() == pytest.approx(0.05, abs=0.02)
     assert np.median(np.abs(error[~missing])) / 0.6745 == pytest.approx(2.5, rel=0.15)
+
+
+def test_errors_that_last_are_as_long_and_as_wide_as_asked(body: Body, q: np.ndarray) -> None:
+    """Correlations in time and between points are e^(-t / correlation) and e^(-distance / reach)."""
+    camera, still = scene_cameras()[0], np.tile(q[:1], (4000, 1))
+    errors = DetectorSettings(2.0, 0.0, 0.0, correlation=0.1, reach=0.3)
+    (track,) = keypoints(body, still, [camera], np.random.default_rng(0), errors, fps=50.0)
+    points = body.landmarks(body.at(q[0]))[[body.landmark_names.index(name) for name in COCO17]]
+    noise = (track.pixels - camera.project(points)) / landmark_spread(COCO17)[:, None]
+    noise /= noise.std()
+    for lag in (1, 5, 10):
+        assert np.mean(noise[lag:] * noise[:-lag]) == pytest.approx(np.exp(-lag / 5.0), abs=0.03)
+    alike = np.einsum("tix,tjx->ij", noise, noise) / (2.0 * len(noise))
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    np.testing.assert_allclose(alike, np.exp(-apart / 0.3), atol=0.15)
+    assert np.mean(np.abs(alike - np.exp(-apart / 0.3))) < 0.05
+
+
+def test_a_bias_stays_in_its_link_and_is_one_for_all_cameras(body: Body, q: np.ndarray) -> None:
+    """Rays of two cameras to what a detector without noise marks meet, at one place in the landmark's link."""
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
+    cameras = [replace(camera, distortion=np.zeros(5)) for camera in framing_cameras(points, ViewSettings(count=2))]
+    errors = DetectorSettings(0.0, 0.0, 0.0, bias=0.02)
+    tracks = keypoints(body, q, cameras, np.random.default_rng(3), errors)
+    pixels = np.stack([track.pixels for track in tracks])
+    projections = np.stack([c.K @ np.c_[c.R_camera_world, c.t_camera_world] for c in cameras])
+    offsets = []
+    for t in (0, len(q) - 1):
+        posed = body.at(q[t])
+        for k, name in enumerate(COCO17):
+            joint = body.landmark_joint[body.landmark_names.index(name)]
+            rows = [
+                p[2] * x - p[i] for p, uv in zip(projections, pixels[:, t, k], strict=True) for i, x in enumerate(uv)
+            ]
+            place = np.linalg.svd(np.array(rows))[2][-1]
+            gap = place[:3] / place[3] - points[t, body.landmark_names.index(name)]
+            offsets.append(posed.rotations[joint].T @ gap)
+    first, last = np.split(np.array(offsets), 2)
+    np.testing.assert_allclose(last, first, atol=1e-8)
+    relative = first / landmark_spread(COCO17)[:, None] * landmark_spread(COCO17).mean()
+    assert relative.std() == pytest.approx(0.02, rel=0.2)
 
 
 def test_the_first_frame_is_exact_and_alone(body: Body, q: np.ndarray) -> None:

@@ -12,6 +12,7 @@ import itertools
 import numpy as np
 
 from benchmarks.support.common import Json, save
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.tracking.registry import make_tracker
 from humanoid.kinematics.body import Body
@@ -41,6 +42,7 @@ def main(
     clips: int = 100,
     frames: int = 3,
     noise: float = 2.5,
+    bias: float = PosteriorCalibration().landmark_std,
     seed: int = 0,
     json: Json = None,
 ) -> None:
@@ -58,6 +60,8 @@ def main(
         Of each clip.
     noise
         Standard deviation of the keypoints [px].
+    bias
+        Of the detector [m], see `DetectorSettings`.
     seed
         Of motions, noise, tracker and samples.
     """
@@ -69,7 +73,9 @@ def main(
     motions = {AT_REST: lambda times, rng: np.tile(pose_at_rest(body, rng), (len(times), 1)), ANYWHERE: None}
     for (kind, motion), count in itertools.product(motions.items(), (1, 2)):
         cameras = framing_cameras(points, ViewSettings(count=count, fill=0.6))
-        drawn = simulated_clips(body, cameras, clips, motion=motion, frames=frames, noise_px=noise, seed=seed)
+        drawn = simulated_clips(
+            body, cameras, clips, motion=motion, frames=frames, noise_px=noise, bias=bias, seed=seed
+        )
         ranks = check_calibration(lambda: make_tracker(tracker, body), drawn, band=1.0, seed=seed)
         (half, most), off, band = ranks.coverage(np.array([0.5, 0.9])), ranks.deviation, ranks.band(CHANCE)
         name, beyond = f"{kind}, {count}", int(np.sum(off > band))

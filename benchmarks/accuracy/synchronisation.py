@@ -18,7 +18,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.synchronisation import synchronised
 from estimator.runs.evaluation import LIMB_JOINTS
-from estimator.synthesis import ViewSettings, framing_cameras
+from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
 from estimator.synthesis.detector import of_points
 from estimator.synthesis.mocap import load_mocap
 from kinemode.terminal import report
@@ -118,7 +118,7 @@ def of_capture(rng: np.random.Generator, data: Path, kind: str) -> Views:
         own = np.arange(int(seconds[c] * rates[c])) / rates[c]
         own = own[own + begins[c] < max(mocap.seconds - 0.02, begins[c] + 0.1)]
         at = np.full(len(own), 0.5 * mocap.seconds) if kind == "still" else own + begins[c]
-        noise = (float(rng.uniform(2.0, 5.0)), 0.02, 0.03)
+        noise = DetectorSettings(float(rng.uniform(2.0, 5.0)), 0.02, 0.03)
         track = of_points(tuple(LIMB_JOINTS), "limbs", mocap.at(at)[:, limbs], camera, rng, noise, rates[c])
         cameras.append(camera)
         pixels.append(track.pixels)

@@ -23,6 +23,7 @@ from estimator.runs.joint_angle import joint_entry, joint_value
 from estimator.runs.pairs import match_frames, paired
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
+from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import of_points
 from estimator.trackers.defaults import together
 from humanoid.kinematics.body import ROOT_TURN_Q
@@ -31,7 +32,7 @@ from kinemode.rendering.files import RenderedClip
 KINDS = ("detector", "joints")
 """COCO's 17 keypoints with the errors of `benchmarks.support.mocap_person.DETECTOR`; the 12 limb joints alone with
 `JOINTS_NOISE`."""
-JOINTS_NOISE = (3.0, 0.0, 0.0)  # [px], shares of outliers and of what is missing
+JOINTS_NOISE = DetectorSettings(3.0, 0.0, 0.0)
 _STREAM = 4  # of random numbers, beside those of the clip
 GROUPS = {
     "hips": ("left_hip_flexion", "right_hip_flexion"),

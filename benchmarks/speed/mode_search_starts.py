@@ -71,6 +71,6 @@ def _clip(body: Body, name: str, frames: int | None, rng: np.random.Generator) -
     q = synthesis.authored_motion(body, times, motion)
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(azimuth=motion.azimuth))
-    tracks = synthesis.keypoints(body, q, cameras, rng, noise_px=NOISE_PX, fps=FPS)
+    tracks = synthesis.keypoints(body, q, cameras, rng, synthesis.DetectorSettings(NOISE_PX), fps=FPS)
     camera = cameras[0]
     return assemble(body, {camera.name: tracks[0]}, {camera.name: camera}, times)

@@ -121,7 +121,9 @@ def crossing(folder: Path, count: int = 12) -> dict[str, Any]:
     points = np.array([body.landmarks(body.at(each)) for each in q])
     cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(count=4))
     files = {camera.name: folder / f"{camera.name}.json" for camera in cameras}
-    for camera, track in zip(cameras, synthesis.keypoints(body, q, cameras, rng, noise_px=1.0, fps=FPS), strict=True):
+    for camera, track in zip(
+        cameras, synthesis.keypoints(body, q, cameras, rng, synthesis.DetectorSettings(1.0), fps=FPS), strict=True
+    ):
         write_keypoints(files[camera.name], track)
     write_cameras(folder / "cameras.json", cameras)
     return {"keypoints": files, "cameras": folder / "cameras.json"}

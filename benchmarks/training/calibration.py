@@ -43,7 +43,7 @@ PLAIN = PosteriorCalibration(
     prior_weight=1.0,
     limit_lean=1e-3,
     size_std=0.0,
-    foot_std=0.0,
+    landmark_std=0.0,
 )
 SEEN, NOT_SEEN = "held out, but they set the stabilisers", "held out, seen by nothing (authored)"
 UNSEEN_PEOPLE = "captured motions of unseen people"
@@ -58,6 +58,7 @@ def main(
     tracker: str = "css",
     known_body: bool = False,
     known_noise: bool = False,
+    independent: bool = False,
     fit: bool = False,
     unseen: bool = True,
     ablate: bool = False,
@@ -82,6 +83,9 @@ def main(
         Give the tracker the person's lengths instead of fitting them.
     known_noise
         Give it the true standard deviations of the keypoints.
+    independent
+        Keypoints without a bias that lasts, whose noise is independent from point to point and forgets itself within
+        two frames, as all were before.
     fit
         Fit the calibration on the training motions first; prints what belongs into `PosteriorCalibration`.
     unseen
@@ -103,7 +107,7 @@ def main(
     here = data_folder(data)
     if here is None:
         print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
-    known = partial(Task, known_body=known_body, known_noise=known_noise)
+    known = partial(Task, known_body=known_body, known_noise=known_noise, lasting=not independent)
     make = partial(known, seconds=seconds, every=every, tracker=tracker)
     with work_folder(None) as folder:
         clips = partial(_clips, data, make, prior=prior, changes=nested(changes), folder=folder, jobs=jobs)

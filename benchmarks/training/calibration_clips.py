@@ -14,7 +14,7 @@ from estimator import synthesis
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
 from estimator.data.sequence import assemble
-from estimator.synthesis import ViewSettings, framing_cameras
+from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
@@ -42,9 +42,14 @@ FPS = 30.0
 _STATURE_STD, _LENGTH_STD = 0.03, 0.03  # of the bodies drawn, as ratios
 
 
+LASTING = {"bias": 0.015, "correlation": 0.25, "reach": 0.25}
+"""A detector's errors that many frames do not average out: bias [m] of every landmark of a person; time [s] in which
+and distance [m] over which the noise is alike."""
+
+
 @dataclass(frozen=True)
 class Condition:
-    """cameras: how many. noise_px, outliers, missing: see `estimator.synthesis.detector.keypoints`."""
+    """cameras: how many. noise_px, outliers, missing: see `estimator.synthesis.DetectorSettings`."""
 
     cameras: int
     noise_px: float
@@ -74,7 +79,8 @@ class Task:
 
     motion: a BVH file, or the name of an authored motion. seconds, every: so much of it, and so many-th frames are
     looked at. known_body, known_noise: the tracker is given the body's lengths, else fits them, and the true standard
-    deviation of every keypoint instead of its own estimate. changes: to the tracker's settings.
+    deviation of every keypoint instead of its own estimate. lasting: the detector has the errors `LASTING`.
+    changes: to the tracker's settings.
     """
 
     motion: Path
@@ -85,7 +91,14 @@ class Task:
     tracker: str = "css"
     known_body: bool = False
     known_noise: bool = False
+    lasting: bool = True
     changes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def errors(self) -> DetectorSettings:
+        """Of the detector."""
+        c = self.condition
+        return DetectorSettings(c.noise_px, c.outliers, c.missing, **LASTING if self.lasting else {})
 
 
 @dataclass(frozen=True)
@@ -130,7 +143,7 @@ def tracked(task: Task) -> Tracked:
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     view = ViewSettings(count=task.condition.cameras, azimuth=float(rng.uniform(-180.0, 180.0)))
     cameras = framing_cameras(points, view)
-    observations = _observed(body, q, times, cameras, task.condition, rng)
+    observations = _observed(body, q, times, cameras, task.errors, rng)
     subject = body.subject if task.known_body else fit_person(load_subject("human34"), observations).subject
     settings = settings_for(task.tracker, changes=task.changes)
     if task.known_noise:
@@ -175,12 +188,9 @@ def _observed(
     q: np.ndarray,
     times: np.ndarray,
     cameras: Sequence[Camera],
-    condition: Condition,
+    errors: DetectorSettings,
     rng: np.random.Generator,
 ) -> list[Observation]:
-    tracks = synthesis.keypoints(
-        body, q, cameras, rng, noise_px=condition.noise_px, outlier_fraction=condition.outliers,
-        missing_fraction=condition.missing, fps=FPS,
-    )  # fmt: skip
+    tracks = synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS)
     names = [camera.name for camera in cameras]
     return assemble(body, dict(zip(names, tracks, strict=True)), dict(zip(names, cameras, strict=True)), times)

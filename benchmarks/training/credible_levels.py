@@ -17,10 +17,11 @@ from kinemode.testing.ranks import LEVELS, coverage
 KINDS = ("dof", "landmark", "pose")
 TRIED = {
     "covariance_scale": (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0),
-    "scale_spread": (0.0, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8),
+    "scale_spread": (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8),
     "weight_temperature": (1.0, 2.0, 4.0, 8.0, 16.0, 32.0),
     "prior_weight": (1.0, 1.5, 2.0, 3.0, 4.0, 6.0),
-    "size_std": (0.0, 0.01, 0.02, 0.03, 0.04),
+    "size_std": (0.0, 0.01, 0.02, 0.03, 0.04, 0.06),
+    "landmark_std": (0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03),
 }
 
 
@@ -63,7 +64,7 @@ def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str]
     All three kinds of regions count alike. From round to round the one change of one number to a neighbour in `TRIED`
     is made that gains most, until none does; the distance from limits is the mean of the true ones.
     """
-    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.02)  # nothing here tells a foot's
+    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.03, 0.02)
     known = {best: miscoverage(best, cases)}
     while True:
         tried = [c for c in _neighbours(best) if c not in known]

@@ -8,7 +8,7 @@ import numpy as np
 
 from humanoid.support.errors import InputError
 
-_LOWEST = {"scale_spread": 0.0, "size_std": 0.0, "foot_std": 0.0, "prior_weight": 1.0}
+_LOWEST = {"scale_spread": 0.0, "size_std": 0.0, "landmark_std": 0.0, "prior_weight": 1.0}
 
 
 @dataclass(frozen=True)
@@ -22,22 +22,23 @@ class PosteriorCalibration:
     covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these say.
     limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of
     the body's size, which one camera cannot see; it is an uncertainty of the distance, and counts only where the
-    posterior is given where the camera is. foot_std [rad]: of how a person's foot lies between what a detector marks as
-    heel and toes, in shoes or not: two films with markers have marks 2 cm apart from person to person, on a sole of
-    21 cm; it is an uncertainty of the ankle that no number of frames takes away.
+    posterior is given where the camera is. landmark_std [m]: of how far from a landmark a detector marks a
+    person, in all frames alike, averaged over the landmarks by their spread (`landmark_spread`), for names that
+    detectors of people have; it is an uncertainty that no number of frames takes away, least of all from a foot, whose
+    marks are near each other. A detector without such a bias, as a simulated one may be, has 0.
 
     Raises
     ------
-    InputError: a number that is not positive (`size_std` and `scale_spread` may be zero), `prior_weight` below 1.
+    InputError: a number that is not positive (`scale_spread` and the last two may be zero), `prior_weight` below 1.
     """
 
     covariance_scale: float = 1.0
-    scale_spread: float = 0.4
-    weight_temperature: float = 4.0
+    scale_spread: float = 0.2
+    weight_temperature: float = 8.0
     prior_weight: float = 2.0
     limit_lean: float = 0.05
-    size_std: float = 0.01
-    foot_std: float = 0.1
+    size_std: float = 0.03
+    landmark_std: float = 0.025
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

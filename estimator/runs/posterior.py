@@ -20,8 +20,10 @@ from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body
+from humanoid.subject.landmarks import landmark_name, landmark_spread
 from humanoid.support.errors import InputError
 
+_LEAST = 1e-6  # precision of what neither landmarks nor rest positions hold
 _FAINT = 1e-3  # modes with less weight than this are left out
 _NODES = np.array(np.polynomial.hermite_e.hermegauss(7)).T / (1.0, np.sqrt(2.0 * np.pi))  # of a standard normal
 
@@ -72,8 +74,10 @@ class Posterior:
             _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
         ]
         covariance = c.covariance_scale * np.array(covariances)
-        feet = _foot_joints(body)
-        covariance[:, feet, feet] += np.where(covariance[:, feet, feet] > 0.0, c.foot_std**2, 0.0)
+        if c.landmark_std > 0.0:
+            covariance += [
+                _bias_covariance(prior, body, *mode, c.landmark_std) for mode in zip(q, covariance, strict=True)
+            ]
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_by is not None and body.has_free_root:
             size_std = 0.0 if size_known else c.size_std
@@ -196,10 +200,27 @@ def _with_prior(
     return 0.5 * (posterior + posterior.T)
 
 
-def _foot_joints(body: Body) -> np.ndarray:
-    """Numbers of the degrees of freedom that turn nothing but a foot: of joints that carry a heel."""
-    joints = {int(j) for name, j in zip(body.landmark_names, body.landmark_joint, strict=True) if name.endswith("heel")}
-    return np.array([body.model.idx_vs[j] for j in sorted(joints) if body.model.nvs[j] == 1], dtype=np.int64)
+def _bias_covariance(
+    stabilisers: Stabilisers, body: Body, q: np.ndarray, covariance: np.ndarray, std: float
+) -> np.ndarray:
+    """Covariance (nv, nv) of a mode by how far a detector marks this person from the landmarks, in every frame alike.
+
+    What least squares makes of the landmarks' biases, drawn towards the rest positions, wherever the mode is free.
+    """
+    free = np.flatnonzero(np.diagonal(covariance) > 0.0)
+    known = [i for i, name in enumerate(body.landmark_names) if landmark_name(name) is not None]
+    moved = np.zeros_like(covariance)
+    if len(known) and len(free):
+        posed = body.at(q)
+        spread = landmark_spread([body.landmark_names[i] for i in known])
+        prior = np.zeros((body.nv, body.nv))
+        stabilisers.accumulate(posed, np.zeros(body.nv), prior)
+        J = body.landmark_jacobians(posed)[known][:, :, free] * (spread.mean() / (std * spread))[:, None, None]
+        seen = np.einsum("lia,lib->ab", J, J)
+        block = np.ix_(free, free)
+        gain = np.linalg.solve(seen + prior[block] + _LEAST * np.eye(len(free)), J.reshape(-1, len(free)).T)
+        moved[block] = gain @ gain.T
+    return moved
 
 
 def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:

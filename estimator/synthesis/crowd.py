@@ -10,6 +10,7 @@ import pinocchio as pin
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints_people import Person
 from estimator.synthesis.detector import keypoints
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import ROOT_Q, Body
 
 
@@ -42,7 +43,7 @@ def crowd(
     """
     detections: dict[str, list[list[tuple[int, Person]]]] = {c.name: [[] for _ in people[0]] for c in cameras}
     for number, q in enumerate(people):
-        for track in keypoints(body, q, cameras, rng, noise_px=noise_px):
+        for track in keypoints(body, q, cameras, rng, DetectorSettings(noise_px)):
             if number in (hidden or {}).get(track.source, ()):
                 continue
             points = np.concatenate([track.pixels, track.confidence[..., None]], axis=-1)

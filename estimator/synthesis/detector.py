@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,10 +10,10 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17, landmark_spread
 
-_CORRELATION = 0.6  # of the noise from frame to frame
 _OUTLIER_PIXELS = (25.0, 80.0)
 
 
@@ -21,24 +22,22 @@ def keypoints(
     q: np.ndarray,
     cameras: Sequence[Camera],
     rng: np.random.Generator,
+    errors: DetectorSettings | None = None,
     *,
-    noise_px: float = 2.5,
-    outlier_fraction: float = 0.01,
-    missing_fraction: float = 0.02,
     fps: float = 30.0,
 ) -> list[KeypointTrack]:
     """Keypoints along q (T, nq), one track for each camera: COCO's 17, or all landmarks of a body that lacks some.
 
-    noise_px: standard deviation of each coordinate, averaged over the keypoints; it is greater at the hips than at
-        the eyes, as COCO's annotators are, and correlated from frame to frame.
-    outlier_fraction: share of the keypoints that are 25 to 80 px off, with little less confidence.
-    missing_fraction: share that is missing, beside those outside the image.
+    errors: of the detector. A point's bias [m] is drawn once, in the frame of the link that carries it, half of it
+    mirrored on the other side's point; it is the same in all frames and cameras.
     """
+    errors = errors or DetectorSettings()
     whole = all(name in body.landmark_names for name in COCO17)
     names, layout = (COCO17, "coco17") if whole else (body.landmark_names, "landmarks")
     points = _landmarks(body, q, names)
-    noise = noise_px, outlier_fraction, missing_fraction
-    return [of_points(names, layout, points, camera, rng, noise, fps) for camera in cameras]
+    if errors.bias:
+        points = points + _turned(body, q, names, errors.bias * _biases(rng, names))
+    return [of_points(names, layout, points, camera, rng, errors, fps) for camera in cameras]
 
 
 def of_points(
@@ -47,22 +46,21 @@ def of_points(
     points: np.ndarray,
     camera: Camera,
     rng: np.random.Generator,
-    noise: tuple[float, float, float],
+    errors: DetectorSettings,
     fps: float,
 ) -> KeypointTrack:
-    """Keypoints of points (T, J, 3) [m] of some names in one camera; noise: `noise_px`, `outlier_fraction` and
-    `missing_fraction` of `keypoints`."""
-    noise_px, outlier_fraction, missing_fraction = noise
+    """Keypoints of points (T, J, 3) [m] of some names in one camera, with errors about them; they have no bias."""
     exact = camera.project(points)
-    spread = landmark_spread(names)
-    sigma = noise_px * spread / spread.mean()
-    scatter = _correlated(rng, exact.shape) * sigma[:, None]
-    outlier = rng.random(exact.shape[:2]) < outlier_fraction
+    scatter = _correlated(rng, exact.shape, errors.persistence(fps))
+    if errors.reach:
+        scatter = np.einsum("ij,tjx->tix", _alike(points, errors.reach), scatter)
+    scatter *= errors.noise_px * _relative_spread(names)[:, None]
+    outlier = rng.random(exact.shape[:2]) < errors.outlier_fraction
     angle, length = rng.uniform(0.0, 2.0 * np.pi, exact.shape[:2]), rng.uniform(*_OUTLIER_PIXELS, exact.shape[:2])
     jump = (length * np.stack([np.cos(angle), np.sin(angle)])).transpose(1, 2, 0)
     pixels = exact + scatter + np.where(outlier[..., None], jump, 0.0)
     confidence = np.clip(rng.normal(0.88, 0.05, outlier.shape) - 0.25 * outlier, 0.3, 0.99)
-    lost = ~_inside(pixels, camera) | (rng.random(outlier.shape) < missing_fraction)
+    lost = ~_inside(pixels, camera) | (rng.random(outlier.shape) < errors.missing_fraction)
     return KeypointTrack(
         layout=layout,
         names=names,
@@ -113,9 +111,40 @@ def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:
     return np.asarray(inside)
 
 
-def _correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Unit normal noise (T, ...) with an exponential correlation along time (a first-order autoregression)."""
+def _relative_spread(names: Sequence[str]) -> np.ndarray:
+    """Deviations (J,) of the points' errors, 1 in the mean."""
+    spread = landmark_spread(names)
+    return np.asarray(spread / spread.mean())
+
+
+def _correlated(rng: np.random.Generator, shape: tuple[int, ...], persistence: float) -> np.ndarray:
+    """Unit normal noise (T, ...) with such a correlation from frame to frame (a first-order autoregression)."""
     noise = rng.normal(size=shape)
     for t in range(1, shape[0]):
-        noise[t] = _CORRELATION * noise[t - 1] + np.sqrt(1.0 - _CORRELATION**2) * noise[t]
+        noise[t] = persistence * noise[t - 1] + np.sqrt(1.0 - persistence**2) * noise[t]
     return noise
+
+
+def _alike(points: np.ndarray, reach: float) -> np.ndarray:
+    """Factor (J, J) that correlates unit noise between points (T, J, 3) [m] by how near they are in the first frame."""
+    apart = np.linalg.norm(points[0, :, None] - points[0, None], axis=-1)
+    values, vectors = np.linalg.eigh(np.exp(-apart / reach))  # points may coincide
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _biases(rng: np.random.Generator, names: Sequence[str]) -> np.ndarray:
+    """Biases (J, 3) of points in their links' frames, where y points to the left; 1 in the mean of their deviations."""
+    base = [re.sub(r"^(left|right)_", "", name) for name in names]
+    shared = {part: rng.normal(size=3) for part in dict.fromkeys(base)}
+    own = rng.normal(size=(len(names), 3))
+    mirrored = [
+        shared[part] * (1.0, -1.0 if name.startswith("right_") else 1.0, 1.0)
+        for part, name in zip(base, names, strict=True)
+    ]
+    return np.asarray(np.sqrt(0.5) * (own + mirrored) * _relative_spread(names)[:, None])
+
+
+def _turned(body: Body, q: np.ndarray, names: Sequence[str], offsets: np.ndarray) -> np.ndarray:
+    """Offsets (J, 3) in the frames of the links that carry the landmarks, turned into the world: (T, J, 3)."""
+    joints = body.landmark_joint[[body.landmark_names.index(name) for name in names]]
+    return np.array([np.einsum("jab,jb->ja", body.at(pose).rotations[joints], offsets) for pose in q])

@@ -12,6 +12,8 @@ BACKGROUNDS = ("room", "textured", "pillar", "black", "moving")
 OCCLUDERS = ("none", "post", "box")
 SLEEVES = ("short", "long")
 
+_MEMORY = -1.0 / (30.0 * math.log(0.6))  # of a detector [s]: 0.6 from frame to frame at 30 frames/s
+
 _RANGES = {
     "light_azimuth": (-360.0, 360.0), "light_elevation": (5.0, 90.0), "ambient": (0.0, 2.0), "diffuse": (0.0, 2.0),
     "shadow": (0.0, 1.0), "shutter": (0.0, 1.0), "sub_frames": (1, 32), "lens_blur": (0.0, 20.0),
@@ -84,19 +86,36 @@ class SceneSettings:
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """Errors of the keypoints, see `estimator.synthesis.detector.keypoints`; raises InputError outside their ranges.
+    """Errors of the keypoints; raises InputError outside their ranges.
 
-    noise_px: standard deviation [px]. outlier_fraction, missing_fraction: shares of the keypoints.
+    noise_px: standard deviation [px] of each coordinate, averaged over the keypoints; it is greater at the hips than
+        at the eyes, as COCO's annotators are.
+    outlier_fraction: share of the keypoints that are 25 to 80 px off, with little less confidence.
+    missing_fraction: share that is missing, beside those outside the image.
+    bias: standard deviation [m] of how far from a landmark the detector marks this person, averaged over the keypoints.
+    correlation: time [s] in which the noise forgets itself, by a factor of e.
+    reach: distance [m] between two points at which their noises are still alike, by the same factor; 0 for noise that
+        is independent from point to point.
     """
 
     noise_px: float = 2.5
     outlier_fraction: float = 0.01
     missing_fraction: float = 0.02
+    bias: float = 0.0
+    correlation: float = _MEMORY
+    reach: float = 0.0
 
     def __post_init__(self) -> None:
         in_range("noise_px", self.noise_px, 0.0, 1000.0)
         in_range("outlier_fraction", self.outlier_fraction, 0.0, 1.0)
         in_range("missing_fraction", self.missing_fraction, 0.0, 1.0)
+        in_range("bias", self.bias, 0.0, 1.0)
+        in_range("correlation", self.correlation, 0.0, 60.0)
+        in_range("reach", self.reach, 0.0, 10.0)
+
+    def persistence(self, fps: float) -> float:
+        """Correlation of the noise from frame to frame."""
+        return math.exp(-1.0 / (fps * self.correlation)) if self.correlation else 0.0
 
 
 @dataclass(frozen=True)

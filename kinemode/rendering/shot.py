@@ -76,10 +76,7 @@ def _write_keypoints(
     clip: RenderedClip, shot: FilmedMotion, detector: DetectorSettings, rng: np.random.Generator
 ) -> None:
     """The detector's keypoints with errors drawn from `rng`, and the exact first frame."""
-    noisy = synthesis.keypoints(
-        shot.body, shot.q, shot.cameras, rng, noise_px=detector.noise_px, outlier_fraction=detector.outlier_fraction,
-        missing_fraction=detector.missing_fraction, fps=shot.fps,
-    )  # fmt: skip
+    noisy = synthesis.keypoints(shot.body, shot.q, shot.cameras, rng, detector, fps=shot.fps)
     hidden = np.array([shot.scene.hides(time) for time in shot.times])
     exact = synthesis.first_frame(shot.body, shot.q, shot.cameras, shot.fps)
     for camera, track, first in zip(shot.cameras, noisy, exact, strict=True):

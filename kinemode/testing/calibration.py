@@ -20,6 +20,7 @@ from estimator.runs.joint_angle import ONE_NUMBER
 from estimator.runs.posterior import Posterior
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.random_motion import random_motion
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import Body
 from kinemode.testing.laws import require
 from kinemode.testing.ranks import RankStatistics, rank_statistics
@@ -43,6 +44,7 @@ def simulated_clips(
     motion: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
     frames: int = 3,
     noise_px: float = 2.5,
+    bias: float = 0.0,
     fps: float = 30.0,
     seed: int = 0,
 ) -> Iterator[SimulatedClip]:
@@ -55,13 +57,14 @@ def simulated_clips(
     ----------
     cameras: that see the body. motion: true configurations (T, nq) at times (T,) [s], drawn anew for each clip; parts
         of random motions within the limits (`estimator.synthesis.random_motion`) unless given.
-    frames: of each clip. noise_px: standard deviation of the keypoints [px]. fps: of the frames [1/s].
+    frames: of each clip. noise_px: standard deviation of the keypoints [px]. bias [m]: see
+        `DetectorSettings`; drawn anew for each clip. fps: of the frames [1/s].
     """
     for clip in range(count):
         rng = np.random.default_rng((seed, clip))
         times = np.arange(frames) / fps
         q = motion(times, rng) if motion is not None else random_motion(body, rng.uniform(0.4, 2.4) + times, rng)
-        tracks = keypoints(body, q, cameras, rng, noise_px=noise_px, outlier_fraction=0.0, missing_fraction=0.0)
+        tracks = keypoints(body, q, cameras, rng, DetectorSettings(noise_px, 0.0, 0.0, bias))
         by_name = {camera.name: camera for camera in cameras}
         seen = assemble(body, dict(zip(by_name, tracks, strict=True)), by_name, times)
         yield SimulatedClip([replace(frame, jitter=(noise_px,) * len(cameras)) for frame in seen], q)
