@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from kinemode.public.detection import detect
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
-    from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, samples, view
+    from kinemode.public.results import contact, evaluate, export, gait, open_run, overlay, plot, report, samples, view
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.public.training import train_index, train_templates
@@ -57,6 +57,7 @@ _MODULES = {
     "annotate": "kinemode.public.clips",
     "calibrate": "kinemode.public.cameras",
     "compare": "kinemode.public.tracking",
+    "contact": "kinemode.public.results",
     "detect": "kinemode.public.detection",
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
@@ -101,6 +102,7 @@ __all__ = [
     "annotate",
     "calibrate",
     "compare",
+    "contact",
     "detect",
     "evaluate",
     "export",

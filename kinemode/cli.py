@@ -67,6 +67,7 @@ for command in (
     results.report,
     results.explain,
     results.export,
+    results.contact,
     results.gait,
     results.evaluate,
     version,

@@ -28,8 +28,8 @@ from tests.waiting import DEADLINE, ended, kinemode_process
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
-    "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export", "evaluate", "gait",
-    "train-index", "train-templates", "version",
+    "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export", "evaluate",
+    "contact", "gait", "train-index", "train-templates", "version",
 )  # fmt: skip
 FRAMES = 4
 

@@ -7,14 +7,23 @@ markers where any of its three stands with a probability above a half. Sitting u
 
 from __future__ import annotations
 
+import csv
+import gzip
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from cyclopts import Parameter
 
-from benchmarks.support.common import Data, Json, data_folder, save
+import kinemode as km
+from benchmarks.accuracy.degrees import FILMS
+from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
 from estimator.inference.foot_contact import foot_contact
+from estimator.runs.contact import Contact, contact_of_points
+from estimator.runs.events import SIDES, Side
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -77,8 +86,62 @@ def _agreement(ours: np.ndarray, theirs: np.ndarray, time: np.ndarray) -> PlateA
     return PlateAgreement(float(2.0 * (ours & theirs).sum() / (ours.sum() + theirs.sum())), len(off), off)
 
 
-def main(*, data: Data = None, json: Json = None) -> None:
-    """Print how well standing by markers agrees with force plates, trial by trial."""
+def film_agreements(place: Path, seed: int) -> tuple[dict[Side, PlateAgreement], Contact, Contact]:
+    """Of both feet of a phone film, tracked by its one camera and smoothed, with standing by the markers of heels and
+    toes, by side; contact by the run and by the markers."""
+    name = place.name
+    run = km.track("human34", place / f"{name}.mp4", keypoints=place / f"{name}.json", cues="off", seed=seed)
+    names = tuple(f"{side}_{part}" for side in SIDES for part in ("heel", "toe"))
+    with gzip.open(place / "truth.csv.gz", "rt", newline="") as file:
+        rows = list(csv.DictReader(file))
+    points = np.array([[[float(row[f"{n}_{axis}"] or "nan") for axis in "xyz"] for n in names] for row in rows])
+    truth = contact_of_points(np.array([float(row["time"]) for row in rows]), names, points)
+    ours = km.contact(run)
+    here = (ours.time >= truth.time[0]) & (ours.time <= truth.time[-1])
+    time = ours.time[here]
+    result = {}
+    for side in SIDES:
+        theirs = np.interp(time, truth.time, truth.foot(side)) > 0.5
+        result[side] = _agreement(ours.foot(side)[here] > 0.5, theirs, time)
+    return result, ours, truth
+
+
+def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str, object]]) -> None:
+    columns = (
+        "film, seed", "foot", "F1", "off [ms]", "slide [mm], median, largest", "by markers", "below the floor [mm]",
+    )  # fmt: skip
+    table = report.table("standing by one camera against standing by markers", *columns)
+    for film, seed in itertools.product(FILMS, seeds):
+        by_side, ours, truth = film_agreements(folder / film, seed)
+        for side, agreement in by_side.items():
+            off = [f"{1e3 * x:.0f}" if np.isfinite(x) else "none" for x in agreement.off]
+            slides = [[1e3 * s.slide for s in c.stances if s.point.startswith(side)] for c in (ours, truth)]
+            sizes = [f"{np.median(s):.0f}, {max(s):.0f}" for s in slides]
+            columns_of_foot = [name.startswith(side) for name in ours.names]
+            below = max(0.0, -1e3 * float(np.nanmin(ours.heights[:, columns_of_foot])))
+            table.add_row(f"{film}, {seed}", side, f"{agreement.f1:.3f}", ", ".join(off), *sizes, f"{below:.0f}")
+            figures[f"{film} {side} {seed}"] = {
+                "f1": agreement.f1, "off": agreement.off.tolist(), "slides": slides[0], "below": below,
+            }  # fmt: skip
+    report.console().print(table)
+
+
+def main(
+    *,
+    films: Annotated[bool, Parameter(negative=())] = False,
+    seeds: Annotated[tuple[int, ...], Several] = (0,),
+    data: Data = None,
+    json: Json = None,
+) -> None:
+    """Print how well standing by markers agrees with force plates, trial by trial.
+
+    Parameters
+    ----------
+    films
+        Also track the phone films by their one camera, and compare with standing by markers.
+    seeds
+        Of the tracker.
+    """
     folder = data_folder(data)
     folder = None if folder is None else folder / "opencap" / "subject4"
     if folder is None or not folder.is_dir():
@@ -93,4 +156,6 @@ def main(*, data: Data = None, json: Json = None) -> None:
             figures[f"{trial} {side}"] = {"f1": agreement.f1, "off": agreement.off.tolist()}
     report.console().print(table)
     print(f"F1 {np.mean(scores):.3f} in the mean, {min(scores):.3f} at least; target 0.9")
+    if films:
+        _print_films(folder.parent, seeds, figures)
     save(json, figures)

@@ -21,6 +21,7 @@ from estimator.data.formats.c3d import Channels, write_c3d
 from estimator.data.formats.opensim import write_mot, write_trc
 from estimator.data.formats.osim import write_osim
 from estimator.runs.bvh_skeleton import bvh_motion
+from estimator.runs.contact import contact_of_run, foot_points
 from estimator.runs.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
 from estimator.runs.even_times import EvenMotion, even_motion
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
@@ -89,7 +90,8 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
     mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
     hypotheses together; energy (T,); status (T,) text;
     q_names, v_names, joint_names, landmark_names text; extra_NAME (T, ...), what the tracker told beside its
-    hypotheses, see `Run.extra`.
+    hypotheses, see `Run.extra`. Of a body with feet also contact_names text; contact (T, P), probabilities that its
+    heels and toes stand, and contact_height (T, P) [m] above the floor, NaN without one (`estimator.runs.contact`).
     """
     return {
         "time": run.time,
@@ -107,7 +109,16 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "energy": run.energy,
         "status": run.status,
         **{EXTRA + name: array for name, array in run.extra.items()},
+        **_contact_arrays(run),
     }
+
+
+def _contact_arrays(run: Run) -> dict[str, np.ndarray]:
+    if not foot_points(run.body):
+        return {}
+    contact = contact_of_run(run)
+    names = np.array(contact.names, dtype=np.str_)
+    return {"contact_names": names, "contact": contact.standing, "contact_height": contact.heights}
 
 
 def _npz(run: Run, path: Path, name: str) -> None:

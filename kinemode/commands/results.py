@@ -203,6 +203,34 @@ def export(
     print(km.export(run, file, format=format, degrees=degrees, filter=filter))
 
 
+def contact(run: Path, /, *, out: Path | None = None, plot: Path | None = None) -> None:
+    """Tell when the feet stand, on what floor, and how far they slide while they do.
+
+    By how fast and how high heels and toes are; z points up. What rests on a box or a stair stands, too.
+
+    Example: kinemode contact walk.run --out contact.csv --plot contact.png
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        Write a csv there, one row a frame: of each point the probability that it stands, and its height.
+    plot
+        Draw them over time, a PNG.
+    """
+    import kinemode as km
+
+    stands = km.contact(run, plot=plot)
+    from kinemode.terminal import report
+
+    report.print_contact(stands)
+    if out is not None:
+        print(stands.write(out))
+    if plot is not None:
+        print(plot)
+
+
 def gait(run: Path, /, *, out: Path | None = None) -> None:
     """Tell heel strikes, toe-offs and strides of a person who walks.
 

@@ -230,6 +230,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "out": (_or_none(_to_open), "the path of a file to write"),
     "file": (_to_open, "the path of a file to write"),
     "html": (_or_none(_to_open), "the path of a file to write"),
+    "plot": (_or_none(_to_open), "the path of a file to write"),
     "folder": (_to_open, "the path of a folder to write into"),
     "clip": (_path, "the path of a video or of a folder of images"),
     "keypoint file": (_or_none(_path), "the path of a keypoint file"),

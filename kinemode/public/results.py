@@ -16,6 +16,7 @@ from kinemode.public.arguments import check_arguments, check_as
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
+    from estimator.runs.contact import Contact
     from estimator.runs.evaluation import Evaluation
     from estimator.runs.gait import Gait
     from estimator.runs.reference_motion import Reference
@@ -223,6 +224,34 @@ def export(
         said = f"frames are not evenly spaced: {chosen} has poses between them, at {rate:.4g} a second"
         warnings.warn(said, InputWarning, stacklevel=2)
     return formats.export(opened, Path(file), format, degrees=degrees)
+
+
+def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
+    """When the feet of a run's drawn trajectory stand, heels and toes apart, and on what floor.
+
+    From how fast and how high they are in the world, z up; see `estimator.inference.foot_contact` for the method. A
+    probability for each point and frame, the floor with its uncertainty, stances with how far the point slides, and
+    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide says so.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is looked at as far as it goes. plot: draw
+    probabilities and heights over time there, a PNG.
+
+    Raises
+    ------
+    InputError: no run, a subject without heels and toes, or a picture that cannot be written.
+    """
+    check_arguments(run=run, plot=plot)
+    opened = _opened(run)
+    from estimator.runs.contact import contact_of_run
+
+    stands = contact_of_run(opened)
+    if plot is not None:
+        from viz.pictures.contact_plot import write_contact_plot
+
+        write_contact_plot(stands, plot)
+    return stands
 
 
 def gait(run: RunLike) -> Gait:

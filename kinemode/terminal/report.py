@@ -11,8 +11,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from estimator.runs.contact import Contact
 from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
+from estimator.runs.events import SIDES, Event
 from estimator.runs.gait import Gait
 from estimator.runs.pairs import CENTRED
 from estimator.runs.run_file import Run
@@ -128,6 +130,33 @@ def _error(score: JointScore, value: float, sign: str = "") -> str:
     return f"{value:{sign}.2f} deg" if score.unit == "deg" else f"{1e3 * value:{sign}.1f} mm"
 
 
+def print_contact(contact: Contact) -> None:
+    """The floor, when feet begin and cease to stand, and how far they slide."""
+    out = console()
+    floor = contact.floor
+    if floor is None:
+        out.print("no floor: nothing stands long enough to tell one", soft_wrap=True)
+    else:
+        tilt = np.degrees(np.arccos(np.clip(floor.normal[2], -1.0, 1.0)))
+        out.print(f"floor at z = {floor.height:.3f} +- {floor.std:.3f} m, {tilt:.1f} degrees off level", soft_wrap=True)
+        below = max(0.0, -float(np.nanmin(contact.heights)))
+        out.print(f"the lowest point is {1e3 * below:.0f} mm below it", soft_wrap=True)
+    made = table("while they stand", "point", "of the time", "stances", "slide [mm], median", "largest")
+    for k, name in enumerate(contact.names):
+        slides = [1e3 * s.slide for s in contact.stances if s.point == name]
+        sizes = (f"{np.median(slides):.0f}", f"{max(slides):.0f}") if slides else ("-", "-")
+        made.add_row(name, f"{np.mean(contact.standing[:, k] > 0.5):.0%}", str(len(slides)), *sizes)
+    out.print(made)
+    _print_events(contact.events, (("strike", "foot begins to stand"), ("off", "foot ceases to stand")), out)
+
+
+def _print_events(events: Sequence[Event], kinds: Sequence[tuple[str, str]], out: Console) -> None:
+    for kind, words in kinds:
+        for side in SIDES:
+            times = [f"{e.time:.2f}" for e in events if (e.kind, e.side) == (kind, side)]
+            out.print(f"{side} {words} [s]: {', '.join(times) or 'none'}", soft_wrap=True)
+
+
 def print_gait(gait: Gait) -> None:
     """The strides and their events, and what keeps them from being told."""
     out = console()
@@ -138,10 +167,8 @@ def print_gait(gait: Gait) -> None:
             rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", str(s.unsure))
             made.add_row(s.side, *(f"{value:.2f}" for value in row), *rest)
         out.print(made)
-    for kind, words in () if not gait.events else (("strike", "heel strikes"), ("off", "toe-offs")):
-        for side in ("left", "right"):
-            times = [f"{e.time:.2f}" for e in gait.events if (e.kind, e.side) == (kind, side)]
-            out.print(f"{side} {words} [s]: {', '.join(times) or 'none'}", soft_wrap=True)
+    if gait.events:
+        _print_events(gait.events, (("strike", "heel strikes"), ("off", "toe-offs")), out)
     if gait.remark:
         out.print(gait.remark, soft_wrap=True)
 

@@ -16,7 +16,7 @@ from humanoid.support.atomic import replacing
 from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
-from viz.report.pictures import COLOURS, angle_figures
+from viz.report.pictures import COLOURS, angle_figures, contact_figures
 from viz.report.tables import assumed_part, ranges_table, repeat_part, text
 from viz.scene import Scene, as_scene
 
@@ -55,6 +55,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         film=_film(run, scene, progress),
         key=_key(run) if figures is None else "",
         curves=_curves(drawings),
+        feet=_feet(contact_figures(run)),
         ranges=ranges_table(ranges_of_motion(run)),
         untrusted=_untrusted(run, scene),
         assumed=assumed_part(facts),
@@ -139,6 +140,12 @@ def _curves(figures: Sequence[Figure]) -> str:
         return "<p>The subject has no joint of one degree of freedom.</p>"
     shown = (f'<figure><img src="{_uri(f.kind, f.data)}" alt="{escape(f.title)}"></figure>' for f in figures)
     return f'<div class="curves">{"".join(shown)}</div>'
+
+
+def _feet(figures: Sequence[Figure]) -> str:
+    if not figures:
+        return "<p>The subject has no feet.</p>"
+    return "".join(f'<figure><img src="{_uri(f.kind, f.data)}" alt="{escape(f.title)}"></figure>' for f in figures)
 
 
 def _untrusted(run: Run, scene: Scene) -> str:

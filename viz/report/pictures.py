@@ -7,21 +7,26 @@ import tempfile
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from estimator.data.media.film import write_film
+from estimator.runs.contact import contact_of_run, foot_points
 from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_file import Run
 from viz.palette import ON_PAPER, web
+from viz.pictures.contact_plot import contact_drawing
 from viz.pictures.joint_panels import JointPanel, panels_of
 from viz.pictures.joint_plot import draw_panel
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
 from viz.report.facts import Figure
 from viz.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 FILM_BYTES = 8_000_000
 """A film takes at most about so much; in the page a third more."""
@@ -144,19 +149,31 @@ def angle_figures(run: Run) -> list[Figure]:
     return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in joint_angles(run)])]
 
 
+def contact_figures(run: Run) -> list[Figure]:
+    """When the feet stand, as `kinemode contact` draws it; none of a body without feet."""
+    if not foot_points(run.body):
+        return []
+    return [_as_svg(contact_drawing(contact_of_run(run)), "when the feet stand")]
+
+
 def _figure(panel: JointPanel, run: Run) -> Figure:
-    import matplotlib as mpl
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Drawing
 
     drawing = Drawing(figsize=_SIZE)
     drawing.subplots_adjust(left=0.19, right=0.985, bottom=0.19, top=0.89)  # alike in all, so that they line up
-    FigureCanvasSVG(drawing)  # no window, and none of pyplot's global state
     axes = drawing.subplots()
     draw_panel(axes, run, panel)
     axes.set_xlabel("time [s]")
+    return _as_svg(drawing, panel.title)
+
+
+def _as_svg(drawing: Drawing, title: str) -> Figure:
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    FigureCanvasSVG(drawing)  # no window, and none of pyplot's global state
     file = io.BytesIO()
-    style: Any = {"svg.fonttype": "none", "svg.hashsalt": panel.title, "font.family": "sans-serif", "font.size": 9.0}
+    style: Any = {"svg.fonttype": "none", "svg.hashsalt": title, "font.family": "sans-serif", "font.size": 9.0}
     with mpl.rc_context(style):
         drawing.savefig(file, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
-    return Figure(panel.title.replace("_", " "), file.getvalue())
+    return Figure(title.replace("_", " "), file.getvalue())

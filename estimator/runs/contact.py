@@ -1,0 +1,143 @@
+"""When a run's feet stand, on what floor, and how far they slide while they do."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from estimator.inference.foot_contact import foot_contact
+from estimator.inference.ground import Ground
+from estimator.runs.events import SIDES, Event, Side
+from estimator.runs.run_reader import Run
+from humanoid.kinematics.body import Body
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised
+
+_PARTS = ("heel", "big_toe", "small_toe")
+_UP = np.array([0.0, 0.0, 1.0])
+_SURE = 0.5
+
+
+@dataclass(frozen=True)
+class Stance:
+    """A point of a foot that stands from `begin` until `end` [s], both frames included. slide [m]: its largest distance
+    along the floor from the middle of its places."""
+
+    point: str
+    begin: float
+    end: float
+    slide: float
+
+
+@dataclass(frozen=True, repr=False)
+class Contact(Summarised):
+    """Where and when feet stand, world z up.
+
+    time (T,) [s]. names (P,): of the landmarks of the feet, the left one's first. points (T, P, 3) [m]: their places.
+    standing (T, P): probability that each stands. floor: a plane with its uncertainty and how much higher each kind of
+    point is; None where nothing stands. Boxes and stairs are none of the floor, but what rests there stands.
+    """
+
+    time: np.ndarray
+    names: tuple[str, ...]
+    points: np.ndarray
+    standing: np.ndarray
+    floor: Ground | None
+
+    @property
+    def heights(self) -> np.ndarray:
+        """(T, P) [m] above where the points would stand on the floor; NaN without one."""
+        if self.floor is None:
+            return np.full(self.standing.shape, np.nan)
+        return self.floor.heights(self.points, _kinds(self.names))
+
+    def foot(self, side: Side) -> np.ndarray:
+        """Probability (T,) that a foot stands: that of its point which does most."""
+        return np.asarray(self.standing[:, [name.startswith(side) for name in self.names]].max(axis=1))
+
+    @property
+    def events(self) -> list[Event]:
+        """When feet begin to stand ("strike") and cease to ("off"), in order of time; none at the clip's ends."""
+        events = []
+        for side in filter(self.has, SIDES):
+            level = self.foot(side) - _SURE
+            for i in np.flatnonzero(np.diff(level > 0.0)):
+                share = level[i] / (level[i] - level[i + 1])
+                at = float(self.time[i] + share * (self.time[i + 1] - self.time[i]))
+                kind: Literal["strike", "off"] = "strike" if level[i + 1] > 0.0 else "off"
+                events.append(Event(side, kind, at, int(i + round(share))))
+        return sorted(events, key=lambda event: event.time)
+
+    @property
+    def stances(self) -> list[Stance]:
+        """Of all points, one after the other."""
+        stances: list[Stance] = []
+        for k, name in enumerate(self.names):
+            stands = np.r_[False, self.standing[:, k] > _SURE, False]
+            for first, after in np.flatnonzero(np.diff(stands)).reshape(-1, 2):
+                flat = self.points[first:after, k, :2]
+                flat = flat[np.isfinite(flat).all(axis=1)]
+                slide = np.linalg.norm(flat - np.median(flat, axis=0), axis=1).max() if len(flat) else np.nan
+                stances.append(Stance(name, float(self.time[first]), float(self.time[after - 1]), float(slide)))
+        return stances
+
+    def _facts(self) -> Facts:
+        floor = "none" if self.floor is None else f"at {self.floor.height:.3f} +- {self.floor.std:.3f} m"
+        stands = [
+            (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
+        ]
+        return [("frames", f"{len(self.time)}"), ("floor", floor), *stands]
+
+    def has(self, side: Side) -> bool:
+        """Whether a foot is among the points."""
+        return any(name.startswith(side) for name in self.names)
+
+    def write(self, path: str | Path) -> Path:
+        """Write a csv, one row a frame: the probabilities, then the heights [m]; returns its path.
+
+        Raises
+        ------
+        InputError: it cannot be written.
+        """
+        path = Path(path)
+        with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(["time [s]", *(f"{n} stands" for n in self.names), *(f"{n} height [m]" for n in self.names)])
+            values = np.column_stack([self.time, self.standing, self.heights])
+            rows.writerows([["" if np.isnan(v) else f"{v:.6g}" for v in row] for row in values])
+        return path
+
+
+def contact_of_run(run: Run) -> Contact:
+    """Contact of the drawn trajectory; raises InputError where the subject has no heels and toes as landmarks."""
+    names = foot_points(run.body)
+    if not names:
+        remedy = "contact needs a person with feet, such as human34"
+        raise InputError(run.header.subject_source, "has no landmark left_heel", remedy=remedy)
+    order = [run.body.landmark_names.index(name) for name in names]
+    return contact_of_points(run.time, names, run.landmarks[:, order])
+
+
+def foot_points(body: Body) -> tuple[str, ...]:
+    """Names of the heels and toes among a body's landmarks, the left foot's first; none of a body without feet."""
+    return tuple(n for s in SIDES for p in _PARTS if (n := f"{s}_{p}") in body.landmark_names)
+
+
+def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:
+    """Contact of points of the feet (T, P, 3) [m], z up, NaN where missing, at times (T,) [s], rising; by names as
+    left_heel."""
+    standing, floor = foot_contact(points, time, _kinds(names), _UP)
+    standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0  # of what is never seen nothing is known
+    return Contact(time, tuple(names), points, standing, floor)
+
+
+def _kinds(names: Sequence[str]) -> np.ndarray:
+    """Numbers (P,) of points that are alike on both feet."""
+    parts = [name.partition("_")[2] for name in names]
+    return np.array([list(dict.fromkeys(parts)).index(part) for part in parts], dtype=np.int64)
