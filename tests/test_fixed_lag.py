@@ -134,8 +134,9 @@ def test_without_lag_and_with_every_motion_alike_it_is_the_filter() -> None:
 
 
 def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
-    """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre."""
-    settings = SmoothSettings(lag=FRAMES, lag_iterations=40, iterations=60, tolerance=1e-9)
+    """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
+    for feet that stand, which the smoother alone holds."""
+    settings = SmoothSettings(lag=FRAMES, lag_iterations=40, iterations=60, tolerance=1e-9, stance=0.0)
     offline = smooth_track(track.search, track.seen, track.results, settings)
     apart = distances(track.body, poses(track, settings), offline)
     assert apart.max() < 5e-4

@@ -91,10 +91,11 @@ def film_agreements(place: Path, seed: int) -> tuple[dict[Side, PlateAgreement],
     toes, by side; contact by the run and by the markers."""
     name = place.name
     run = km.track("human34", place / f"{name}.mp4", keypoints=place / f"{name}.json", cues="off", seed=seed)
-    names = tuple(f"{side}_{part}" for side in SIDES for part in ("heel", "toe"))
+    columns = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
+    names = tuple(column.replace("toe", "big_toe") for column in columns)
     with gzip.open(place / "truth.csv.gz", "rt", newline="") as file:
         rows = list(csv.DictReader(file))
-    points = np.array([[[float(row[f"{n}_{axis}"] or "nan") for axis in "xyz"] for n in names] for row in rows])
+    points = np.array([[[float(row[f"{n}_{axis}"] or "nan") for axis in "xyz"] for n in columns] for row in rows])
     truth = contact_of_points(np.array([float(row["time"]) for row in rows]), names, points)
     ours = km.contact(run)
     here = (ours.time >= truth.time[0]) & (ours.time <= truth.time[-1])

@@ -53,6 +53,16 @@ def standing_probability(points: np.ndarray, time: np.ndarray, height: np.ndarra
     return _smoothed(np.where(np.isfinite(log), log, 0.0), np.diff(time))
 
 
+def stances_of(standing: np.ndarray) -> list[tuple[int, int, int]]:
+    """Stretches in which points stand rather than move, by probabilities (T, P): the point, the first frame and the one
+    after the last, point by point."""
+    stretches = []
+    for k, stands in enumerate(standing.T > 0.5):
+        edges = np.flatnonzero(np.diff(np.r_[False, stands, False])).reshape(-1, 2)
+        stretches += [(k, int(first), int(after)) for first, after in edges]
+    return stretches
+
+
 def _speeds(points: np.ndarray, time: np.ndarray) -> np.ndarray:
     """(T, P) [m/s], by central differences over at least a frame to either side."""
     frames, last = np.arange(len(time)), len(time) - 1

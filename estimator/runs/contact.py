@@ -10,16 +10,15 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.inference.foot_contact import foot_contact
+from estimator.inference.foot_contact import foot_contact, stances_of
 from estimator.inference.ground import Ground
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
-from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import foot_landmarks, foot_parts
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
 
-_PARTS = ("heel", "big_toe", "small_toe")
 _UP = np.array([0.0, 0.0, 1.0])
 _SURE = 0.5
 
@@ -55,7 +54,7 @@ class Contact(Summarised):
         """(T, P) [m] above where the points would stand on the floor; NaN without one."""
         if self.floor is None:
             return np.full(self.standing.shape, np.nan)
-        return self.floor.heights(self.points, _kinds(self.names))
+        return self.floor.heights(self.points, foot_parts(self.names))
 
     def foot(self, side: Side) -> np.ndarray:
         """Probability (T,) that a foot stands: that of its point which does most."""
@@ -78,13 +77,12 @@ class Contact(Summarised):
     def stances(self) -> list[Stance]:
         """Of all points, one after the other."""
         stances: list[Stance] = []
-        for k, name in enumerate(self.names):
-            stands = np.r_[False, self.standing[:, k] > _SURE, False]
-            for first, after in np.flatnonzero(np.diff(stands)).reshape(-1, 2):
-                flat = self.points[first:after, k, :2]
-                flat = flat[np.isfinite(flat).all(axis=1)]
-                slide = np.linalg.norm(flat - np.median(flat, axis=0), axis=1).max() if len(flat) else np.nan
-                stances.append(Stance(name, float(self.time[first]), float(self.time[after - 1]), float(slide)))
+        for k, first, after in stances_of(self.standing):
+            flat = self.points[first:after, k, :2]
+            flat = flat[np.isfinite(flat).all(axis=1)]
+            slide = np.linalg.norm(flat - np.median(flat, axis=0), axis=1).max() if len(flat) else np.nan
+            begin, end = float(self.time[first]), float(self.time[after - 1])
+            stances.append(Stance(self.names[k], begin, end, float(slide)))
         return stances
 
     def _facts(self) -> Facts:
@@ -116,7 +114,7 @@ class Contact(Summarised):
 
 def contact_of_run(run: Run) -> Contact:
     """Contact of the drawn trajectory; raises InputError where the subject has no heels and toes as landmarks."""
-    names = foot_points(run.body)
+    names = foot_landmarks(run.body.landmark_names)
     if not names:
         remedy = "contact needs a person with feet, such as human34"
         raise InputError(run.header.subject_source, "has no landmark left_heel", remedy=remedy)
@@ -124,20 +122,9 @@ def contact_of_run(run: Run) -> Contact:
     return contact_of_points(run.time, names, run.landmarks[:, order])
 
 
-def foot_points(body: Body) -> tuple[str, ...]:
-    """Names of the heels and toes among a body's landmarks, the left foot's first; none of a body without feet."""
-    return tuple(n for s in SIDES for p in _PARTS if (n := f"{s}_{p}") in body.landmark_names)
-
-
 def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:
     """Contact of points of the feet (T, P, 3) [m], z up, NaN where missing, at times (T,) [s], rising; by names as
-    left_heel."""
-    standing, floor = foot_contact(points, time, _kinds(names), _UP)
+    left_heel, see `foot_landmarks`."""
+    standing, floor = foot_contact(points, time, foot_parts(names), _UP)
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0  # of what is never seen nothing is known
     return Contact(time, tuple(names), points, standing, floor)
-
-
-def _kinds(names: Sequence[str]) -> np.ndarray:
-    """Numbers (P,) of points that are alike on both feet."""
-    parts = [name.partition("_")[2] for name in names]
-    return np.array([list(dict.fromkeys(parts)).index(part) for part in parts], dtype=np.int64)

@@ -21,7 +21,7 @@ from estimator.data.formats.c3d import Channels, write_c3d
 from estimator.data.formats.opensim import write_mot, write_trc
 from estimator.data.formats.osim import write_osim
 from estimator.runs.bvh_skeleton import bvh_motion
-from estimator.runs.contact import contact_of_run, foot_points
+from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
 from estimator.runs.even_times import EvenMotion, even_motion
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
@@ -30,6 +30,7 @@ from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run, landmarks_along
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
+from humanoid.subject.landmarks import foot_landmarks
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
@@ -114,7 +115,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
 
 
 def _contact_arrays(run: Run) -> dict[str, np.ndarray]:
-    if not foot_points(run.body):
+    if not foot_landmarks(run.body.landmark_names):
         return {}
     contact = contact_of_run(run)
     names = np.array(contact.names, dtype=np.str_)

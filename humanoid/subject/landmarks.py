@@ -67,6 +67,7 @@ _SPREAD = {
     "index": 0.75, "pinky": 0.75, "thumb": 0.75,
 }  # fmt: skip
 _UNKNOWN_SPREAD = 0.8
+_FOOT = ("heel", "big_toe", "small_toe")
 
 _SYNONYMS = {"foot_index": "big_toe", "midhip": "mid_hip", "head": "head_top", "hip": "mid_hip"}
 
@@ -81,6 +82,16 @@ def _other_side(name: str) -> str:
     if name.startswith("left_"):
         return "right_" + name[5:]
     return "left_" + name[6:] if name.startswith("right_") else name
+
+
+def foot_landmarks(names: Sequence[str]) -> tuple[str, ...]:
+    """The heels and toes among landmarks, the left foot's first."""
+    return tuple(n for side in ("left", "right") for part in _FOOT if (n := f"{side}_{part}") in names)
+
+
+def foot_parts(names: Sequence[str]) -> np.ndarray:
+    """Of `foot_landmarks`, numbers (P,) that are alike for the same part of both feet."""
+    return np.array([_FOOT.index(name.partition("_")[2]) for name in names], dtype=np.int64)
 
 
 def landmark_spread(names: Sequence[str]) -> np.ndarray:

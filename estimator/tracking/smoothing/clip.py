@@ -23,9 +23,11 @@ from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.stances import with_stances
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import Body
 
+_HOLDS = 2  # times that what stands is told anew
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 
 
@@ -43,8 +45,9 @@ def smooth_track(
     Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
-    (`Renewal`). Parts that the smoothing pushed into each other are parted again
-    (`estimator.energy.descent.contact`). `progress` is called with how many frames of how many are done.
+    (`Renewal`). Heels and toes of that path that stand are held in one place (`with_stances`). Parts that the smoothing
+    pushed into each other are parted again (`estimator.energy.descent.contact`). `progress` is called with how many
+    frames of how many are done.
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues)
@@ -92,7 +95,16 @@ class _Track:
             renewal(rivals)
         penalty = self._search.model.settings.exchange_penalty
         best = min(rivals, key=lambda r: renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association))
-        return best.costs, best.q
+        return self._held(best)
+
+    def _held(self, trajectory: Trajectory) -> tuple[list[Cost], np.ndarray]:
+        """Costs and poses of a trajectory whose feet that stand are held, as it tells which do."""
+        costs, q = trajectory.costs, trajectory.q
+        seen = [self._observations[t] for t in self.some]
+        for _ in range(_HOLDS if self._settings.stance > 0.0 else 0):
+            costs = with_stances(self._search.body, trajectory.costs, q, seen, self._settings.stance)
+            q = smooth(self._search.body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
+        return costs, q
 
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""

@@ -16,7 +16,8 @@ class SmoothSettings:
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
     accelerations of joints, scaled by their quickness, of the root's orientation and of its position. The velocities'
     are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let fast movements be.
-    correlation [s]: how long a movement lasts, see `MotionPrior`. iterations: Newton steps at most. tolerance: energy a
+    correlation [s]: how long a movement lasts, see `MotionPrior`. stance [m]: how far a heel or toe that stands may lie
+    from one place; 0 leaves feet as they are. iterations: Newton steps at most. tolerance: energy a
     step must gain. window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are
     looked at, how often at most their features are assigned, and flow is followed, anew at the smoothed poses;
     round_gain: energy that a round must gain for another; renewed: for how many frames at once, whose cues are kept in
@@ -30,6 +31,7 @@ class SmoothSettings:
     root_slide_acceleration: float = setting(2.5, above=0)
     nu: float = setting(8.0, above=0)
     correlation: float = setting(0.0, at_least=0)
+    stance: float = setting(0.015, at_least=0)
     iterations: int = setting(30, at_least=1)
     tolerance: float = setting(1e-3, at_least=0, tiny=True)
     window: int = setting(240, at_least=1)
