@@ -133,6 +133,17 @@ def test_without_lag_and_with_every_motion_alike_it_is_the_filter() -> None:
     assert np.abs(poses(track, SmoothSettings(lag=0)) - lowest).max() > 1e-3
 
 
+def test_where_no_foot_is_seen_the_smoother_leaves_feet_alone() -> None:
+    """To the last bit: a body without feet is not smoothed again for them."""
+    body, rng = body_of("arm8"), np.random.default_rng(4)
+    start, end = (random_pose(body, rng, share=0.4) for _ in range(2))
+    arm = tracked(body, start + np.linspace(0.0, 0.4, 6)[:, None] * (end - start), (20, 80), {})
+    held, free = (
+        smooth_track(arm.search, arm.seen, arm.results, SmoothSettings(stance=stance)) for stance in (0.015, 0.0)
+    )
+    np.testing.assert_array_equal(held, free)
+
+
 def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
     """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
     for feet that stand, which the smoother alone holds."""

@@ -102,7 +102,9 @@ class _Track:
         costs, q = trajectory.costs, trajectory.q
         seen = [self._observations[t] for t in self.some]
         for _ in range(_HOLDS if self._settings.stance > 0.0 else 0):
-            costs = with_stances(self._search.body, trajectory.costs, q, seen, self._settings.stance)
+            before, costs = costs, with_stances(self._search.body, trajectory.costs, q, seen, self._settings.stance)
+            if all(new is old for new, old in zip(costs, before, strict=True)):
+                break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
             q = smooth(self._search.body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
         return costs, q
 

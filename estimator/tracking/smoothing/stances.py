@@ -26,14 +26,14 @@ def with_stances(
 
     q (T, nq): the trajectory that tells what stands, and where. observations (T): a point counts by the share of its
     stance in which its keypoint is seen: a foot that nobody sees lies as the prior has it. std [m]: of what stands from
-    one place, with long tails, as feet roll. A foot on a stair stands on no floor, and is held alike. A body without
-    heels and toes has no pulls.
+    one place, with long tails, as feet roll. A foot on a stair stands on no floor, and is held alike. A cost without a
+    pull, as all are of a body without heels and toes, is the given one itself.
     """
     names = foot_landmarks(body.landmark_names)
     if not names or len(q) < 2:
         return list(costs)
     index = [body.landmark_names.index(name) for name in names]
-    points = np.array([body.landmarks(body.at(x))[index] for x in q])
+    points = body.landmarks_of(body.placed(q))[:, index]
     times = np.array([o.time for o in observations])
     seen = np.array([np.isfinite(o.known_pixels[:, index]).all(axis=2).any(axis=0) for o in observations])
     standing = foot_contact(points, times, foot_parts(names), world_up(observations[0].cameras)).standing
