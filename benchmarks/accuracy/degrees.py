@@ -51,11 +51,26 @@ class Motion(NamedTuple):
     points: np.ndarray
 
 
-def tabled(path: Path) -> Motion:
-    """A table of the truth or of a peer."""
+def columns_of(path: Path) -> dict[str, np.ndarray]:
+    """The columns (T,) of a table of a film by their names, NaN where a cell is empty."""
     with gzip.open(path, "rt", newline="") as file:
         rows = list(csv.DictReader(file))
-    column = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+
+
+def film_run(
+    place: Path, seed: int, *, end: float | None = None, focal: str | None = None, settings: Path | None = None
+) -> Run:
+    """A film tracked by its own folder's video and keypoints, without a camera file; see `main`."""
+    return km.track(
+        "human34", place / f"{place.name}.mp4", keypoints=place / f"{place.name}.json", cues="off", seed=seed, end=end,
+        focal=focal, settings=settings,
+    )  # fmt: skip
+
+
+def tabled(path: Path) -> Motion:
+    """A table of the truth or of a peer."""
+    column = columns_of(path)
     points = np.stack([np.stack([column[f"{name}_{axis}"] for axis in "xyz"], axis=1) for name in _LIMBS], axis=1)
     angles = {name: column[name] for name in (*_LUMBAR, *_OF_MODEL)}
     return Motion(column["time"], angles, rotations([column[name] for name in _PELVIS]), points)
@@ -148,13 +163,7 @@ def main(
     for film in films:
         place = folder / "opencap" / film
         truth = tabled(place / "truth.csv.gz")
-        runs = [
-            km.track(
-                "human34", place / f"{film}.mp4", keypoints=place / f"{film}.json", cues="off", seed=seed, end=end,
-                focal=focal, settings=settings,
-            )
-            for seed in seeds
-        ]  # fmt: skip
+        runs = [film_run(place, seed, end=end, focal=focal, settings=settings) for seed in seeds]
         methods = {"kinemode": [tracked(run) for run in runs]} | {p: [tabled(place / f"{p}.csv.gz")] for p in PEERS}
         time = runs[0].time
         time = time[(time >= truth.time[0]) & (time <= truth.time[-1])]

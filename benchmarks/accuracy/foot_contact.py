@@ -7,8 +7,6 @@ markers where any of its three stands with a probability above a half. Sitting u
 
 from __future__ import annotations
 
-import csv
-import gzip
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +16,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.accuracy.degrees import FILMS
+from benchmarks.accuracy.degrees import FILMS, columns_of, film_run
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
 from estimator.inference.foot_contact import foot_contact
@@ -89,15 +87,11 @@ def _agreement(ours: np.ndarray, theirs: np.ndarray, time: np.ndarray) -> PlateA
 def film_agreements(place: Path, seed: int) -> tuple[dict[Side, PlateAgreement], Contact, Contact]:
     """Of both feet of a phone film, tracked by its one camera and smoothed, with standing by the markers of heels and
     toes, by side; contact by the run and by the markers."""
-    name = place.name
-    run = km.track("human34", place / f"{name}.mp4", keypoints=place / f"{name}.json", cues="off", seed=seed)
-    columns = [f"{side}_{part}" for side in SIDES for part in ("heel", "toe")]
-    names = tuple(column.replace("toe", "big_toe") for column in columns)
-    with gzip.open(place / "truth.csv.gz", "rt", newline="") as file:
-        rows = list(csv.DictReader(file))
-    points = np.array([[[float(row[f"{n}_{axis}"] or "nan") for axis in "xyz"] for n in columns] for row in rows])
-    truth = contact_of_points(np.array([float(row["time"]) for row in rows]), names, points)
-    ours = km.contact(run)
+    column, parts = columns_of(place / "truth.csv.gz"), ("heel", "toe")
+    marks = [[column[f"{side}_{part}_{axis}"] for axis in "xyz"] for side in SIDES for part in parts]
+    names = [f"{side}_{part}" for side in SIDES for part in ("heel", "big_toe")]
+    truth = contact_of_points(column["time"], names, np.array(marks).transpose(2, 0, 1))
+    ours = km.contact(film_run(place, seed))
     here = (ours.time >= truth.time[0]) & (ours.time <= truth.time[-1])
     time = ours.time[here]
     result = {}

@@ -22,10 +22,10 @@ class PosteriorCalibration:
     covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these say.
     limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of
     the body's size, which one camera cannot see; it is an uncertainty of the distance, and counts only where the
-    posterior is given where the camera is. landmark_std [m]: of how far from a landmark a detector marks a
-    person, in all frames alike, averaged over the landmarks by their spread (`landmark_spread`), for names that
-    detectors of people have; it is an uncertainty that no number of frames takes away, least of all from a foot, whose
-    marks are near each other. A detector without such a bias, as a simulated one may be, has 0.
+    posterior is given where the camera is. landmark_std [m]: of how far from a landmark a detector marks a person, in
+    all frames alike, averaged over the landmarks by their spread (`landmark_spread`), for names that detectors of
+    people have; it is an uncertainty that no number of frames takes away, least of all from a foot, whose marks are
+    near each other. A detector without such a bias, as a simulated one may be, has 0.
 
     Raises
     ------

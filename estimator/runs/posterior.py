@@ -19,8 +19,8 @@ from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
-from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body
-from humanoid.subject.landmarks import landmark_name, landmark_spread
+from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body, PosedBody
+from humanoid.subject.landmarks import landmark_name, relative_spread
 from humanoid.support.errors import InputError
 
 _LEAST = 1e-6  # precision of what neither landmarks nor rest positions hold
@@ -69,15 +69,14 @@ class Posterior:
         weight = np.exp(tempered - np.logaddexp.reduce(tempered))
         some = weight > _FAINT
         q = result.q[some]
-        prior = Stabilisers(body)
-        covariances = [
-            _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
-        ]
+        posed = [body.at(mode) for mode in q]
+        stabilisers = Stabilisers(body)
+        priors = [_prior_precision(stabilisers, body, mode) for mode in posed]
+        covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, result.covariance[some], strict=True)]
         covariance = c.covariance_scale * np.array(covariances)
         if c.landmark_std > 0.0:
-            covariance += [
-                _bias_covariance(prior, body, *mode, c.landmark_std) for mode in zip(q, covariance, strict=True)
-            ]
+            modes = zip(posed, priors, covariance, strict=True)
+            covariance += [_bias_covariance(body, *mode, c.landmark_std) for mode in modes]
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_by is not None and body.has_free_root:
             size_std = 0.0 if size_known else c.size_std
@@ -183,39 +182,37 @@ class Posterior:
         return drawn
 
 
-def _with_prior(
-    stabilisers: Stabilisers, body: Body, q: np.ndarray, covariance: np.ndarray, prior_weight: float
-) -> np.ndarray:
-    """Covariance (nv, nv) of a mode with the prior on rest positions counted so many times."""
+def _prior_precision(stabilisers: Stabilisers, body: Body, posed: PosedBody) -> np.ndarray:
+    """Gauss-Newton Hessian (nv, nv) of the prior on rest positions at a mode."""
+    prior = np.zeros((body.nv, body.nv))
+    stabilisers.accumulate(posed, np.zeros(body.nv), prior)
+    return prior
+
+
+def _with_prior(prior: np.ndarray, covariance: np.ndarray, prior_weight: float) -> np.ndarray:
+    """Covariance (nv, nv) of a mode with the prior on rest positions, of such a precision, counted so many times."""
     free = np.flatnonzero(np.diagonal(covariance) > 0.0)
     if prior_weight == 1.0 or len(free) == 0:
         return covariance.astype(np.float64)
-    prior = np.zeros((body.nv, body.nv))
-    stabilisers.accumulate(body.at(q), np.zeros(body.nv), prior)
     block = np.ix_(free, free)
     known = covariance[block].astype(np.float64)
-    posterior = np.zeros((body.nv, body.nv))
+    posterior = np.zeros_like(prior)
     # (known^-1 + more)^-1, without the inverse of what may be nearly singular
     posterior[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
     return 0.5 * (posterior + posterior.T)
 
 
-def _bias_covariance(
-    stabilisers: Stabilisers, body: Body, q: np.ndarray, covariance: np.ndarray, std: float
-) -> np.ndarray:
+def _bias_covariance(body: Body, posed: PosedBody, prior: np.ndarray, covariance: np.ndarray, std: float) -> np.ndarray:
     """Covariance (nv, nv) of a mode by how far a detector marks this person from the landmarks, in every frame alike.
 
     What least squares makes of the landmarks' biases, drawn towards the rest positions, wherever the mode is free.
     """
     free = np.flatnonzero(np.diagonal(covariance) > 0.0)
-    known = [i for i, name in enumerate(body.landmark_names) if landmark_name(name) is not None]
+    known = np.flatnonzero([landmark_name(name) is not None for name in body.landmark_names])
     moved = np.zeros_like(covariance)
     if len(known) and len(free):
-        posed = body.at(q)
-        spread = landmark_spread([body.landmark_names[i] for i in known])
-        prior = np.zeros((body.nv, body.nv))
-        stabilisers.accumulate(posed, np.zeros(body.nv), prior)
-        J = body.landmark_jacobians(posed)[known][:, :, free] * (spread.mean() / (std * spread))[:, None, None]
+        deviation = std * relative_spread([body.landmark_names[i] for i in known])
+        J = body.landmark_jacobians(posed, known)[:, :, free] / deviation[:, None, None]
         seen = np.einsum("lia,lib->ab", J, J)
         block = np.ix_(free, free)
         gain = np.linalg.solve(seen + prior[block] + _LEAST * np.eye(len(free)), J.reshape(-1, len(free)).T)

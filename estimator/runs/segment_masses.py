@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import Flesh
 
 ADULT = 65.0
@@ -71,7 +71,7 @@ def flesh_of(body: Body, joint: int) -> list[tuple[Flesh, pin.SE3]]:
 
 
 def _without_side(link: str) -> str:
-    return re.sub(r"^(left|right)_", "", link)
+    return without_side(link)
 
 
 def _of_file(inertia: pin.Inertia) -> Mass:

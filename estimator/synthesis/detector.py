@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import Body
-from humanoid.subject.landmarks import COCO17, landmark_spread
+from humanoid.subject.landmarks import COCO17, relative_spread, without_side
 
 _OUTLIER_PIXELS = (25.0, 80.0)
 
@@ -54,7 +53,7 @@ def of_points(
     scatter = _correlated(rng, exact.shape, errors.persistence(fps))
     if errors.reach:
         scatter = np.einsum("ij,tjx->tix", _alike(points, errors.reach), scatter)
-    scatter *= errors.noise_px * _relative_spread(names)[:, None]
+    scatter *= errors.noise_px * relative_spread(names)[:, None]
     outlier = rng.random(exact.shape[:2]) < errors.outlier_fraction
     angle, length = rng.uniform(0.0, 2.0 * np.pi, exact.shape[:2]), rng.uniform(*_OUTLIER_PIXELS, exact.shape[:2])
     jump = (length * np.stack([np.cos(angle), np.sin(angle)])).transpose(1, 2, 0)
@@ -111,12 +110,6 @@ def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:
     return np.asarray(inside)
 
 
-def _relative_spread(names: Sequence[str]) -> np.ndarray:
-    """Deviations (J,) of the points' errors, 1 in the mean."""
-    spread = landmark_spread(names)
-    return np.asarray(spread / spread.mean())
-
-
 def _correlated(rng: np.random.Generator, shape: tuple[int, ...], persistence: float) -> np.ndarray:
     """Unit normal noise (T, ...) with such a correlation from frame to frame (a first-order autoregression)."""
     noise = rng.normal(size=shape)
@@ -134,14 +127,14 @@ def _alike(points: np.ndarray, reach: float) -> np.ndarray:
 
 def _biases(rng: np.random.Generator, names: Sequence[str]) -> np.ndarray:
     """Biases (J, 3) of points in their links' frames, where y points to the left; 1 in the mean of their deviations."""
-    base = [re.sub(r"^(left|right)_", "", name) for name in names]
+    base = [without_side(name) for name in names]
     shared = {part: rng.normal(size=3) for part in dict.fromkeys(base)}
     own = rng.normal(size=(len(names), 3))
     mirrored = [
         shared[part] * (1.0, -1.0 if name.startswith("right_") else 1.0, 1.0)
         for part, name in zip(base, names, strict=True)
     ]
-    return np.asarray(np.sqrt(0.5) * (own + mirrored) * _relative_spread(names)[:, None])
+    return np.asarray(np.sqrt(0.5) * (own + mirrored) * relative_spread(names)[:, None])
 
 
 def _turned(body: Body, q: np.ndarray, names: Sequence[str], offsets: np.ndarray) -> np.ndarray:

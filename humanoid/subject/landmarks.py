@@ -101,7 +101,18 @@ def landmark_spread(names: Sequence[str]) -> np.ndarray:
     error diagnosis in multi-instance pose estimation, ICCV 2017); points COCO lacks take a neighbour's, a name that
     is not known 0.8.
     """
-    return np.array([_SPREAD.get(re.sub(r"^(left|right)_", "", name), _UNKNOWN_SPREAD) for name in names])
+    return np.array([_SPREAD.get(without_side(name), _UNKNOWN_SPREAD) for name in names])
+
+
+def relative_spread(names: Sequence[str]) -> np.ndarray:
+    """`landmark_spread` (L,) over its mean among these."""
+    spread = landmark_spread(names)
+    return np.asarray(spread / spread.mean())
+
+
+def without_side(name: str) -> str:
+    """A name as left_knee without its side."""
+    return re.sub(r"^(left|right)_", "", name)
 
 
 def landmark_name(name: str) -> str | None:

@@ -142,8 +142,9 @@ def print_contact(contact: Contact) -> None:
         below = max(0.0, -float(np.nanmin(contact.heights)))
         out.print(f"the lowest point is {1e3 * below:.0f} mm below it", soft_wrap=True)
     made = table("while they stand", "point", "of the time", "stances", "slide [mm], median", "largest")
+    stances = contact.stances
     for k, name in enumerate(contact.names):
-        slides = [1e3 * s.slide for s in contact.stances if s.point == name]
+        slides = [1e3 * s.slide for s in stances if s.point == name]
         sizes = (f"{np.median(slides):.0f}", f"{max(slides):.0f}") if slides else ("-", "-")
         made.add_row(name, f"{np.mean(contact.standing[:, k] > 0.5):.0%}", str(len(slides)), *sizes)
     out.print(made)

@@ -36,12 +36,13 @@ def contact_drawing(contact: Contact) -> Drawing:
     count = len(contact.names)
     drawing = Figure(figsize=(_WIDTH, _ROW * count + _HEIGHTS + 1.0), layout="constrained")
     bands, heights = drawing.subplots(2, 1, sharex=True, height_ratios=[_ROW * count, _HEIGHTS])
+    above = 1e3 * contact.heights
     for k, name in enumerate(contact.names):
         colour = web(ON_PAPER["left" if name.startswith("left") else "right"])
         row = count - 1 - k
         bands.fill_between(contact.time, row, row + _FULL * contact.standing[:, k], color=colour, linewidth=0.0)
         style = "-" if name.endswith("heel") else ":"
-        heights.plot(contact.time, 1e3 * contact.heights[:, k], color=colour, linestyle=style)
+        heights.plot(contact.time, above[:, k], color=colour, linestyle=style)
     bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(contact.names)])
     bands.set_title("probability of standing")
     heights.axhline(0.0, color="black", linewidth=0.6)

@@ -138,13 +138,16 @@ def _key(run: Run) -> str:
 def _curves(figures: Sequence[Figure]) -> str:
     if not figures:
         return "<p>The subject has no joint of one degree of freedom.</p>"
-    shown = (f'<figure><img src="{_uri(f.kind, f.data)}" alt="{escape(f.title)}"></figure>' for f in figures)
-    return f'<div class="curves">{"".join(shown)}</div>'
+    return f'<div class="curves">{_shown(figures)}</div>'
 
 
 def _feet(figures: Sequence[Figure]) -> str:
     if not figures:
         return "<p>The subject has no feet.</p>"
+    return _shown(figures)
+
+
+def _shown(figures: Sequence[Figure]) -> str:
     return "".join(f'<figure><img src="{_uri(f.kind, f.data)}" alt="{escape(f.title)}"></figure>' for f in figures)
 
 
