@@ -169,7 +169,13 @@ def _fitted(
             return stored.subject, known, ()  # fitted when the run began
     shown = cues if job.fit == "auto" else None
     fit = person.fit_person(
-        subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit, height=job.height
+        subject,
+        inputs.observations,
+        shown,
+        seed=job.seed,
+        track_settings=job.chosen.for_fit,
+        height=job.height,
+        floor=inputs.floor,
     )
     return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes  # of the first frame that it can begin with
 
@@ -197,7 +203,9 @@ def fit_subject(
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
-            result = person.fit_person(loaded, inputs.observations, reader, seed=seed, height=height)
+            result = person.fit_person(
+                loaded, inputs.observations, reader, seed=seed, height=height, floor=inputs.floor
+            )
             for note in result.notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
             if said := bound_note(result.subject):
@@ -297,7 +305,9 @@ def _track_into(
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
             with job.progress("smoothing") as report:
-                smoothed = smooth_track(energy, observations, results, job.settings.smooth, cues=cues, progress=report)
+                smoothed = smooth_track(
+                    energy, observations, results, job.settings.smooth, cues=cues, floor=inputs.floor, progress=report
+                )
             writer.put_smoothed(smoothed)
         against, contradicted = run_findings(Run.open(target.path), lambda: likely_layout(asked, inputs))
         writer.put_findings(against, contradicted)
@@ -350,6 +360,7 @@ def _header(
             if frames is not None
         },
         R_upright_given=inputs.R_upright_given,
+        floor=inputs.floor,
     )
 
 

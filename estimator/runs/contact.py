@@ -11,16 +11,18 @@ from typing import Literal
 import numpy as np
 
 from estimator.inference.foot_contact import foot_contact, stances_of
+from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
-from humanoid.subject.landmarks import foot_landmarks, foot_parts
+from humanoid.subject.landmarks import foot_parts
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
 
 _UP = np.array([0.0, 0.0, 1.0])
 _SURE = 0.5
+_SEEN = 0.05  # share of the frames
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,9 @@ class Contact(Summarised):
 
     time (T,) [s]. names (P,): of the landmarks of the feet, the left one's first. points (T, P, 3) [m]: their places.
     standing (T, P): probability that each stands. floor: a plane with its uncertainty and how much higher each kind of
-    point is; None where nothing stands. Boxes and stairs are none of the floor, but what rests there stands.
+    point is; None where there is none, or nothing stands. Boxes and stairs are none of the floor, but what rests there
+    stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that nobody sees lie as the pose
+    prior has them.
     """
 
     time: np.ndarray
@@ -48,6 +52,7 @@ class Contact(Summarised):
     points: np.ndarray
     standing: np.ndarray
     floor: Ground | None
+    seen: np.ndarray
 
     @property
     def heights(self) -> np.ndarray:
@@ -90,7 +95,15 @@ class Contact(Summarised):
         stands = [
             (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
         ]
-        return [("frames", f"{len(self.time)}"), ("floor", floor), *stands]
+        facts = [("frames", f"{len(self.time)}"), ("floor", floor), *stands]
+        return [*facts, ("but", self.remark)] if self.remark else facts
+
+    @property
+    def remark(self) -> str:
+        """What keeps this from being trusted; empty where nothing does."""
+        if not len(self.seen) or self.seen.max() >= _SEEN:
+            return ""
+        return "the keypoints have no heels and toes: when these stand is told from ankles and the pose prior alone"
 
     def has(self, side: Side) -> bool:
         """Whether a foot is among the points."""
@@ -113,18 +126,27 @@ class Contact(Summarised):
 
 
 def contact_of_run(run: Run) -> Contact:
-    """Contact of the drawn trajectory; raises InputError where the subject has no heels and toes as landmarks."""
-    names = foot_landmarks(run.body.landmark_names)
-    if not names:
+    """Contact of the drawn trajectory, on the floor that was known when it was tracked or is found; raises InputError
+    where the subject has no heels and toes as landmarks."""
+    feet = FootPoints.of(run.body)
+    if feet is None:
         remedy = "contact needs a person with feet, such as human34"
         raise InputError(run.header.subject_source, "has no landmark left_heel", remedy=remedy)
-    order = [run.body.landmark_names.index(name) for name in names]
-    return contact_of_points(run.time, names, run.landmarks[:, order])
+    points = run.landmarks[:, feet.landmark]
+    seen = np.zeros(points.shape[:2], dtype=bool)
+    confidence = run.confidence[: len(run)]  # shorter in runs from before keypoints were kept
+    seen[: len(confidence)] = (confidence[:, :, feet.landmark] > 0.0).any(axis=1)
+    shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
+    shown = seen if shares.max(initial=0.0) >= _SEEN else None
+    standing, floor = feet.contact(points, run.time, _UP, run.header.floor, shown)
+    standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
+    return Contact(run.time, feet.names, points, standing, floor, shares)
 
 
 def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:
     """Contact of points of the feet (T, P, 3) [m], z up, NaN where missing, at times (T,) [s], rising; by names as
     left_heel, see `foot_landmarks`."""
     standing, floor = foot_contact(points, time, foot_parts(names), _UP)
-    standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0  # of what is never seen nothing is known
-    return Contact(time, tuple(names), points, standing, floor)
+    known = np.isfinite(points).all(axis=2)
+    standing[:, ~known.any(axis=0)] = 0.0  # of what is never seen nothing is known
+    return Contact(time, tuple(names), points, standing, floor, known.mean(axis=0))

@@ -10,8 +10,9 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.floor import OFF, KnownFloor
 from estimator.data.formats.cameras_json import camera_from_json, camera_to_json, image_size
-from estimator.data.formats.checked_json import mapping, member, numbers, sequence, shaped
+from estimator.data.formats.checked_json import LARGEST, mapping, member, number_between, numbers, sequence, shaped
 from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 
@@ -35,6 +36,7 @@ class RunHeader:
     depth pictures.
     R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
     world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
+    floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet.
     """
 
     subject_urdf: str
@@ -58,6 +60,7 @@ class RunHeader:
     findings: tuple[str, ...] | None = None
     R_upright_given: np.ndarray | None = None
     contradicted: tuple[int, ...] = ()
+    floor: KnownFloor = None
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""
@@ -86,6 +89,7 @@ class RunHeader:
             "stereo pairs": dict(self.stereo),
             "cameras with depth": sorted(self.depths),
             "frames of the clips": {name: list(frames) for name, frames in self.clip_frames.items()},
+            _FLOOR: self.floor,
         }
 
     def differences(self, other: RunHeader) -> tuple[str, ...]:
@@ -163,6 +167,7 @@ class RunHeader:
             findings=entries.texts("findings") if "findings" in entries.value else None,
             R_upright_given=entries.turn(_TURN) if _TURN in entries.value else None,
             contradicted=entries.rows(_CONTRADICTED) if _CONTRADICTED in entries.value else (),
+            floor=entries.floor(_FLOOR) if _FLOOR in entries.value else None,
         )
 
 
@@ -176,7 +181,7 @@ def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int
     return json.dumps(values)
 
 
-_TURN, _CONTRADICTED = "turn to upright", "contradicted frames"
+_TURN, _CONTRADICTED, _FLOOR = "turn to upright", "contradicted frames", "floor"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
@@ -190,6 +195,12 @@ class _Entries:
 
     def _get(self, key: str, instead: Any) -> Any:
         return self.value.get(key, instead) if key in _LATER else member(self.value, key, self.source, "")
+
+    def floor(self, key: str) -> KnownFloor:
+        value = self.value[key]
+        if value is None or value == OFF:
+            return cast(KnownFloor, value)
+        return number_between(value, -LARGEST, LARGEST, self.source, key)
 
     def mapping(self, key: str) -> Mapping[str, Any]:
         return mapping(self._get(key, {}), self.source, key)

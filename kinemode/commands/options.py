@@ -98,6 +98,10 @@ class InputOptions:
     phone
         In place of --focal the phone that took it: "iPhone 12 Pro" or iPhone13,3. Its focal length is that of video
         which is neither zoomed nor cropped by stabilisation, as OpenCap has calibrated it.
+    floor
+        Its height [m] in the cameras' world, along the axis that points up; off where there is none; auto takes the
+        camera file's word, or finds it from the feet that stand. Nothing goes below it; one that is given tells a
+        single camera how large the person is.
     layout
         What the keypoint files' points are, where their number leaves it open: coco17 or h36m17, body25 or body25b;
         or any other known layout. auto takes the more common one, and says so where another fits much better.
@@ -128,6 +132,7 @@ class InputOptions:
     layout: str = "auto"
     focal: str | None = None
     phone: str | None = None
+    floor: float | Literal["auto", "off"] = "auto"
     start: float | Literal["index"] | None = None
     end: float | None = None
 

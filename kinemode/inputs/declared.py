@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from humanoid.support.errors import InputError
+from estimator.data.floor import OFF, KnownFloor
+from humanoid.support.errors import InputError, shown
 from kinemode.inputs.named import by_name, named_values, value_of
 from kinemode.inputs.phones import checked_phone
 
@@ -19,8 +20,10 @@ Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, in
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
 BY_INDEX, ALL = "index", "all"
-OFF, SYNC = "off", "auto"
+AUTO = SYNC = "auto"
 SYNC_CHOICES = (OFF, SYNC)
+_HIGHEST = 1000.0  # m
+_FLOORS = "a height in the cameras' world in metres, off or auto"
 _SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
@@ -41,6 +44,8 @@ class Declared:
         word.
     focal: length of the one camera that no file describes, see `kinemode.inputs.lens.lens_of`; None where the clip
         tells it, or nobody. phone: the model that took it, in place of focal, see `kinemode.inputs.phones.phone`.
+    floor: its height in the cameras' world, along the axis that points up [m]; "off" where there is none; "auto" takes
+        the camera file's word, or finds it from the feet.
     """
 
     keypoint_size: Sizes = None
@@ -53,6 +58,7 @@ class Declared:
     layout: str = "auto"
     focal: str | None = None
     phone: str | None = None
+    floor: float | str = AUTO
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""
@@ -79,6 +85,16 @@ class Declared:
         if self.focal is not None:
             raise InputError("--phone", "says the focal length, as --focal does", remedy="leave one of them out")
         checked_phone(self.phone)
+
+    def known_floor(self) -> KnownFloor:
+        """`floor`, checked; None for "auto"."""
+        if isinstance(self.floor, str):
+            if self.floor not in (AUTO, OFF):
+                raise InputError("--floor", f"{shown(self.floor)} is no height", remedy=_FLOORS)
+            return OFF if self.floor == OFF else None
+        if not abs(self.floor) <= _HIGHEST:
+            raise InputError("--floor", f"{self.floor:g} m is out of reach", remedy=_FLOORS)
+        return float(self.floor)
 
     def part(self) -> tuple[float | None, float | None]:
         """`start` and `end`, checked."""

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from estimator.data.cameras.camera import Camera, guessed_camera
-from estimator.data.formats.cameras import declared_up, load_cameras
+from estimator.data.floor import OFF, KnownFloor
+from estimator.data.formats.cameras import declared_floor, declared_up, load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.data.formats.keypoints_layouts import formats_read
 from estimator.data.formats.people_choice import AUTO
@@ -54,8 +55,8 @@ class Inputs:
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
-    points up; None where it was not. other_layouts: makes the observations as they are if the keypoints are of another
-    layout of as many points, by its name.
+    points up; None where it was not. floor: what is known of it in that world. other_layouts: makes the observations as
+    they are if the keypoints are of another layout of as many points, by its name.
     """
 
     observations: list[Observation]
@@ -68,6 +69,7 @@ class Inputs:
     rights: tuple[int | None, ...] = ()
     depths: tuple[Path | None, ...] = ()
     R_upright_given: np.ndarray | None = None
+    floor: KnownFloor = None
     other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
 
     @property
@@ -120,17 +122,29 @@ def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
     R_upright_given, notes = upright_turn(
         body, longest, read.told.up or read.known.up, given=read.known.cameras is not None
     )
+    floor = _floor(read)
     if R_upright_given is None:
-        return [replace(each, notes=(*each.notes, *notes)) for each in inputs]
+        return [replace(each, notes=(*each.notes, *notes), floor=floor) for each in inputs]
     return [
         replace(
             each,
             observations=turned(each.observations, R_upright_given),
             notes=(*each.notes, *notes),
             R_upright_given=R_upright_given,
+            floor=floor,
         )
         for each in inputs
     ]
+
+
+def _floor(read: _Read) -> KnownFloor:
+    """What the user or the camera file says of the floor: a turn about the origin leaves its height along up."""
+    told = read.told.known_floor()
+    if told is None:
+        return read.known.floor
+    if told != OFF and read.known.cameras is None:
+        raise InputError("--floor", "is of the cameras' world, and none is given", remedy="leave it out, or off")
+    return told
 
 
 def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarray]) -> tuple[float, float]:
@@ -277,13 +291,15 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
-    clips' pixels, by name, where they are known. up: the axis that the file says points up, None where it says none.
-    clips: by name, which may tell the lens. focal, phone: what the user says of it."""
+    clips' pixels, by name, where they are known. up, floor: the axis that the file says points up, and how high along
+    it the floor is [m]; None where it says none. clips: by name, which may tell the lens. focal, phone: what the user
+    says of it."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
     aspects: Mapping[str, float] = MappingProxyType({})
     up: str | None = None
+    floor: float | None = None
     clips: Mapping[str, Path] = MappingProxyType({})
     focal: str | None = None
     phone: str | None = None
@@ -292,7 +308,7 @@ class _KnownCameras(NamedTuple):
     def of(given: Cameras) -> _KnownCameras:
         if given is None or isinstance(given, Mapping):
             return _KnownCameras(given)
-        return _KnownCameras(load_cameras(given), str(given), up=declared_up(given))
+        return _KnownCameras(load_cameras(given), str(given), up=declared_up(given), floor=declared_floor(given))
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:

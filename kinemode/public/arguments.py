@@ -259,6 +259,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "unit": _MAYBE_NUMBER,
     "up": (_or_none(_text), "a text"),
     "focal": (_or_none(_text), "a text"),
+    "floor": (_either(_number, _text), 'a height [m], "off" or "auto"'),
     "phone": (_or_none(_text), "a text"),
     "scene": (_or_none(_of("estimator.synthesis.settings", "SceneSettings")), "kinemode.SceneSettings"),
     "view": (_or_none(_of("estimator.synthesis.settings", "ViewSettings")), "kinemode.ViewSettings"),

@@ -59,6 +59,7 @@ def track(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    floor: float | str = "auto",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -122,6 +123,10 @@ def track(
         "0.1,0.97,0.2"; unless it or the camera file says so it is found where several cameras see the person stand or
         walk, and z is taken where none do. The world is turned so that z points up, as exports, gait and previews
         take it.
+    floor: its height in the cameras' world, along the axis that points up [m]; "off" where there is none; "auto" takes
+        the camera file's word, or finds it from the feet that stand. Nothing of the body goes below it, as far as the
+        smoothing goes; one that is given also tells a single camera how large the person is, and is the height of what
+        stands on it.
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)
@@ -142,16 +147,15 @@ def track(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
-        resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone,
+        background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out, resume=resume,
+        overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, detect=detect,
+        progress=progress, height=height, up=up, focal=focal, phone=phone, floor=floor,
     )  # fmt: skip
-    choice("fit", fit, FIT_CHOICES)
-    seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
+    seed, begin, start_by = _beginning(fit, seed, start)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_files(settings, index)
     loaded = loaded_subject(subject)
@@ -188,6 +192,7 @@ def fit(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    floor: float | str = "auto",
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -202,11 +207,11 @@ def fit(
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
-        focal=focal, phone=phone, progress=progress,
+        focal=focal, phone=phone, floor=floor, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
@@ -246,6 +251,7 @@ def compare(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    floor: float | str = "auto",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -273,13 +279,12 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone,
+        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone, floor=floor,
     )  # fmt: skip
     check_as("folder", out=out)
-    choice("fit", fit, FIT_CHOICES)
-    seed, (begin, start_by) = whole("seed", seed, 0), moment(start)
+    seed, begin, start_by = _beginning(fit, seed, start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_files(settings, index, reference)
     loaded = loaded_subject(subject)
@@ -294,10 +299,17 @@ def compare(
         return compare_trackers(loaded, seen, trackers, wanted, reference)
 
 
+def _beginning(fit: str, seed: int, start: float | str | None) -> tuple[int, float | None, str | None]:
+    """The seed, when a track begins [s], and what its first pose comes from, with the choice of the fit checked."""
+    choice("fit", fit, FIT_CHOICES)
+    return (whole("seed", seed, 0), *moment(start))
+
+
 def _declared(*given: Any) -> Declared:
     declared = Declared(*given)
     choice("sync", declared.sync, SYNC_CHOICES)
     declared.check_lens()
+    declared.known_floor()
     return declared
 
 

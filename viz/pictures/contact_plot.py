@@ -44,7 +44,8 @@ def contact_drawing(contact: Contact) -> Drawing:
         style = "-" if name.endswith("heel") else ":"
         heights.plot(contact.time, above[:, k], color=colour, linestyle=style)
     bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(contact.names)])
-    bands.set_title("probability of standing")
+    doubt = f"\n{contact.remark}" if contact.remark else ""
+    bands.set_title(f"probability of standing{doubt}")
     heights.axhline(0.0, color="black", linewidth=0.6)
     heights.set_ylabel("height above the floor [mm]")
     heights.set_xlabel("time [s]; heels are solid, toes dotted")

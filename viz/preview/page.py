@@ -23,7 +23,8 @@ from viz import palette
 from viz.pictures.painter import BodyPainter
 from viz.preview.cameras import add_camera
 from viz.preview.curves import joint_curves
-from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh, line_segments
+from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh
+from viz.preview.standing import add_floor, add_stances
 from viz.scene import Scene, as_scene, evenly
 from viz.solids.body_solids import body_solids
 from viz.solids.solid import DrawnMesh, merged, sides_among
@@ -49,10 +50,13 @@ def page(run: Run | Scene, script: str = "") -> str:
     painter = BodyPainter(scene.body)
     stage = _Stage(scene, painter, rows)
     _set_lights(root, stage)
-    _set_ground(root, stage)
+    contact = scene.contact
+    add_floor(root, stage.centre, stage.lowest, None if contact is None else contact.floor)
     animation = Animation(default_framerate=_key_rate(scene, rows))
     parts = merged(body_solids(scene.body))
     _add_bodies(root, animation, scene, rows, parts)
+    if contact is not None:
+        add_stances(root, animation, contact, rows)
     cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
     return recorder.page(
@@ -61,14 +65,14 @@ def page(run: Run | Scene, script: str = "") -> str:
 
 
 class _Stage:
-    """Where the body moves: used to place the ground, the lights, the pictures and the first view."""
+    """Where the body moves: used to place the floor, the lights, the pictures and the first view."""
 
     def __init__(self, scene: Scene, painter: BodyPainter, rows: list[int]) -> None:
         bodies = [t for t in rows if scene.has_body(t)]
         chosen = [bodies[i] for i in evenly(len(bodies), 60)]
         vertices = [painter.vertices(scene.body.at(scene.q[t])) for t in chosen]
         self.points = np.concatenate([v[:: max(1, len(v) // 200)] for v in vertices])
-        self.floor = min(float(v[:, 2].min()) for v in vertices)
+        self.lowest = min(float(v[:, 2].min()) for v in vertices)
         low, high = np.quantile(self.points, 0.02, axis=0), np.quantile(self.points, 0.98, axis=0)
         self.centre = (low + high) / 2.0
         self.radius = max(0.3, 0.5 * float(np.linalg.norm(high - low)))
@@ -101,15 +105,6 @@ def _set_lights(root: meshcat.Visualizer, stage: _Stage) -> None:
     root["/Lights/FillLight/<object>"].set_property("position", (10.0 * back).tolist())
     root["/Lights/FillLight/<object>"].set_property("intensity", 0.3)
     root["/Lights/AmbientLight/<object>"].set_property("intensity", 0.52)
-
-
-def _set_ground(root: meshcat.Visualizer, stage: _Stage) -> None:
-    """Lines every half metre, level with the lowest foot."""
-    middle = np.round(stage.centre[:2] * 2.0) / 2.0
-    reach = np.arange(-3.0, 3.01, 0.5)
-    ends = [((x, -3.0), (x, 3.0)) for x in reach] + [((-3.0, y), (3.0, y)) for y in reach]
-    points = np.array([[middle[0] + x, middle[1] + y, stage.floor] for pair in ends for x, y in pair])
-    root["ground"].set_object(line_segments(points, palette.GRID))
 
 
 def _add_bodies(

@@ -72,9 +72,11 @@ class CameraFormat:
     name: as errors list it. recognises: whether a file is of this format, told by what it holds; those registered
     last are asked first. read: its cameras, in the file's order; raises InputError naming the place. up: the axis of
     the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, where the file or its format says so.
+    floor: its height along that axis [m], where the file says it.
     """
 
     name: str
     recognises: Callable[[CameraFile], bool]
     read: Callable[[CameraFile], list[Camera]]
     up: Callable[[CameraFile], str | None] = lambda _: None
+    floor: Callable[[CameraFile], float | None] = lambda _: None

@@ -73,6 +73,13 @@ def declared_up(path: str | Path) -> str | None:
     return up
 
 
+def declared_floor(path: str | Path) -> float | None:
+    """Height of the floor [m] along the axis that points up, where a file that `load_cameras` reads says so. Raises
+    InputError: it is no number."""
+    file = CameraFile(Path(path), read_bytes(Path(path)))
+    return _format(file).floor(file)
+
+
 def _cameras(file: CameraFile) -> list[Camera]:
     """The cameras of a file by the first format that recognises it."""
     return _format(file).read(file)

@@ -9,8 +9,8 @@ the camera is parallel (orthographic), without distortion, and K's scale is in p
 the focal length is off in the mean, as a share of it, where it is a guess.
 Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
 Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there says which axis of
-the world points up, where that is known (else it is found from the person). A member that is not known is refused,
-unless it is text, such as a note.
+the world points up, where that is known (else it is found from the person); `"floor": 0` how high along it the floor
+is, in the same unit. A member that is not known is refused, unless it is text, such as a note.
 """
 
 from __future__ import annotations
@@ -24,8 +24,16 @@ import numpy as np
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.cameras.lens import COUNTS
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
-from estimator.data.formats.cameras_units import in_metres
-from estimator.data.formats.checked_json import check_members, mapping, numbers, sequence, shaped
+from estimator.data.formats.cameras_units import UNITS, in_metres
+from estimator.data.formats.checked_json import (
+    LARGEST,
+    check_members,
+    mapping,
+    number_between,
+    numbers,
+    sequence,
+    shaped,
+)
 from humanoid.support.errors import InputError
 
 _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
@@ -54,7 +62,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
     """All cameras of a file of our own."""
     entries = sequence(root.get("cameras"), source, "cameras")
-    check_members(root, ("cameras", "units", "up"), source, "", near=True)
+    check_members(root, ("cameras", "units", "up", "floor", "format"), source, "", near=True)
     cameras = [
         camera_from_json(entry, source, f"cameras[{i}]", alone=len(entries) == 1) for i, entry in enumerate(entries)
     ]
@@ -172,4 +180,11 @@ def _up(file: CameraFile) -> Any:
     return None if file.json is None else file.json.get("up")
 
 
-JSON = CameraFormat("kinemode JSON", lambda file: file.json is not None and "cameras" in file.json, _read, _up)
+def _floor(file: CameraFile) -> float | None:
+    root = file.json or {}
+    if root.get("floor") is None:
+        return None
+    return UNITS.get(str(root.get("units")), 1.0) * number_between(root["floor"], -LARGEST, LARGEST, file.path, "floor")
+
+
+JSON = CameraFormat("kinemode JSON", lambda file: file.json is not None and "cameras" in file.json, _read, _up, _floor)

@@ -1,4 +1,5 @@
-"""Hard clearance: a mode whose parts overlap is searched again with signed distances as rows of the step's QP."""
+"""Hard clearance: a mode whose parts overlap, each other or the floor, is searched again with signed distances as rows
+of the step's QP."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, St
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import CONVERGED, SEPARATED, Solution, StepCounts
 from estimator.energy.term import Cost, QuadraticModel
-from humanoid.collision.self_collision import SelfCollision
+from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting
 
@@ -48,8 +49,8 @@ class _Point(NamedTuple):
 class _Separation(Problem[_Point]):
     """Energy and overlap of a pose, with the linearised signed distances of near pairs as rows of the step's QP."""
 
-    def __init__(self, seeker: Seeker, self_collision: SelfCollision, cost: Cost, settings: ContactSettings) -> None:
-        self._seeker, self._self_collision, self._cost, self._settings = seeker, self_collision, cost, settings
+    def __init__(self, seeker: Seeker, clearance: Clearance, cost: Cost, settings: ContactSettings) -> None:
+        self._seeker, self._clearance, self._cost, self._settings = seeker, clearance, cost, settings
         self._radius = seeker.trust_box(seeker.settings)
         self._active = np.zeros(seeker.body.nv, dtype=np.int8)
 
@@ -59,43 +60,43 @@ class _Separation(Problem[_Point]):
 
     def step(self, model: _Point, damping: float) -> Step | None:
         posed, _, gradient, hessian, _ = model.quadratic
-        rows = clearance_rows(self._self_collision, posed, self._settings.margin)
+        rows = clearance_rows(self._clearance, posed, self._settings.margin)
         step = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active, rows)
         return None if step is None or not np.any(np.abs(step[0]) > STILL) else step
 
     def at(self, model: _Point, step: Step) -> _Point:
         quadratic = self._cost.at(self._seeker.body.integrate(model.quadratic.posed.q, step[0]))
-        return self.point(quadratic, self._self_collision.penetration(quadratic.posed))
+        return self.point(quadratic, self._clearance.penetration(quadratic.posed))
 
 
 def separate(
-    seeker: Seeker, self_collision: SelfCollision, cost: Cost, overlapping: Solution, settings: ContactSettings
+    seeker: Seeker, clearance: Clearance, cost: Cost, overlapping: Solution, settings: ContactSettings
 ) -> Solution:
     """`overlapping` itself if no parts overlap by more than the tolerance, else the end of a search with hard rows.
 
     Every step solves the QP with the linearised signed distance d + n'J dx >= target of all near pairs, target being 0
     or, deep inside, half of the overlap; a step is taken when it lowers energy + force * overlap.
     """
-    depth = self_collision.penetration(overlapping.quadratic.posed)
+    depth = clearance.penetration(overlapping.quadratic.posed)
     if depth <= settings.tolerance:
         return overlapping
     before = tuple(seeker.solver.tally)
-    separation = _Separation(seeker, self_collision, cost, settings)
+    separation = _Separation(seeker, clearance, cost, settings)
     newton = NewtonSettings(settings.steps, DAMPING, least_promise=-np.inf, enough=ENOUGH, unsolved="stop")
     end, _, tried = minimise(separation, separation.point(overlapping.quadratic, depth), newton)
-    residual = contact_kkt_residual(seeker, self_collision, end.quadratic)
+    residual = contact_kkt_residual(seeker, clearance, end.quadratic)
     status = CONVERGED if residual < seeker.settings.kkt_tolerance else SEPARATED
     steps = overlapping.steps.plus(StepCounts.between(before, seeker.solver.tally))
     return Solution(end.quadratic, status, residual, overlapping.iterations + tried, steps)
 
 
-def contact_kkt_residual(seeker: Seeker, self_collision: SelfCollision, quadratic: QuadraticModel) -> float:
+def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: QuadraticModel) -> float:
     """Largest entry of the gradient that neither joint limits nor touching parts can balance.
 
     The multipliers, none negative, are the least-squares ones of the active limits and of the pairs in touch.
     """
     body, q = seeker.body, quadratic.posed.q
-    touching = self_collision.near(quadratic.posed, TOUCH).gradient
+    touching = clearance.near(quadratic.posed, TOUCH).gradient
     identity = np.eye(body.nv)
     low = identity[body.bounded_v[q[body.bounded_q] <= body.lower[body.bounded_q]]]
     high = -identity[body.bounded_v[q[body.bounded_q] >= body.upper[body.bounded_q]]]
@@ -106,11 +107,9 @@ def contact_kkt_residual(seeker: Seeker, self_collision: SelfCollision, quadrati
     return float(np.max(np.abs(quadratic.gradient - pressing @ multipliers)))
 
 
-def clearance_rows(
-    self_collision: SelfCollision, posed: PosedBody, margin: float
-) -> tuple[np.ndarray, np.ndarray] | None:
+def clearance_rows(clearance: Clearance, posed: PosedBody, margin: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Rows A (m, nv), b (m,) with A dx >= b for every pair nearer than `margin`; None where there is no such pair."""
-    contacts = self_collision.near(posed, margin)
+    contacts = clearance.near(posed, margin)
     if len(contacts.distance) == 0:
         return None
     target = np.minimum(0.0, 0.5 * contacts.distance)

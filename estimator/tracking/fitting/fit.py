@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
+from estimator.tracking.fitting.floor_size import FloorSize
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
@@ -47,7 +48,8 @@ class Fit:
     one. poses (F, nq), pose_covariance (F, nv, nv): of the subject with the fitted lengths, in these frames; how
     uncertain each pose is by its own frame, with the lengths as uncertain as they are. shape: of the flesh, None where
     it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted. height
-    [m]: what the user knows of the person, None where nothing.
+    [m]: what the user knows of the person, None where nothing. by_floor: what one camera sees of the size by a known
+    floor, None where nothing.
     """
 
     subject: Subject
@@ -60,6 +62,7 @@ class Fit:
     shape: ShapeFit | None = None
     size: float = 1.0
     height: float | None = None
+    by_floor: FloorSize | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -70,6 +73,8 @@ class Fit:
                 return ()
             problem = f"the cameras see a person of {seen:.2f} m, the height given is {self.height:.2f} m"
             return (f"{problem}: look whether the cameras' unit is the metre",)
+        if self.by_floor is not None:
+            return (_floor_note(self.by_floor, self.size),)
         if self.size == 1.0:
             return ()
         return (f"the person is {self.size:.2f} times as large as the subject, which is resized as a whole",)
@@ -92,6 +97,13 @@ class Fit:
         if self.shape is not None:
             last = (self.shape.frames, self.shape.poses, self.shape.covariance)
         return {index: PoseEstimate(q, covariance) for index, q, covariance in zip(*last, strict=True)}
+
+
+def _floor_note(by_floor: FloorSize, size: float) -> str:
+    if not by_floor.believed:
+        problem = f"to stand on the floor the person would be {by_floor.seen:.2f} times as large, which is not believed"
+        return f"{problem}: look at --floor, and whether the cameras' unit is the metre"
+    return f"by the floor the person is {size:.2f} (+-{by_floor.std:.0%}) times as large as the subject"
 
 
 def stature(subject: Subject) -> float:

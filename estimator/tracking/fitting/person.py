@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.data.floor import OFF, KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
 from estimator.tracking.fitting.fit import Fit, stature
 from estimator.tracking.fitting.flesh import fit_flesh
+from estimator.tracking.fitting.floor_size import size_by_floor
 from estimator.tracking.fitting.lengths import fit_lengths
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import Settings
@@ -27,6 +29,7 @@ def fit_person(
     settings: FitSettings | None = None,
     track_settings: Settings | None = None,
     height: float | None = None,
+    floor: KnownFloor = None,
 ) -> Fit:
     """Fit a subject to the person in the first frames of a clip, left and right alike.
 
@@ -34,7 +37,8 @@ def fit_person(
     pictures show, and where the pictures show neither edges nor silhouettes, or none that agree with it.
     track_settings: of the tracker that finds the poses, and of the energy in all stages. height [m]: of the person,
     where it is known: proportions are fitted around a subject of that height; one camera does not see absolute size, so
-    that the fitted one is of it too, several see it and may disagree (`Fit.notes`). Equal seeds give equal fits.
+    that the fitted one is of it too, several see it and may disagree (`Fit.notes`). floor: where its height is known
+    and the person's is not, one camera sees the size by it (`size_by_floor`). Equal seeds give equal fits.
     """
     settings = settings or FitSettings()
     known = 1.0 if height is None else height / stature(subject)
@@ -44,8 +48,12 @@ def fit_person(
     if cues is not None:
         sized = given if size == 1.0 else given.resized(size)
         fit = replace(fit_flesh(sized, fit, cues, settings, track_settings or Settings()), size=size)
-    if height is not None and fit.observations and len(fit.observations[0].cameras) == 1:
-        fit = _of_size(fit, height / stature(fit.subject))
+    if fit.observations and len(fit.observations[0].cameras) == 1:
+        if height is not None:
+            fit = _of_size(fit, height / stature(fit.subject))
+        elif floor is not None and floor != OFF:
+            by_floor = size_by_floor(Body(fit.subject), fit.poses, fit.observations, floor)
+            fit = replace(fit if by_floor is None else _of_size(fit, by_floor.factor), by_floor=by_floor)
     size = known * fit.size
     if size == 1.0:
         return replace(fit, height=height)

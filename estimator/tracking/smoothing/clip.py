@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.floor import OFF, KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
+from estimator.energy.above_floor import AboveFloor
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import STALLED, Solution
+from estimator.energy.gravity_prior import world_up
 from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
@@ -23,11 +27,15 @@ from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
-from estimator.tracking.smoothing.stances import with_stances
+from estimator.tracking.smoothing.stances import Stances
 from estimator.tracking.smoothing.ties import Ties
+from humanoid.collision.clearance import Clearances
+from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 
 _HOLDS = 2  # times that what stands is told anew
+_SUNK = 0.005  # m: standard deviation of a part below the floor
+_DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 
 
@@ -38,6 +46,7 @@ def smooth_track(
     settings: SmoothSettings | None = None,
     *,
     cues: Cues | None = None,
+    floor: KnownFloor = None,
     progress: Progress | None = None,
 ) -> np.ndarray:
     """Smoothed configurations (T, nq) of the best trajectory, NaN where a frame has no hypothesis.
@@ -45,17 +54,26 @@ def smooth_track(
     Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
-    (`Renewal`). Heels and toes of that path that stand are held in one place (`with_stances`). Parts that the smoothing
-    pushed into each other are parted again (`estimator.energy.descent.contact`). `progress` is called with how many
-    frames of how many are done.
+    (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
+    floor, given or found. Parts that the smoothing pushed into each other or into the floor are parted again
+    (`estimator.energy.descent.contact`). `progress` is called with how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
-    track = _Track(search, observations, results, settings, cues)
+    track = _Track(search, observations, results, settings, cues, floor)
     q = np.full((len(results), search.body.nq), np.nan)
     if track.some:
-        cost, smoothed = track.best(progress)
-        q[track.some] = [_parted(search, c, x) for c, x in zip(cost, smoothed, strict=True)]
+        end = track.best(progress)
+        clearance = Clearances([part for part in (search.self_collision, end.floor) if part is not None])
+        q[track.some] = [_parted(search, clearance, c, x) for c, x in zip(end.costs, end.q, strict=True)]
     return q
+
+
+class _Held(NamedTuple):
+    """Costs (T) and poses q (T, nq) of a trajectory, and the floor that it is above, None without one."""
+
+    costs: list[Cost]
+    q: np.ndarray
+    floor: FloorDistances | None
 
 
 class _Track:
@@ -68,8 +86,9 @@ class _Track:
         results: Sequence[FrameResult],
         settings: SmoothSettings,
         cues: Cues | None,
+        floor: KnownFloor,
     ) -> None:
-        self._search, self._settings, self._cues = search, settings, cues
+        self._search, self._settings, self._cues, self._floor = search, settings, cues, floor
         self._observations, self._results = observations, results
         self._motion = settings.motion(search.model)
         path = backtrack_results(results)
@@ -77,8 +96,8 @@ class _Track:
         self._times = np.array([observations[t].time for t in self.some])
         self._path = path[self.some]
 
-    def best(self, progress: Progress | None) -> tuple[list[Cost], np.ndarray]:
-        """Costs and smoothed poses (T, nq) of the better path."""
+    def best(self, progress: Progress | None) -> _Held:
+        """The better path, smoothed."""
         costs, energies = [], []
         for t, k in zip(self.some, self._path, strict=True):
             of_frame = frame_costs(self._search, self._seen(t), self._results[t])
@@ -97,16 +116,28 @@ class _Track:
         best = min(rivals, key=lambda r: renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association))
         return self._held(best)
 
-    def _held(self, trajectory: Trajectory) -> tuple[list[Cost], np.ndarray]:
-        """Costs and poses of a trajectory whose feet that stand are held, as it tells which do."""
-        costs, q = trajectory.costs, trajectory.q
+    def _held(self, trajectory: Trajectory) -> _Held:
+        """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
+        body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
-        for _ in range(_HOLDS if self._settings.stance > 0.0 else 0):
-            before, costs = costs, with_stances(self._search.body, trajectory.costs, q, seen, self._settings.stance)
+        floor = None
+        if self._floor is not None and self._floor != OFF:
+            floor = FloorDistances(body, world_up(seen[0].cameras), self._floor)
+        costs, q = trajectory.costs, trajectory.q
+        for _ in range(_HOLDS):
+            before, stances = costs, Stances.of(body, q, seen, self._floor)
+            costs = trajectory.costs
+            if stances is not None:
+                costs = costs if stance == 0.0 else stances.held(body, costs, stance)
+                if floor is None and stances.floor is not None:
+                    floor = FloorDistances(body, stances.floor.normal, stances.floor.height)
+            if floor is not None:
+                above = AboveFloor(floor, _SUNK, _DOUBTED if self._floor is None else None)
+                costs = [cost.plus([above]) for cost in costs]
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
-            q = smooth(self._search.body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
-        return costs, q
+            q = smooth(body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
+        return _Held(costs, q, floor)
 
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""
@@ -138,15 +169,15 @@ class _Track:
         return observation if self._cues is None else replace(observation, cues=self._cues.at(observation.index))
 
 
-def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
-    """q (nq,) itself unless parts overlap, else a pose near it where they do not."""
+def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray) -> np.ndarray:
+    """q (nq,) itself unless parts overlap each other or the floor, else a pose near it where they do not."""
     body = search.body
     contact = search.settings.contact
-    if search.self_collision is None or search.self_collision.penetration(body.at(q)) <= contact.tolerance:
+    if clearance.penetration(body.at(q)) <= contact.tolerance:
         return q
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
     start = Solution(held.at(q), STALLED, np.inf, 0)
-    return separate(search.seeker, search.self_collision, held, start, contact).q
+    return separate(search.seeker, clearance, held, start, contact).q
 
 
 def smooth(

@@ -1,56 +1,79 @@
-"""Feet that stand stay where they are: while a point of a foot stands, one place draws it."""
+"""Feet that stand stay where they are, on the floor: while a point of a foot stands, one place draws it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.energy.gravity_prior import world_up
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Cost
-from estimator.inference.foot_contact import foot_contact, stances_of
+from estimator.inference.foot_contact import stances_of
+from estimator.inference.foot_points import FootPoints
+from estimator.inference.ground import Ground
 from humanoid.kinematics.body import Body
-from humanoid.subject.landmarks import foot_landmarks, foot_parts
 
 _LEAST = 0.1  # s: what stands for less is not held
 _FAINT = 0.1  # probability of standing
 _NU = 4.0
+_STEP = 0.06  # m: what stands so much below a floor that was found stands on another one
 
 
-def with_stances(
-    body: Body, costs: Sequence[Cost], q: np.ndarray, observations: Sequence[Observation], std: float
-) -> list[Cost]:
-    """Costs (T) with a pull of each point of the feet, while it stands, to the middle of its places in that time.
+class Stances(NamedTuple):
+    """What holds the feet of a clip.
 
-    q (T, nq): the trajectory that tells what stands, and where. observations (T): a point counts by the share of its
-    stance in which its keypoint is seen: a foot that nobody sees lies as the prior has it. std [m]: of what stands from
-    one place, with long tails, as feet roll. A foot on a stair stands on no floor, and is held alike. A cost without a
-    pull, as all are of a body without heels and toes, is the given one itself.
+    feet: which points. places (T, P, 3) [m]: where they are held. weight (T, P): how much each counts, 0 of what does
+    not stand. floor: None where there is none.
     """
-    names = foot_landmarks(body.landmark_names)
-    if not names or len(q) < 2:
-        return list(costs)
-    index = [body.landmark_names.index(name) for name in names]
-    points = body.landmarks_of(body.placed(q))[:, index]
-    times = np.array([o.time for o in observations])
-    seen = np.array([np.isfinite(o.known_pixels[:, index]).all(axis=2).any(axis=0) for o in observations])
-    standing = foot_contact(points, times, foot_parts(names), world_up(observations[0].cameras)).standing
-    places, weight = held_places(points, standing, seen, times)
-    joint, local = body.landmark_joint[index], body.landmark_local[index]
-    precision = np.eye(3) / std**2
-    result = []
-    for cost, place, share in zip(costs, places, weight, strict=True):
-        held = np.flatnonzero(share > _FAINT)
-        if len(held):
-            pull = PointTargets(
-                body, joint[held], local[held], place[held], np.tile(precision, (len(held), 1, 1)),
-                weight=share[held], potential="lorentzian", nu=_NU, name="stances",
-            )  # fmt: skip
-            cost = cost.plus([pull])
-        result.append(cost)
-    return result
+
+    feet: FootPoints
+    places: np.ndarray
+    weight: np.ndarray
+    floor: Ground | None
+
+    @staticmethod
+    def of(body: Body, q: np.ndarray, observations: Sequence[Observation], known: KnownFloor = None) -> Stances | None:
+        """As a trajectory q (T, nq) tells; None of a body without heels and toes.
+
+        observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that nobody
+        sees lies as the prior has it. What stands on a floor that is known is held at its height; one that is found is
+        none where something stands on a lower one, as on stairs.
+        """
+        feet = FootPoints.of(body)
+        if feet is None or len(q) < 2:
+            return None
+        points = body.landmarks_of(body.placed(q))[:, feet.landmark]
+        times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
+        seen = np.array([np.isfinite(o.known_pixels[:, feet.landmark]).all(axis=2).any(axis=0) for o in observations])
+        standing, floor = feet.contact(points, times, up, known, seen)
+        places, weight = held_places(points, standing, seen, times)
+        if floor is not None:
+            heights = floor.heights(places, feet.kind)
+            if known is None:
+                floor = None if np.any(heights[weight > _FAINT] < -_STEP) else floor
+            else:
+                places = np.where((np.abs(heights) < _STEP)[..., None], places - heights[..., None] * up, places)
+        return Stances(feet, places, weight, floor)
+
+    def held(self, body: Body, costs: Sequence[Cost], std: float) -> list[Cost]:
+        """Costs (T) with the pulls of each point that stands, std [m], with long tails, as feet roll. A cost without a
+        pull is the given one itself. A foot on a stair stands on no floor, and is held alike."""
+        joint, local = body.landmark_joint[self.feet.landmark], body.landmark_local[self.feet.landmark]
+        precision, result = np.eye(3) / std**2, []
+        for cost, place, share in zip(costs, self.places, self.weight, strict=True):
+            some = np.flatnonzero(share > _FAINT)
+            if len(some):
+                pull = PointTargets(
+                    body, joint[some], local[some], place[some], np.tile(precision, (len(some), 1, 1)),
+                    weight=share[some], potential="lorentzian", nu=_NU, name="stances",
+                )  # fmt: skip
+                cost = cost.plus([pull])
+            result.append(cost)
+        return result
 
 
 def held_places(

@@ -1,0 +1,98 @@
+"""How far the parts of a body are above a floor: signed distance and gradient of each, by coal."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.shape.solids import ConvexSolid, solids_of
+
+
+class FloorContacts(NamedTuple):
+    """Parts nearer to the floor than a margin.
+
+    distance (M,) [m]: signed, negative below the floor. gradient (M, nv): its derivative in the tangent space [m per
+    unit of v].
+    """
+
+    distance: np.ndarray
+    gradient: np.ndarray
+
+
+class FloorDistances:
+    """Signed distances of a body's solids to the half-space normal . x <= height.
+
+    A capsule counts with both of its ends, so that one which lies has two contacts. Solids that no joint moves are left
+    out. One object serves one thread: it reuses coal's queries.
+
+    normal (3,): unit vector in the world, upwards. height [m]: along it. margin [m]: below which a part is near.
+    """
+
+    def __init__(self, body: Body, normal: np.ndarray, height: float, margin: float = 0.02) -> None:
+        self.margin = margin
+        self._body, self._normal, self._height = body, np.asarray(normal, float), float(height)
+        pieces = [piece for solid in solids_of(body) if solid.joint > 0 for piece in _pieces(solid)]
+        self._joint = np.array([piece.joint for piece in pieces], dtype=np.int64)
+        self._local = np.array([piece.place for piece in pieces]).reshape(-1, 3)
+        self._rotation = [piece.rotation for piece in pieces]
+        self._reach = np.array([piece.reach for piece in pieces])
+        half_space, self._still = coal.Halfspace(self._normal, self._height), coal.Transform3s()
+        self._queries = [coal.ComputeDistance(piece.geometry, half_space) for piece in pieces]
+        self._kept = [piece.geometry for piece in pieces], half_space  # the queries hold no references of their own
+        self._place, self._request, self._result = coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult()
+
+    def near(self, posed: PosedBody, margin: float | None = None) -> FloorContacts:
+        """Every part whose signed distance is below the margin [m], by default the constructor's."""
+        index, distance, point = self._measure(posed, self.margin if margin is None else margin)
+        rows = np.zeros((len(index), len(posed.spatial_jacobian)))
+        for row, i, p in zip(rows, index, point, strict=True):
+            support = np.flatnonzero(self._body.column_support[self._joint[i]])
+            J = posed.spatial_jacobian[support]
+            row[support] = (J[:, :3] + np.cross(J[:, 3:], p)) @ self._normal
+        return FloorContacts(distance, self._body.collected(rows) if len(rows) else np.zeros((0, self._body.nv)))
+
+    def penetration(self, posed: PosedBody) -> float:
+        """How far the lowest part is below the floor [m], 0 if none is."""
+        distance = self._measure(posed, 0.0)[1]
+        return max(0.0, -float(distance.min())) if len(distance) else 0.0
+
+    def _measure(self, posed: PosedBody, margin: float) -> tuple[list[int], np.ndarray, np.ndarray]:
+        """Which pieces are below the margin, their distances (M,) and lowest points (M, 3)."""
+        R = posed.rotations[self._joint]
+        origin = np.einsum("nij,nj->ni", R, self._local) + posed.translations[self._joint]
+        index, distances, points = [], [], []
+        for i in np.flatnonzero(origin @ self._normal - self._height - self._reach < margin).tolist():
+            self._place.setRotation(R[i] @ self._rotation[i])
+            self._place.setTranslation(origin[i])
+            self._result.clear()
+            distance = self._queries[i](self._place, self._still, self._request, self._result)
+            if distance < margin:
+                index.append(i)
+                distances.append(distance)
+                points.append(self._result.getNearestPoint1().copy())
+        return index, np.array(distances), np.array(points).reshape(-1, 3)
+
+
+class _Piece(NamedTuple):
+    """A shape of one joint: rotation (3, 3) and place (3,) [m] in the joint's frame; reach [m]: of its farthest point
+    from there."""
+
+    joint: int
+    geometry: Any
+    rotation: np.ndarray
+    place: np.ndarray
+    reach: float
+
+
+def _pieces(solid: ConvexSolid) -> list[_Piece]:
+    """A solid, or a capsule's ends."""
+    R, t = solid.rotation, solid.translation
+    if not isinstance(solid.geometry, coal.Capsule):
+        reach = float(np.linalg.norm(solid.core_centre) + np.linalg.norm(solid.core_half) + solid.core_radius)
+        return [_Piece(solid.joint, solid.geometry, R, t, reach)]
+    ball = coal.Sphere(solid.core_radius)
+    ends = (t + R @ (solid.core_centre + sign * solid.core_half) for sign in (-1.0, 1.0))
+    return [_Piece(solid.joint, ball, np.eye(3), end, solid.core_radius) for end in ends]

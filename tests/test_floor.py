@@ -1,0 +1,247 @@
+"""The floor: distances to it, what keeps above it, and how large one camera sees a person who stands on it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import meshcat
+import numpy as np
+import pinocchio as pin
+import pytest
+from builders import body_of, camera_at, observe, random_pose
+from meshcat.animation import Animation
+from test_fixed_lag import FPS as RATE
+from test_fixed_lag import Track, tracked
+from test_foot_contact import walk
+from test_run_file import header
+from test_stances import FPS, watched
+
+import kinemode as km
+from estimator.data.cameras.camera import parallel_camera
+from estimator.data.floor import OFF
+from estimator.data.formats.cameras import declared_floor, write_cameras
+from estimator.energy.above_floor import AboveFloor
+from estimator.energy.descent.contact import clearance_rows
+from estimator.energy.term import Cost
+from estimator.inference.foot_contact import foot_contact
+from estimator.inference.foot_points import FootPoints
+from estimator.runs.contact import contact_of_points
+from estimator.runs.run_header import RunHeader
+from estimator.synthesis.motion import authored_motion
+from estimator.tracking.fitting.floor_size import size_by_floor
+from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing.stances import Stances
+from humanoid.collision.clearance import Clearances
+from humanoid.collision.floor import FloorDistances
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import ROOT_PLACE_Q, Body
+from humanoid.support.errors import InputError
+from viz.preview.recorder import CommandRecorder
+from viz.preview.standing import add_floor, add_stances
+
+SLOPE = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0])
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def whole() -> Track:
+    """A person before one camera."""
+    body = body_of("human34")
+    return tracked(body, authored_motion(body, 0.4 + np.arange(8) / RATE), (15,), {})
+
+
+@pytest.mark.parametrize("name", ["human34", "example-robot-data:talos"])
+def test_distances_have_their_gradients(name: str) -> None:
+    body, rng = body_of(name), np.random.default_rng(2)
+    floor, step = FloorDistances(body, SLOPE, -0.6), 1e-6
+    q = body.clamp(pin.integrate(body.model, body.neutral, 0.3 * rng.normal(size=body.nv)))
+    contacts = floor.near(body.at(q), np.inf)
+    assert floor.penetration(body.at(q)) == pytest.approx(max(0.0, -contacts.distance.min()))
+    for i in range(body.nv):
+        ends = [
+            floor.near(body.at(pin.integrate(body.model, q, s * step * np.eye(body.nv)[i])), np.inf) for s in (1, -1)
+        ]
+        slope = (ends[0].distance - ends[1].distance) / (2.0 * step)
+        np.testing.assert_allclose(contacts.gradient[:, i], slope, atol=1e-8)
+    near = floor.near(body.at(q), 0.1)
+    np.testing.assert_array_equal(near.distance, contacts.distance[contacts.distance < 0.1])
+
+
+def test_what_stands_on_a_floor_touches_it() -> None:
+    """The lowest distance is that of the lowest point; a foot that lies touches with both ends."""
+    body = body_of("human34")
+    posed = body.at(pin.neutral(body.model))
+    lowest = FloorDistances(body, UP, 0.0).near(posed, np.inf).distance.min()
+    floor = FloorDistances(body, UP, lowest)
+    touching = floor.near(posed, 1e-6).distance
+    assert len(touching) == 4
+    np.testing.assert_allclose(touching, 0.0, atol=1e-6)
+    feet = FootPoints.of(body)
+    assert feet is not None
+    points = body.landmarks(posed)[feet.landmark]
+    np.testing.assert_allclose(points[:, 2] - feet.above[feet.kind], lowest, atol=1e-6)
+
+
+def test_both_clearances_are_rows_of_one_step() -> None:
+    body = body_of("human34")
+    posed = body.at(body.neutral)
+    parts = SelfCollision(body), FloorDistances(body, UP, -0.8)
+    both = Clearances(parts)
+    rows = clearance_rows(both, posed, 0.1)
+    assert rows is not None
+    counts = [len(part.near(posed, 0.1).distance) for part in parts]
+    assert min(counts) > 0
+    assert rows[0].shape == (sum(counts), body.nv)
+    assert both.penetration(posed) == parts[1].penetration(posed) > 0.0
+    assert Clearances(()).penetration(posed) == 0.0
+
+
+def test_size_is_seen_by_the_floor() -> None:
+    """Of a person modelled too small and so much too near, which looks the same."""
+    adult = body_of("human34")
+    camera = camera_at(20.0)
+    centre = camera.origin_world
+    for size in (0.55, 0.9, 1.08):
+        person = Body(adult.subject.resized(size))
+        standing = person.neutral
+        floor = float(FloorDistances(person, UP, 0.0).near(person.at(standing), np.inf).distance.min())
+        looks_alike = standing.copy()
+        looks_alike[ROOT_PLACE_Q] = centre + (standing[ROOT_PLACE_Q] - centre) / size
+        in_the_air = looks_alike.copy()
+        in_the_air[2] += 0.2
+        poses = np.array([looks_alike, looks_alike, in_the_air])
+        seen = [observe(adult, q, [camera]) for q in poses]
+        told = size_by_floor(adult, poses, seen, floor)
+        assert told is not None
+        assert told.believed
+        assert told.seen == pytest.approx(size, abs=1e-6)
+        assert min(1.0, size) < told.factor < max(1.0, size)
+        assert told.factor == pytest.approx(size, rel=0.02)
+        far = size_by_floor(adult, poses, seen, floor - 2.5)
+        assert far is not None
+        assert (far.believed, far.factor) == (False, 1.0)
+        assert size_by_floor(adult, poses, seen, float(centre[2]) - 0.1) is None
+
+
+def test_a_parallel_camera_and_a_fixed_body_see_no_size() -> None:
+    body = body_of("human34")
+    flat = parallel_camera("flat", (640, 480), 180.0, np.zeros(3))
+    assert size_by_floor(body, body.neutral[None], [observe(body, body.neutral, [flat])], -2.0) is None
+    arm = body_of("arm8")
+    assert size_by_floor(arm, arm.neutral[None], [observe(arm, arm.neutral, [camera_at(20.0)])], -2.0) is None
+
+
+def test_a_known_floor_is_that_of_the_feet_and_none_is_none() -> None:
+    points, time, _ = walk(30.0)
+    kind = np.array([0, 1, 0, 1])
+    above = np.array([0.05, 0.01])
+    known = foot_contact(points, time, kind, UP, above=above, floor=0.02)
+    assert known.floor is not None
+    np.testing.assert_allclose(known.floor.heights(points, kind), points[..., 2] - 0.02 - above[kind])
+    off = foot_contact(points, time, kind, UP, floor="off")
+    assert off.floor is None
+    assert np.abs(off.standing - known.standing).mean() < 0.1
+    nobody = foot_contact(points, time, kind, UP, seen=np.zeros(points.shape[:2], dtype=bool))
+    assert nobody.floor is None
+    half = np.arange(4) < 2
+    apart = points + np.where(half, 0.0, 0.4)[:, None] * UP
+    alone = foot_contact(apart, time, kind, UP, seen=np.tile(half, (len(time), 1)))
+    assert alone.floor is not None
+    assert alone.floor.height + alone.floor.above == pytest.approx(above, abs=0.01)
+
+
+def test_what_stands_is_held_on_a_known_floor_alone() -> None:
+    """A floor that is told is where feet stand already; below one, on a lower stair, there is none."""
+    body, times = body_of("human34"), np.arange(60) / FPS
+    q = np.tile(pin.neutral(body.model), (60, 1))
+    seen = watched(body, q, times)
+    told = Stances.of(body, q, seen)
+    assert told is not None
+    assert told.floor is not None
+    lowest = float(FloorDistances(body, UP, 0.0).near(body.at(q[0]), np.inf).distance.min())
+    assert told.floor.height == pytest.approx(lowest, abs=0.005)
+    raised = Stances.of(body, q, seen, lowest + 0.03)
+    assert raised is not None
+    np.testing.assert_allclose(
+        raised.places - told.places, np.broadcast_to([0.0, 0.0, 0.03], raised.places.shape), atol=1e-6
+    )
+    q[53:, 2] -= 0.17
+    stairs = Stances.of(body, q, watched(body, q, times))
+    assert stairs is not None
+    assert stairs.floor is None
+
+
+def test_parts_below_it_cost_and_others_do_not() -> None:
+    body = body_of("human34")
+    q = random_pose(body, np.random.default_rng(0), share=0.4)
+    lowest = float(FloorDistances(body, SLOPE, 0.0).near(body.at(q), np.inf).distance.min())
+    for nu in (None, 64.0):
+        free, sunk = (AboveFloor(FloorDistances(body, SLOPE, lowest + d), 0.005, nu) for d in (-1e-6, 0.01))
+        assert free.value(body.at(q)) == 0.0
+        cost = Cost(body, [sunk])
+        for exact in (False, True):
+            assert cost.at(q, exact).value == sunk.value(body.at(q)) > 0.0
+        model = cost.at(q)
+        for v in np.random.default_rng(1).normal(size=(4, body.nv)):
+            ends = [sunk.value(body.at(pin.integrate(body.model, q, s * 1e-6 * v))) for s in (1.0, -1.0)]
+            assert model.gradient @ v == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-6)
+
+
+def test_the_camera_files_word_and_the_users(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.json"
+    write_cameras(path, [camera_at(20.0)])
+    assert declared_floor(path) is None
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"units": "mm", "floor": 30}))
+    assert declared_floor(path) == pytest.approx(0.03)
+    path.write_text(json.dumps(content | {"floor": "low"}))
+    with pytest.raises(InputError, match="floor"):
+        declared_floor(path)
+    for wrong, said in (("low", "no height .a height in"), (np.nan, "out of reach"), (1e9, "out of reach")):
+        with pytest.raises(InputError, match=f"--floor: .*{said}"):
+            km.track("human34", None, keypoints=tmp_path / "cameras.json", cameras=path, floor=wrong)
+    for floor in (None, "off", 0.25):
+        assert RunHeader.from_json(header(3, floor=floor).to_json(), "a.run").floor == floor
+    text = header(3, floor=0.25).to_json().replace('"floor": 0.25', '"floor": "high"')
+    with pytest.raises(InputError, match="floor"):
+        RunHeader.from_json(text, "a.run")
+    assert header(3, floor=0.25).differences(header(3)) == ("floor",)
+
+
+def test_a_smoothed_person_is_above_a_known_floor(whole: Track) -> None:
+    """Hard, within the tolerance of overlaps; without a floor nothing says so."""
+    body = whole.body
+    free = smooth_track(whole.search, whole.seen, whole.results, floor=OFF)
+    lowest = min(FloorDistances(body, UP, 0.0).near(body.at(q), np.inf).distance.min() for q in free)
+    floor = FloorDistances(body, UP, float(lowest) + 0.04)
+    above = smooth_track(whole.search, whole.seen, whole.results, floor=float(lowest) + 0.04)
+    assert max(floor.penetration(body.at(q)) for q in free) == pytest.approx(0.04)
+    assert max(floor.penetration(body.at(q)) for q in above) < whole.search.settings.contact.tolerance + 1e-6
+    assert np.abs(above - free).max() < 0.5
+
+
+def test_the_preview_has_the_floor_and_discs_under_what_stands() -> None:
+    points, time, _ = walk(30.0)
+    names = ("left_heel", "left_big_toe", "right_heel", "right_big_toe")
+    contact = contact_of_points(time, names, points)
+    assert contact.floor is not None
+    recorder = CommandRecorder()
+    root, animation, rows = meshcat.Visualizer(window=recorder), Animation(default_framerate=30.0), list(range(20))
+    add_floor(root, points[0, 0], 0.0, contact.floor)
+    add_stances(root, animation, contact, rows)
+    for k, name in enumerate(names):
+        tracks = animation.clips[root["standing"][name].path].tracks
+        np.testing.assert_array_equal(tracks["scale"].values[:, 0] > 0.4, contact.standing[rows, k] > 0.5)
+        on_floor = tracks["position"].values @ contact.floor.normal - contact.floor.height
+        np.testing.assert_allclose(on_floor, contact.floor.above[k % 2], atol=1e-6)
+
+
+def test_feet_without_keypoints_are_told_from_others() -> None:
+    points, time, _ = walk(30.0)
+    contact = contact_of_points(time, ("left_heel", "left_big_toe", "right_heel", "right_big_toe"), points)
+    assert contact.remark == ""
+    unseen = replace(contact, seen=np.full(4, 0.01))
+    assert "no heels and toes" in unseen.remark
+    assert unseen.remark in repr(unseen)
