@@ -21,6 +21,7 @@ from benchmarks.accuracy.unseen_clips import (
     UnseenRun,
     action_of,
     heading_rate,
+    spikes_of,
     turn_bins,
     write_joints,
 )
@@ -85,6 +86,19 @@ def test_known_errors_come_out_as_they_are() -> None:
     assert means["far"] == 0.5  # far off once, without a pose once
     assert (means["hips"], means["knees"], means["elbows"]) == pytest.approx((3.0, 6.0, 0.5))
     assert means["angles"] == pytest.approx(9.5 / 3.0)
+    assert means["spikes"] == 1.0  # in the second frame; that after the third has no pose
+
+
+def test_a_joint_that_leaves_for_a_frame_is_a_spike_and_a_fast_one_is_none() -> None:
+    truth = np.zeros((9, 3, 3)) + 0.05 * np.arange(9)[:, None, None]
+    points = truth.copy()
+    points[4, 2, 1] += 0.13
+    assert spikes_of(points, truth, (0, 1)).tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
+    assert not spikes_of(points, points, (0, 1)).any()
+    points[5:, 2, 1] += 0.13  # it stays there
+    assert not spikes_of(points, truth, (0, 1)).any()
+    points[4, 2] = np.nan
+    assert not spikes_of(points, truth, (0, 1)).any()
 
 
 def run_of(clip: str, seed: int, folder: str = "a") -> UnseenRun:
@@ -94,7 +108,8 @@ def run_of(clip: str, seed: int, folder: str = "a") -> UnseenRun:
 def figures(error: float, frames: int, rate: float) -> dict[str, object]:
     track = {"aligned": error, "pa": error}
     arrays = {"aligned": [error] * frames, "pa": [error] * frames, "degrees": [[error] * len(ANGLES)] * frames}
-    return {**arrays, "rate": [rate] * frames, "tracks": {"smoothed": track}}
+    others = {"rate": [rate] * frames, "spikes": [0.0] * frames}
+    return {**arrays, **others, "tracks": {"smoothed": track}}
 
 
 def test_means_are_of_seeds_then_of_clips_and_of_frames_where_they_turn() -> None:

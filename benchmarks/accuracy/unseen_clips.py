@@ -33,6 +33,7 @@ KINDS = ("detector", "joints")
 """COCO's 17 keypoints with the errors of `benchmarks.support.mocap_person.DETECTOR`; the 12 limb joints alone with
 `JOINTS_NOISE`."""
 JOINTS_NOISE = DetectorSettings(3.0, 0.0, 0.0)
+_LEAVES, _STAYS = 0.12, 0.04  # m
 _STREAM = 4  # of random numbers, beside those of the clip
 GROUPS = {
     "hips": ("left_hip_flexion", "right_hip_flexion"),
@@ -73,17 +74,30 @@ def turn_bins(rate: np.ndarray) -> np.ndarray:
     return np.digitize(rate, _TURN_EDGES)
 
 
+def spikes_of(points: np.ndarray, truth: np.ndarray, root: Sequence[int] | None) -> np.ndarray:
+    """How many joints of points (T, J, 3) [m] leave for a frame, (T,): over 12 cm off the mean of the frames before and
+    after, with the hips aligned where they are known (`root`), where the truth's is under 4 cm off. None in the first
+    and last frame, nor beside one without a pose."""
+    left = [np.zeros(points.shape[:2]) for _ in range(2)]
+    for off, track in zip(left, (points, truth), strict=True):
+        aligned = track if root is None else track - track[:, list(root)].mean(axis=1, keepdims=True)
+        off[1:-1] = np.linalg.norm(aligned[1:-1] - 0.5 * (aligned[:-2] + aligned[2:]), axis=2)
+    return np.sum((left[0] > _LEAVES) & (left[1] < _STAYS), axis=1).astype(float)
+
+
 class FrameErrors(NamedTuple):
     """A smoothed trajectory against the truth, NaN in frames without a pose.
 
     aligned, pa (T,): mean error of the limb joints with the hips aligned and after the best similarity [mm]. degrees
-    (T, A): absolute errors of `ANGLES`. rate (T,): of the true pelvis, see `heading_rate`.
+    (T, A): absolute errors of `ANGLES`. rate (T,): of the true pelvis, see `heading_rate`. spikes (T,): see
+    `spikes_of`.
     """
 
     aligned: np.ndarray
     pa: np.ndarray
     degrees: np.ndarray
     rate: np.ndarray
+    spikes: np.ndarray
 
     @staticmethod
     def of(run: Run, truth: Reference) -> FrameErrors:
@@ -99,6 +113,7 @@ class FrameErrors(NamedTuple):
             1e3 * pa_mpjpe(points, pairs.truth),
             np.abs(np.rad2deg(ours - q[:, columns])),
             heading_rate(q[:, ROOT_TURN_Q], FPS),
+            spikes_of(points, pairs.truth, pairs.shared.root),
         )
 
     @staticmethod
@@ -112,13 +127,14 @@ class FrameErrors(NamedTuple):
 
     def means(self) -> dict[str, float]:
         """Mean errors of frames with a pose: `aligned`, `pa` [mm]; `angles`, `hips`, `knees`, `elbows` [deg]. `far`:
-        share of frames over 250 mm with the hips aligned, or without a pose."""
+        share of frames over 250 mm with the hips aligned, or without a pose. `spikes`: how many there are."""
         joints = np.nanmean(self.degrees, axis=0)
         groups = {name: joints[[ANGLES.index(j) for j in of]].mean() for name, of in GROUPS.items()}
         all_ = {
             "aligned": np.nanmean(self.aligned),
             "pa": np.nanmean(self.pa),
             "far": np.mean(~(self.aligned <= FAR_MM)),
+            "spikes": np.sum(self.spikes),
         }
         return {name: float(value) for name, value in {**all_, "angles": joints.mean(), **groups}.items()}
 
