@@ -11,6 +11,7 @@ from estimator.runs.diagnosis import Diagnosis, diagnose
 from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
+from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from kinemode.explain import run_settings
 
 _STEADY, _UPRIGHT = 0.8, 0.5  # length of the mean direction of a person who does not turn over; its part along z
@@ -52,6 +53,18 @@ def upright_note(run: Run) -> str:
         f"the person does not stand along z, but about along {along}: trc, mot, c3d and osim, gait and the preview"
         f" take z for up. If {along} points up in the cameras' world, track with --up {along}"
     )
+
+
+def floor_note(run: Run) -> str:
+    """What is to be said of a floor that is not where the person is, empty where nothing."""
+    known = run.header.floor
+    floor = floor_of(run.body, run.header.cameras, known)
+    height = np.nan if floor is None else height_above(floor, run.body, run.q)
+    if is_believed(height):
+        return ""
+    where = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'}"
+    problem = f"the floor is given at {known:g} m, and the person's lowest part is {where} it, so it was not used"
+    return f"{problem}: look at --floor, and whether the cameras' unit is the metre"
 
 
 def status_counts(statuses: Iterable[str]) -> str:

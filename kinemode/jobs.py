@@ -32,7 +32,7 @@ from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.explain import run_settings
-from kinemode.findings import diagnosed, upright_note
+from kinemode.findings import diagnosed, floor_note, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
@@ -320,7 +320,7 @@ def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple
     speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together."""
     results = list(run)
     leapt = leap_note(leaps(run.body, results))
-    own = [note for note in (leapt, bound_note(run.subject), upright_note(run)) if note]
+    own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
     against: Sequence[int] = ()
     if diagnosis.contradicts_input:

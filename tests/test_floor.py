@@ -32,6 +32,7 @@ from estimator.runs.run_header import RunHeader
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.floor_size import size_by_floor
 from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from estimator.tracking.smoothing.stances import Stances
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
@@ -220,6 +221,16 @@ def test_a_smoothed_person_is_above_a_known_floor(whole: Track) -> None:
     assert max(floor.penetration(body.at(q)) for q in free) == pytest.approx(0.04)
     assert max(floor.penetration(body.at(q)) for q in above) < whole.search.settings.contact.tolerance + 1e-6
     assert np.abs(above - free).max() < 0.5
+
+
+def test_a_floor_far_from_the_person_is_left_out(whole: Track) -> None:
+    free, far = (smooth_track(whole.search, whole.seen, whole.results, floor=f) for f in (None, 5.0))
+    np.testing.assert_array_equal(free, far)
+    floor = floor_of(whole.body, whole.seen[0].cameras, 5.0)
+    assert floor is not None
+    assert not is_believed(height_above(floor, whole.body, free))
+    assert is_believed(height_above(floor, whole.body, np.full((2, whole.body.nq), np.nan)))
+    assert floor_of(whole.body, whole.seen[0].cameras, OFF) is None
 
 
 def test_the_preview_has_the_floor_and_discs_under_what_stands() -> None:

@@ -10,11 +10,13 @@ from typing import Literal
 
 import numpy as np
 
+from estimator.data.floor import KnownFloor
 from estimator.inference.foot_contact import foot_contact, stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
+from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from humanoid.subject.landmarks import foot_parts
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
@@ -138,9 +140,16 @@ def contact_of_run(run: Run) -> Contact:
     seen[: len(confidence)] = (confidence[:, :, feet.landmark] > 0.0).any(axis=1)
     shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
-    standing, floor = feet.contact(points, run.time, _UP, run.header.floor, shown)
+    standing, floor = feet.contact(points, run.time, _UP, _believed_floor(run), shown)
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
     return Contact(run.time, feet.names, points, standing, floor, shares)
+
+
+def _believed_floor(run: Run) -> KnownFloor:
+    """The floor that was known, unless the body is nowhere near it."""
+    known = run.header.floor
+    floor = floor_of(run.body, run.header.cameras, known)
+    return known if floor is None or is_believed(height_above(floor, run.body, run.q)) else None
 
 
 def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:

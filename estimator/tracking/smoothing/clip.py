@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.floor import OFF, KnownFloor
+from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
 from estimator.energy.above_floor import AboveFloor
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import STALLED, Solution
-from estimator.energy.gravity_prior import world_up
 from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
@@ -25,6 +24,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
+from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.stances import Stances
@@ -120,19 +120,19 @@ class _Track:
         """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
-        floor = None
-        if self._floor is not None and self._floor != OFF:
-            floor = FloorDistances(body, world_up(seen[0].cameras), self._floor)
         costs, q = trajectory.costs, trajectory.q
+        known, floor = self._floor, floor_of(body, seen[0].cameras, self._floor)
+        if floor is not None and not is_believed(height_above(floor, body, q)):
+            known = floor = None  # the run's findings say so
         for _ in range(_HOLDS):
-            before, stances = costs, Stances.of(body, q, seen, self._floor)
+            before, stances = costs, Stances.of(body, q, seen, known)
             costs = trajectory.costs
             if stances is not None:
                 costs = costs if stance == 0.0 else stances.held(body, costs, stance)
                 if floor is None and stances.floor is not None:
                     floor = FloorDistances(body, stances.floor.normal, stances.floor.height)
             if floor is not None:
-                above = AboveFloor(floor, _SUNK, _DOUBTED if self._floor is None else None)
+                above = AboveFloor(floor, _SUNK, _DOUBTED if known is None else None)
                 costs = [cost.plus([above]) for cost in costs]
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is

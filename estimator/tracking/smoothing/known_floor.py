@@ -1,0 +1,33 @@
+"""Whether a body is about where its floor is said to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.floor import OFF, KnownFloor
+from estimator.energy.gravity_prior import world_up
+from humanoid.collision.floor import FloorDistances
+from humanoid.kinematics.body import Body
+
+_FARTHEST = 0.5  # m: of the lowest part from the floor, in the middle of the frames
+
+
+def floor_of(body: Body, cameras: Sequence[Camera], known: KnownFloor) -> FloorDistances | None:
+    """Distances to a floor of known height; None where there is none."""
+    return None if known is None or known == OFF else FloorDistances(body, world_up(cameras), known)
+
+
+def height_above(floor: FloorDistances, body: Body, q: np.ndarray) -> float:
+    """How high the lowest part of a body is above a floor [m], the median of poses q (T, nq) without those that are
+    NaN; NaN where none is left, or the body has no flesh."""
+    known = q[np.isfinite(q).all(axis=1)]
+    lowest = [floor.near(body.at(x), np.inf).distance.min(initial=np.inf) for x in known]
+    return float(np.median(lowest)) if len(lowest) and np.isfinite(lowest).all() else np.nan
+
+
+def is_believed(height: float) -> bool:
+    """Whether the floor may be where it is said to be, by `height_above`: a body that is far from it has another."""
+    return not abs(height) > _FARTHEST
