@@ -10,6 +10,7 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import LiftedPose, Observation
+from estimator.energy.above_floor import AboveFloor
 from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.level_feet import LevelFeet, Soles
@@ -24,6 +25,7 @@ from estimator.energy.term import Term
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
+from humanoid.collision.floor import FloorDistances
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
@@ -193,6 +195,17 @@ def lifted(name: str, camera: Camera) -> Callable[[np.random.Generator], Made]:
     return make
 
 
+def above_floor(nu: float | None) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of("human34")
+        q, normal = random_pose(body, rng, share=0.6, turn=0.4), np.array([0.1, -0.05, 1.0])
+        normal /= np.linalg.norm(normal)
+        lowest = FloorDistances(body, normal, 0.0).near(body.at(q), np.inf).distance.min()
+        return body, AboveFloor(FloorDistances(body, normal, float(lowest) + 0.15), 0.05, nu), q
+
+    return make
+
+
 FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
@@ -203,6 +216,8 @@ FAMILY = {
     "transition-arm8": transition("arm8", "leclerc"),
     "interpenetration": interpenetration,
     "level-feet": level_feet,
+    "above-known-floor": above_floor(None),
+    "above-floor": above_floor(64.0),
     "pose-prior": pose_prior(0.7),
     **{f"assigned-{p}": assigned(p) for p in ("lorentzian", "leclerc")},
     **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
@@ -216,6 +231,8 @@ FAMILY = {
 
 CURVATURE: dict[str, float | None] = {
     "interpenetration": 1e-3,  # of the solids' witness points a few digits are sure
+    "above-known-floor": None,  # left out: the curvature of the distance
+    "above-floor": None,
     **{f"transition-{p}": 0.3 for p in POTENTIALS},  # left out: the curvature of the difference of two orientations
 }
 """How well the exact Hessian is known, where it is not as well as by default; see `kinemode.testing.check_term`."""

@@ -22,6 +22,7 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot
 from estimator.inference.foot_contact import foot_contact
 from estimator.runs.contact import Contact, contact_of_points
 from estimator.runs.events import SIDES, Side
+from humanoid.collision.floor import FloorDistances
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -84,21 +85,35 @@ def _agreement(ours: np.ndarray, theirs: np.ndarray, time: np.ndarray) -> PlateA
     return PlateAgreement(float(2.0 * (ours & theirs).sum() / (ours.sum() + theirs.sum())), len(off), off)
 
 
-def film_agreements(place: Path, seed: int) -> tuple[dict[Side, PlateAgreement], Contact, Contact]:
-    """Of both feet of a phone film, tracked by its one camera and smoothed, with standing by the markers of heels and
-    toes, by side; contact by the run and by the markers."""
+class FilmAgreement(NamedTuple):
+    """A run of a phone film. by_side: agreement of each foot with the markers of heels and toes. ours, truth: contact
+    by the run and by the markers. below [m]: how far the deepest part of the flesh is below the run's own floor."""
+
+    by_side: dict[Side, PlateAgreement]
+    ours: Contact
+    truth: Contact
+    below: float
+
+
+def film_agreement(place: Path, seed: int) -> FilmAgreement:
+    """Of a film tracked by its one camera and smoothed."""
     column, parts = columns_of(place / "truth.csv.gz"), ("heel", "toe")
     marks = [[column[f"{side}_{part}_{axis}"] for axis in "xyz"] for side in SIDES for part in parts]
     names = [f"{side}_{part}" for side in SIDES for part in ("heel", "big_toe")]
     truth = contact_of_points(column["time"], names, np.array(marks).transpose(2, 0, 1))
-    ours = km.contact(film_run(place, seed))
+    run = film_run(place, seed)
+    ours = km.contact(run)
     here = (ours.time >= truth.time[0]) & (ours.time <= truth.time[-1])
     time = ours.time[here]
     result = {}
     for side in SIDES:
         theirs = np.interp(time, truth.time, truth.foot(side)) > 0.5
         result[side] = _agreement(ours.foot(side)[here] > 0.5, theirs, time)
-    return result, ours, truth
+    below = float("nan")
+    if ours.floor is not None:
+        floor = FloorDistances(run.body, ours.floor.normal, ours.floor.height)
+        below = max(floor.penetration(run.body.at(q)) for q in run.q)
+    return FilmAgreement(result, ours, truth, below)
 
 
 def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str, object]]) -> None:
@@ -107,14 +122,12 @@ def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str
     )  # fmt: skip
     table = report.table("standing by one camera against standing by markers", *columns)
     for film, seed in itertools.product(FILMS, seeds):
-        by_side, ours, truth = film_agreements(folder / film, seed)
+        by_side, ours, truth, below = film_agreement(folder / film, seed)
         for side, agreement in by_side.items():
             off = [f"{1e3 * x:.0f}" if np.isfinite(x) else "none" for x in agreement.off]
             slides = [[1e3 * s.slide for s in c.stances if s.point.startswith(side)] for c in (ours, truth)]
             sizes = [f"{np.median(s):.0f}, {max(s):.0f}" for s in slides]
-            columns_of_foot = [name.startswith(side) for name in ours.names]
-            below = max(0.0, -1e3 * float(np.nanmin(ours.heights[:, columns_of_foot])))
-            table.add_row(f"{film}, {seed}", side, f"{agreement.f1:.3f}", ", ".join(off), *sizes, f"{below:.0f}")
+            table.add_row(f"{film}, {seed}", side, f"{agreement.f1:.3f}", ", ".join(off), *sizes, f"{1e3 * below:.1f}")
             figures[f"{film} {side} {seed}"] = {
                 "f1": agreement.f1, "off": agreement.off.tolist(), "slides": slides[0], "below": below,
             }  # fmt: skip

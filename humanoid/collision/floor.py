@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import ConvexSolid, solids_of
 
 
@@ -46,7 +46,7 @@ class FloorDistances:
 
     def near(self, posed: PosedBody, margin: float | None = None) -> FloorContacts:
         """Every part whose signed distance is below the margin [m], by default the constructor's."""
-        index, distance, point = self._measure(posed, self.margin if margin is None else margin)
+        index, distance, point = self._measure(posed.placements, self.margin if margin is None else margin)
         rows = np.zeros((len(index), len(posed.spatial_jacobian)))
         for row, i, p in zip(rows, index, point, strict=True):
             support = np.flatnonzero(self._body.column_support[self._joint[i]])
@@ -54,15 +54,23 @@ class FloorDistances:
             row[support] = (J[:, :3] + np.cross(J[:, 3:], p)) @ self._normal
         return FloorContacts(distance, self._body.collected(rows) if len(rows) else np.zeros((0, self._body.nv)))
 
+    def depths(self, placed: PlacedBodies) -> list[np.ndarray]:
+        """The distances below zero of each of N poses."""
+        return [self._measure(placements, 0.0)[1] for placements in placed.placements]
+
     def penetration(self, posed: PosedBody) -> float:
         """How far the lowest part is below the floor [m], 0 if none is."""
-        distance = self._measure(posed, 0.0)[1]
+        distance = self._measure(posed.placements, 0.0)[1]
         return max(0.0, -float(distance.min())) if len(distance) else 0.0
 
-    def _measure(self, posed: PosedBody, margin: float) -> tuple[list[int], np.ndarray, np.ndarray]:
-        """Which pieces are below the margin, their distances (M,) and lowest points (M, 3)."""
-        R = posed.rotations[self._joint]
-        origin = np.einsum("nij,nj->ni", R, self._local) + posed.translations[self._joint]
+    def _measure(self, placements: np.ndarray, margin: float) -> tuple[list[int], np.ndarray, np.ndarray]:
+        """Which pieces are below the margin, their distances (M,) and lowest points (M, 3).
+
+        placements (njoints, 12): see `PosedBody`.
+        """
+        own = placements[self._joint]
+        R = own[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)  # stored column by column
+        origin = np.einsum("nij,nj->ni", R, self._local) + own[:, 9:]
         index, distances, points = [], [], []
         for i in np.flatnonzero(origin @ self._normal - self._height - self._reach < margin).tolist():
             self._place.setRotation(R[i] @ self._rotation[i])
