@@ -139,7 +139,7 @@ def test_where_no_foot_is_seen_the_smoother_leaves_feet_alone() -> None:
     start, end = (random_pose(body, rng, share=0.4) for _ in range(2))
     arm = tracked(body, start + np.linspace(0.0, 0.4, 6)[:, None] * (end - start), (20, 80), {})
     held, free = (
-        smooth_track(arm.search, arm.seen, arm.results, SmoothSettings(stance=stance)) for stance in (0.015, 0.0)
+        smooth_track(arm.search, arm.seen, arm.results, SmoothSettings(stance=stance)).q for stance in (0.015, 0.0)
     )
     np.testing.assert_array_equal(held, free)
 
@@ -148,7 +148,7 @@ def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
     """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
     for feet that stand, which the smoother alone holds, on a floor."""
     settings = SmoothSettings(lag=FRAMES, lag_iterations=40, iterations=60, tolerance=1e-9, stance=0.0)
-    offline = smooth_track(track.search, track.seen, track.results, settings, floor="off")
+    offline = smooth_track(track.search, track.seen, track.results, settings, floor="off").q
     apart = distances(track.body, poses(track, settings), offline)
     assert apart.max() < 5e-4
     assert distances(track.body, heaviest(track), offline).max() > 5e-3  # it had something to do

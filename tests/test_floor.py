@@ -15,18 +15,23 @@ from meshcat.animation import Animation
 from test_fixed_lag import FPS as RATE
 from test_fixed_lag import Track, tracked
 from test_foot_contact import walk
-from test_run_file import header
+from test_run_file import header, state_of
+from test_run_file import walk as random_walk
 from test_stances import FPS, watched
 
 import kinemode as km
 from estimator.data.cameras.camera import parallel_camera
 from estimator.data.floor import OFF
 from estimator.data.formats.cameras import declared_floor, write_cameras
+from estimator.data.formats.checked_arrays import DamageError
 from estimator.energy.above_floor import AboveFloor
 from estimator.energy.descent.contact import clearance_rows
 from estimator.inference.foot_contact import foot_contact
 from estimator.inference.foot_points import FootPoints
+from estimator.inference.ground import Ground
 from estimator.runs.contact import contact_of_points
+from estimator.runs.run_arrays import check_floor, floor_arrays
+from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.floor_size import size_by_floor
@@ -206,23 +211,53 @@ def test_the_camera_files_word_and_the_users(tmp_path: Path) -> None:
 def test_a_smoothed_person_is_above_a_known_floor(whole: Track) -> None:
     """Hard, within the tolerance of overlaps; without a floor nothing says so."""
     body = whole.body
-    free = smooth_track(whole.search, whole.seen, whole.results, floor=OFF)
+    free = smooth_track(whole.search, whole.seen, whole.results, floor=OFF).q
     lowest = min(FloorDistances(body, UP, 0.0).near(body.at(q), np.inf).distance.min() for q in free)
     floor = FloorDistances(body, UP, float(lowest) + 0.04)
-    above = smooth_track(whole.search, whole.seen, whole.results, floor=float(lowest) + 0.04)
+    above = smooth_track(whole.search, whole.seen, whole.results, floor=float(lowest) + 0.04).q
     assert max(floor.penetration(body.at(q)) for q in free) == pytest.approx(0.04)
     assert max(floor.penetration(body.at(q)) for q in above) < whole.search.settings.contact.tolerance + 1e-6
     assert np.abs(above - free).max() < 0.5
 
 
 def test_a_floor_far_from_the_person_is_left_out(whole: Track) -> None:
-    free, far = (smooth_track(whole.search, whole.seen, whole.results, floor=f) for f in (None, 5.0))
+    free, far = (smooth_track(whole.search, whole.seen, whole.results, floor=f).q for f in (None, 5.0))
     np.testing.assert_array_equal(free, far)
     floor = floor_of(whole.body, whole.seen[0].cameras, 5.0)
     assert floor is not None
     assert not is_believed(height_above(floor, whole.body, free))
     assert is_believed(height_above(floor, whole.body, np.full((2, whole.body.nq), np.nan)))
     assert floor_of(whole.body, whole.seen[0].cameras, OFF) is None
+
+
+def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
+    body, path = body_of("human34"), tmp_path / "a.run"
+    floor = Ground(SLOPE, -0.9, 0.01, np.array([0.01, 0.012, 0.008]))
+    with RunWriter.create(path, header(4, subject_urdf=body.subject.urdf, subject_base=body.subject.base)) as writer:
+        for result in random_walk(body, 4):
+            writer.append(result, state_of(result))
+        assert km.open_run(path).floor is None
+        writer.put_smoothed(np.tile(body.neutral, (4, 1)), floor)
+        writer.finish()
+    kept = km.open_run(path).floor
+    assert kept is not None
+    np.testing.assert_array_equal(kept.normal, floor.normal)
+    np.testing.assert_array_equal(kept.above, floor.above)
+    assert (kept.height, kept.std) == (floor.height, floor.std)
+    told = km.contact(path).floor
+    assert told is not None
+    assert told.height == kept.height
+    arrays = floor_arrays(floor)
+    check_floor(arrays, 3)
+    check_floor({}, 3)
+    for name, wrong in (
+        ("normal", 2.0 * SLOPE),
+        ("height", np.array(np.nan)),
+        ("above", np.zeros(2)),
+        ("std", np.ones(1)),
+    ):
+        with pytest.raises(DamageError, match=f"floor_{name}"):
+            check_floor(arrays | {f"floor_{name}": wrong}, 3)
 
 
 def test_the_preview_has_the_floor_and_discs_under_what_stands() -> None:

@@ -98,12 +98,12 @@ def test_rounds_lower_the_energy_window_by_window(tracked: Run, monkeypatch: pyt
     observations = [tracked.observation(i) for i in range(len(tracked))]
     results, smooth = list(tracked), replace(settings.smooth, renewed=4)
     with closing(ReadAhead(cue_reader(tracked, settings))) as cues:
-        windows = smooth_track(search, observations, results, smooth, cues=cues)
+        windows = smooth_track(search, observations, results, smooth, cues=cues).q
         assert seen == 2 * list(range(len(tracked)))
         assert all(after < before - 1.0 for before, after in energies)
         assert not np.array_equal(windows, tracked.q)
         monkeypatch.undo()
-        whole = smooth_track(search, observations, results, settings.smooth, cues=cues)
-        as_assigned = smooth_track(search, observations, results, replace(settings.smooth, rounds=0), cues=cues)
+        whole = smooth_track(search, observations, results, settings.smooth, cues=cues).q
+        as_assigned = smooth_track(search, observations, results, replace(settings.smooth, rounds=0), cues=cues).q
     assert np.array_equal(whole, tracked.q)
     assert not np.array_equal(whole, as_assigned)

@@ -70,7 +70,7 @@ def test_frames_without_hypotheses_stay_empty_and_the_rest_is_smoothed() -> None
         seen[i].confidence[:] = 0.0
     tracker = make_tracker("css", body)
     results = [result for result, _ in run(tracker, seen, 0)]
-    q = smooth_track(tracker.search, seen, results)
+    q = smooth_track(tracker.search, seen, results).q
     assert np.isnan(q[0]).all()
     assert np.isfinite(q[1:]).all()
-    assert np.array_equal(q[1:], smooth_track(tracker.search, seen, results)[1:])
+    assert np.array_equal(q[1:], smooth_track(tracker.search, seen, results).q[1:])

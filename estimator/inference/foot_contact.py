@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.floor import OFF, KnownFloor
+from estimator.data.floor import KnownFloor
 from estimator.inference.ground import Ground, fitted_ground
 
 _SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands, rolling over it included, and moves
@@ -34,21 +34,23 @@ def foot_contact(
     up: np.ndarray,
     *,
     above: np.ndarray | None = None,
-    floor: KnownFloor = None,
+    floor: KnownFloor | Ground = None,
     seen: np.ndarray | None = None,
 ) -> FootContact:
     """Which points of the feet stand, and the floor that they stand on.
 
     points (T, P, 3) [m], NaN where missing, at times (T,) [s], rising. kind (P,), above (K,): see `fitted_ground`. up
     (3,): unit vector in their world. At first speeds alone tell, then heights above the floor that follows from them as
-    well, or that is known. What rests elsewhere, as on a box or a stair, may stand. seen (T, P): which points were
-    observed, all unless given; a floor is found by those alone, and lies under nine tenths of what stands on it.
+    well, or that is known ("off": speeds alone). What rests elsewhere, as on a box or a stair, may stand. seen (T, P):
+    which points were observed, all unless given; a floor is found by those alone, and lies under nine tenths of what
+    stands on it.
     """
     standing = standing_probability(points, time)
-    if floor == OFF:
+    if isinstance(floor, str):
         return FootContact(standing, None)
     if floor is not None:
-        known = Ground(up, float(floor), 0.0, np.zeros(int(kind.max()) + 1) if above is None else above)
+        soles = np.zeros(int(kind.max()) + 1) if above is None else above
+        known = floor if isinstance(floor, Ground) else Ground(up, float(floor), 0.0, soles)
         return FootContact(standing_probability(points, time, known.heights(points, kind)), known)
     shown = True if seen is None else seen
     ground = None

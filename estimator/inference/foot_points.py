@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.data.floor import KnownFloor
 from estimator.inference.foot_contact import FootContact, foot_contact
+from estimator.inference.ground import Ground
 from humanoid.kinematics.body import Body
 from humanoid.shape.soles import heights_above_soles
 from humanoid.subject.landmarks import foot_landmarks, foot_parts
@@ -38,7 +39,12 @@ class FootPoints(NamedTuple):
         return FootPoints(names, landmark, kind, above)
 
     def contact(
-        self, points: np.ndarray, time: np.ndarray, up: np.ndarray, floor: KnownFloor, seen: np.ndarray | None = None
+        self,
+        points: np.ndarray,
+        time: np.ndarray,
+        up: np.ndarray,
+        floor: KnownFloor | Ground,
+        seen: np.ndarray | None = None,
     ) -> FootContact:
         """`foot_contact` of these points (T, P, 3)."""
         return foot_contact(points, time, self.kind, up, above=self.above, floor=floor, seen=seen)

@@ -140,13 +140,15 @@ def contact_of_run(run: Run) -> Contact:
     seen[: len(confidence)] = (confidence[:, :, feet.landmark] > 0.0).any(axis=1)
     shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
-    standing, floor = feet.contact(points, run.time, _UP, _believed_floor(run), shown)
+    standing, floor = feet.contact(points, run.time, _UP, _known_floor(run), shown)
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
     return Contact(run.time, feet.names, points, standing, floor, shares)
 
 
-def _believed_floor(run: Run) -> KnownFloor:
-    """The floor that was known, unless the body is nowhere near it."""
+def _known_floor(run: Run) -> KnownFloor | Ground:
+    """That which the smoothed trajectory is above; else the one that was given, unless the body is nowhere near it."""
+    if run.floor is not None:
+        return run.floor
     known = run.header.floor
     floor = floor_of(run.body, run.header.cameras, known)
     return known if floor is None or is_believed(height_above(floor, run.body, run.q)) else None

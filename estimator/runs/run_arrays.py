@@ -20,6 +20,7 @@ from estimator.data.formats.checked_arrays import (
     those_there,
 )
 from estimator.data.formats.packing import valid_text
+from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, PREFIX, Origins, families
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult, check_extra
 from humanoid.kinematics.body import Body
@@ -140,6 +141,35 @@ def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:
         raise DamageError("q is no trajectory")
     if q.shape[1] == body.nq:
         check_configurations(body, q[~np.isnan(q).all(axis=1)], "q")
+
+
+_FLOOR = "floor_"  # before what is kept of one
+
+
+def floor_arrays(floor: Ground | None) -> dict[str, np.ndarray]:
+    """A floor as arrays, none where there is none."""
+    return {} if floor is None else {_FLOOR + name: np.asarray(value) for name, value in vars(floor).items()}
+
+
+def check_floor(arrays: Mapping[str, np.ndarray], kinds: int) -> None:
+    """The floor among arrays, if any, for so many kinds of points; raises DamageError as `check_frame` does."""
+    if _FLOOR + "normal" not in arrays:
+        return
+    shapes = {"normal": (3,), "height": (), "std": (), "above": (kinds,)}
+    for name, shape in shapes.items():
+        value = arrays.get(_FLOOR + name, np.zeros(0, dtype=bool))
+        if value.dtype.kind != "f" or value.shape != shape or not np.isfinite(value).all():
+            raise DamageError(f"{_FLOOR}{name} is of no floor")
+    if abs(float(np.linalg.norm(arrays[_FLOOR + "normal"])) - 1.0) > 1e-6:
+        raise DamageError(f"{_FLOOR}normal is no unit vector")
+
+
+def floor_in(arrays: Mapping[str, np.ndarray]) -> Ground | None:
+    """The floor among checked arrays."""
+    if _FLOOR + "normal" not in arrays:
+        return None
+    normal, height, std, above = (arrays[_FLOOR + name] for name in ("normal", "height", "std", "above"))
+    return Ground(normal, float(height), float(std), above)
 
 
 def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:

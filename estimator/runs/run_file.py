@@ -14,8 +14,9 @@ import numpy as np
 
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
+from estimator.inference.ground import Ground
 from estimator.runs import run_store
-from estimator.runs.run_arrays import frame_arrays
+from estimator.runs.run_arrays import floor_arrays, frame_arrays
 from estimator.runs.run_header import RunHeader, with_findings
 from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
@@ -151,13 +152,14 @@ class RunWriter:
             execute("UPDATE header SET json = ?", (header.to_json(),))
             execute("COMMIT")
 
-    def put_smoothed(self, q: np.ndarray) -> None:
-        """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
+    def put_smoothed(self, q: np.ndarray, floor: Ground | None = None) -> None:
+        """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, and the floor that it is above,
+        in place of any other."""
         execute = self._connection.execute
         with run_store.translated(self.path, has_frames=True):
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
-            execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
+            execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q, **floor_arrays(floor)}),))
             execute("COMMIT")
 
     def put_findings(self, findings: Sequence[str], contradicted: Sequence[int] = ()) -> None:

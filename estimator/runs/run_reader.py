@@ -14,6 +14,8 @@ from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
 from estimator.data.observation import LiftedPose, Observation, PoseEstimate
 from estimator.data.standing import SPAN, with_standing
+from estimator.inference.foot_points import FootPoints
+from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
 from estimator.runs.calibration import PosteriorCalibration
@@ -23,10 +25,12 @@ from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, join
 from estimator.runs.joint_table import data_frame
 from estimator.runs.posterior import Posterior
 from estimator.runs.run_arrays import (
+    check_floor,
     check_frame,
     check_observation,
     check_trajectory,
     extra_of,
+    floor_in,
     frame_result,
     symmetric,
 )
@@ -310,12 +314,26 @@ class Run(Summarised):
     @cached_property
     def q(self) -> np.ndarray:
         """(T, nq) of the best hypothesis: along the path and, once the run is complete, smoothed over all frames."""
+        q = self._smoothed.get("q", np.zeros(0))
+        return q if q.shape == self.filtered_q.shape else self.filtered_q
+
+    @property
+    def floor(self) -> Ground | None:
+        """The floor that the smoothed trajectory is above, as it was known or found; None where there is none, and
+        before the run is complete."""
+        return floor_in(self._smoothed)
+
+    @cached_property
+    def _smoothed(self) -> Mapping[str, np.ndarray]:
+        """What is kept of the smoothing, nothing before the run is complete."""
         with run_store.reading(self.file) as connection:
             row = connection.execute("SELECT data FROM smoothed").fetchone()
-        if row is None:
-            return self.filtered_q
-        q = self._unpacked(row[0], "smoothed trajectory", lambda a: check_trajectory(a, self.body))["q"]
-        return q if q.shape == self.filtered_q.shape else self.filtered_q
+        return {} if row is None else self._unpacked(row[0], "smoothed trajectory", self._check_smoothed)
+
+    def _check_smoothed(self, arrays: Mapping[str, np.ndarray]) -> None:
+        check_trajectory(arrays, self.body)
+        feet = FootPoints.of(self.body)
+        check_floor(arrays, 0 if feet is None else len(feet.above))
 
     @cached_property
     def weight(self) -> np.ndarray:

@@ -17,6 +17,7 @@ from estimator.energy.descent.solution import STALLED, Solution
 from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
+from estimator.inference.ground import Ground
 from estimator.inference.motion import MotionPrior
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
@@ -48,8 +49,8 @@ def smooth_track(
     cues: Cues | None = None,
     floor: KnownFloor = None,
     progress: Progress | None = None,
-) -> np.ndarray:
-    """Smoothed configurations (T, nq) of the best trajectory, NaN where a frame has no hypothesis.
+) -> Smoothed:
+    """The best trajectory, smoothed.
 
     Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
@@ -61,19 +62,30 @@ def smooth_track(
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues, floor)
     q = np.full((len(results), search.body.nq), np.nan)
-    if track.some:
-        end = track.best(progress)
-        clearance = Clearances([part for part in (search.self_collision, end.floor) if part is not None])
-        q[track.some] = [_parted(search, clearance, c, x) for c, x in zip(end.costs, end.q, strict=True)]
-    return q
+    if not track.some:
+        return Smoothed(q, None)
+    end = track.best(progress)
+    clearance = Clearances([part for part in (search.self_collision, end.distances) if part is not None])
+    q[track.some] = [_parted(search, clearance, c, x) for c, x in zip(end.costs, end.q, strict=True)]
+    return Smoothed(q, end.floor)
+
+
+class Smoothed(NamedTuple):
+    """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, as it is known
+    or was found; None without one."""
+
+    q: np.ndarray
+    floor: Ground | None
 
 
 class _Held(NamedTuple):
-    """Costs (T) and poses q (T, nq) of a trajectory, and the floor that it is above, None without one."""
+    """Costs (T) and poses q (T, nq) of a trajectory, the floor that it is above and the distances to it, None without
+    one."""
 
     costs: list[Cost]
     q: np.ndarray
-    floor: FloorDistances | None
+    floor: Ground | None
+    distances: FloorDistances | None
 
 
 class _Track:
@@ -121,23 +133,25 @@ class _Track:
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
         costs, q = trajectory.costs, trajectory.q
-        known, floor = self._floor, floor_of(body, seen[0].cameras, self._floor)
-        if floor is not None and not is_believed(height_above(floor, body, q)):
-            known = floor = None  # the run's findings say so
+        known, distances = self._floor, floor_of(body, seen[0].cameras, self._floor)
+        if distances is not None and not is_believed(height_above(distances, body, q)):
+            known = distances = None  # the run's findings say so
+        floor: Ground | None = None
         for _ in range(_HOLDS):
             before, stances = costs, Stances.of(body, q, seen, known)
             costs = trajectory.costs
             if stances is not None:
                 costs = costs if stance == 0.0 else stances.held(body, costs, stance)
-                if floor is None and stances.floor is not None:
-                    floor = FloorDistances(body, stances.floor.normal, stances.floor.height)
-            if floor is not None:
-                above = AboveFloor(floor, _SUNK, _DOUBTED if known is None else None)
+                floor = stances.floor if floor is None else floor
+                if distances is None and floor is not None:
+                    distances = FloorDistances(body, floor.normal, floor.height)
+            if distances is not None:
+                above = AboveFloor(distances, _SUNK, _DOUBTED if known is None else None)
                 costs = [cost.plus([above]) for cost in costs]
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
             q = smooth(body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
-        return _Held(costs, q, floor)
+        return _Held(costs, q, floor, distances)
 
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""
