@@ -68,13 +68,14 @@ class FloorDistances:
 
         placements (njoints, 12): see `PosedBody`.
         """
-        own = placements[self._joint]
-        R = own[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)  # stored column by column
-        origin = np.einsum("nij,nj->ni", R, self._local) + own[:, 9:]
         index, distances, points = [], [], []
-        for i in np.flatnonzero(origin @ self._normal - self._height - self._reach < margin).tolist():
-            self._place.setRotation(R[i] @ self._rotation[i])
-            self._place.setTranslation(origin[i])
+        axes = placements[:, :9].reshape(-1, 3, 3)  # the rotations' columns as rows
+        along = np.column_stack([axes @ self._normal, placements[:, 9:] @ self._normal])[self._joint]
+        heights = (along[:, :3] * self._local).sum(axis=1) + along[:, 3]  # of the pieces' origins
+        for i in np.flatnonzero(heights - self._height - self._reach < margin).tolist():
+            R = axes[self._joint[i]].T
+            self._place.setRotation(R @ self._rotation[i])
+            self._place.setTranslation(R @ self._local[i] + placements[self._joint[i], 9:])
             self._result.clear()
             distance = self._queries[i](self._place, self._still, self._request, self._result)
             if distance < margin:
