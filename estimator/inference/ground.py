@@ -16,7 +16,7 @@ _EFFECTIVE = 20.0  # places at most that count, as a point that stands is seen i
 _FEWEST = 5
 _ROUNDS = 30
 _LOWEST = 20.0  # percentile to begin with
-_STEP = 0.06  # m: what stands so much higher or lower stands on something else
+STEP = 0.06  # m: what stands so much higher or lower stands on something else
 _UNDER = 0.1  # share of what stands that may be under a floor: feet stand on it, and their places scatter
 
 
@@ -40,7 +40,7 @@ class Ground:
     def under(self, points: np.ndarray, standing: np.ndarray, kind: np.ndarray) -> Ground:
         """The same, or lower: under nine tenths of the points (T, P, 3) that stand on it with probabilities (T, P)."""
         heights = self.heights(points, kind)[(standing > 0.5) & np.isfinite(points).all(axis=2)]
-        heights = heights[np.abs(heights) < _STEP]
+        heights = heights[np.abs(heights) < STEP]
         return (
             replace(self, height=self.height + min(0.0, float(np.quantile(heights, _UNDER)))) if len(heights) else self
         )

@@ -14,13 +14,12 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Cost
 from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
-from estimator.inference.ground import Ground
+from estimator.inference.ground import STEP, Ground
 from humanoid.kinematics.body import Body
 
 _LEAST = 0.1  # s: what stands for less is not held
 _FAINT = 0.1  # probability of standing
 _NU = 4.0
-_STEP = 0.06  # m: what stands so much below a floor that was found stands on another one
 
 
 class Stances(NamedTuple):
@@ -54,9 +53,9 @@ class Stances(NamedTuple):
         if floor is not None:
             heights = floor.heights(places, feet.kind)
             if known is None:
-                floor = None if np.any(heights[weight > _FAINT] < -_STEP) else floor
+                floor = None if np.any(heights[weight > _FAINT] < -STEP) else floor
             else:
-                places = np.where((np.abs(heights) < _STEP)[..., None], places - heights[..., None] * up, places)
+                places = np.where((np.abs(heights) < STEP)[..., None], places - heights[..., None] * up, places)
         return Stances(feet, places, weight, floor)
 
     def held(self, body: Body, costs: Sequence[Cost], std: float) -> list[Cost]:
