@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from estimator.runs.contact import Contact, contact_of_run
 from estimator.runs.filtering import evenly_spaced, frame_rate
 from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
-from humanoid.subject.landmarks import foot_landmarks
 from humanoid.support.errors import InputError
 
 Frames = Callable[..., Iterable[np.ndarray]]
@@ -32,7 +32,8 @@ class Scene:
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
-    None where it is not known. contact: when the feet stand, and on what floor; None where nobody tells.
+    None where it is not known. contact: tells when the feet stand, and on what floor, if it is asked; None where nobody
+    does.
     """
 
     body: Body
@@ -49,7 +50,7 @@ class Scene:
     confidence: np.ndarray
     clip_frames: tuple[np.ndarray | None, ...] = ()
     interval: np.ndarray | None = None
-    contact: Contact | None = None
+    contact: Callable[[], Contact | None] = lambda: None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -131,7 +132,7 @@ def as_scene(source: Scene | Run) -> Scene:
     return Scene(
         run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
         pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras), run.interval(0.9),
-        contact_of_run(run) if foot_landmarks(run.body.landmark_names) else None,
+        partial(contact_of_run, run),
     )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def outcome(adult: Subject, height: float, noise: float, seed: int, known: Known
     floor = None
     if known == "floor":
         distances = FloorDistances(body, np.array([0.0, 0.0, 1.0]), 0.0)
-        floor = float(np.median([distances.near(body.at(x), np.inf).distance.min() for x in q]))
+        floor = float(np.median(distances.lowest(body.placed(q))))
     told = height if known == "height" else None
     fit = fit_person(adult, observations, settings=FitSettings(frames=8), height=told, floor=floor)
     tracked = [result.q[0] for result, _ in run(make_tracker("css", Body(fit.subject)), observations, seed)]

@@ -40,7 +40,7 @@ class AboveFloor(BatchTerm):
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
         values = np.zeros(len(placed.q))
-        for n, distance in enumerate(self._floor.depths(placed)):
+        for n, distance in enumerate(self._floor.distances(placed, 0.0)):
             for d in distance:
                 values[n] += 0.5 * rho(self._kind, d * d * self._precision, self._nu)[0]
         return values

@@ -12,6 +12,7 @@ from estimator.inference.ground import Ground
 from humanoid.kinematics.body import Body
 from humanoid.shape.soles import heights_above_soles
 from humanoid.subject.landmarks import foot_landmarks, foot_parts
+from humanoid.support.per_object import per_object
 
 
 class FootPoints(NamedTuple):
@@ -27,6 +28,7 @@ class FootPoints(NamedTuple):
     above: np.ndarray
 
     @staticmethod
+    @per_object
     def of(body: Body) -> FootPoints | None:
         """None of a body without heels and toes as landmarks."""
         names = foot_landmarks(body.landmark_names)

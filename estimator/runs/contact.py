@@ -16,10 +16,9 @@ from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
-from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
+from estimator.tracking.smoothing.known_floor import believed_floor
 from humanoid.subject.landmarks import foot_parts
 from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -127,13 +126,12 @@ class Contact(Summarised):
         return path
 
 
-def contact_of_run(run: Run) -> Contact:
-    """Contact of the drawn trajectory, on the floor that was known when it was tracked or is found; raises InputError
-    where the subject has no heels and toes as landmarks."""
+def contact_of_run(run: Run) -> Contact | None:
+    """Contact of the drawn trajectory, on the floor that was known when it was tracked or is found; None where the
+    subject has no heels and toes as landmarks."""
     feet = FootPoints.of(run.body)
     if feet is None:
-        remedy = "contact needs a person with feet, such as human34"
-        raise InputError(run.header.subject_source, "has no landmark left_heel", remedy=remedy)
+        return None
     points = run.landmarks[:, feet.landmark]
     seen = np.zeros(points.shape[:2], dtype=bool)
     confidence = run.confidence[: len(run)]  # shorter in runs from before keypoints were kept
@@ -149,9 +147,7 @@ def _known_floor(run: Run) -> KnownFloor | Ground:
     """That which the smoothed trajectory is above; else the one that was given, unless the body is nowhere near it."""
     if run.floor is not None:
         return run.floor
-    known = run.header.floor
-    floor = floor_of(run.body, run.header.cameras, known)
-    return known if floor is None or is_believed(height_above(floor, run.body, run.q)) else None
+    return believed_floor(run.body, run.header.cameras, run.header.floor, run.q)
 
 
 def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:

@@ -30,7 +30,6 @@ from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run, landmarks_along
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
-from humanoid.subject.landmarks import foot_landmarks
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
@@ -115,9 +114,9 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
 
 
 def _contact_arrays(run: Run) -> dict[str, np.ndarray]:
-    if not foot_landmarks(run.body.landmark_names):
-        return {}
     contact = contact_of_run(run)
+    if contact is None:
+        return {}
     names = np.array(contact.names, dtype=np.str_)
     return {"contact_names": names, "contact": contact.standing, "contact_height": contact.heights}
 

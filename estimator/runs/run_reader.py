@@ -14,7 +14,6 @@ from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
 from estimator.data.observation import LiftedPose, Observation, PoseEstimate
 from estimator.data.standing import SPAN, with_standing
-from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
@@ -40,6 +39,7 @@ from estimator.runs.spread import LEVEL, Spread, spread_of
 from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult
 from estimator.trackers.paths import backtrack
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import foot_landmarks, foot_parts
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
@@ -332,8 +332,8 @@ class Run(Summarised):
 
     def _check_smoothed(self, arrays: Mapping[str, np.ndarray]) -> None:
         check_trajectory(arrays, self.body)
-        feet = FootPoints.of(self.body)
-        check_floor(arrays, 0 if feet is None else len(feet.above))
+        parts = foot_parts(foot_landmarks(self.body.landmark_names))
+        check_floor(arrays, int(parts.max(initial=-1)) + 1)
 
     @cached_property
     def weight(self) -> np.ndarray:

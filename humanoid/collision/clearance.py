@@ -37,7 +37,9 @@ class Clearance(Protocol):
         ...
 
 
-class _Joined(NamedTuple):
+class Distances(NamedTuple):
+    """See `SignedDistances`."""
+
     distance: np.ndarray
     gradient: np.ndarray
 
@@ -48,10 +50,10 @@ class Clearances:
     def __init__(self, parts: Sequence[Clearance]) -> None:
         self._parts = tuple(parts)
 
-    def near(self, posed: PosedBody, margin: float | None = None) -> SignedDistances:
+    def near(self, posed: PosedBody, margin: float | None = None) -> Distances:
         """See `Clearance`."""
         near = [part.near(posed, margin) for part in self._parts]
-        return _Joined(np.concatenate([n.distance for n in near]), np.concatenate([n.gradient for n in near]))
+        return Distances(np.concatenate([n.distance for n in near]), np.concatenate([n.gradient for n in near]))
 
     def penetration(self, posed: PosedBody) -> float:
         """See `Clearance`."""

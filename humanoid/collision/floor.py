@@ -7,19 +7,10 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
+from humanoid.collision import witness
+from humanoid.collision.clearance import Distances
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import ConvexSolid, solids_of
-
-
-class FloorContacts(NamedTuple):
-    """Parts nearer to the floor than a margin.
-
-    distance (M,) [m]: signed, negative below the floor. gradient (M, nv): its derivative in the tangent space [m per
-    unit of v].
-    """
-
-    distance: np.ndarray
-    gradient: np.ndarray
 
 
 class FloorDistances:
@@ -36,6 +27,8 @@ class FloorDistances:
         self._body, self._normal, self._height = body, np.asarray(normal, float), float(height)
         pieces = [piece for solid in solids_of(body) if solid.joint > 0 for piece in _pieces(solid)]
         self._joint = np.array([piece.joint for piece in pieces], dtype=np.int64)
+        columns = [(-1, body.last_column(piece.joint)) for piece in pieces]  # none moves the floor
+        self._columns = np.array(columns, dtype=np.int64).reshape(-1, 2)
         self._local = np.array([piece.place for piece in pieces]).reshape(-1, 3)
         self._rotation = [piece.rotation for piece in pieces]
         self._reach = np.array([piece.reach for piece in pieces])
@@ -44,24 +37,26 @@ class FloorDistances:
         self._kept = [piece.geometry for piece in pieces], half_space  # the queries hold no references of their own
         self._place, self._request, self._result = coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult()
 
-    def near(self, posed: PosedBody, margin: float | None = None) -> FloorContacts:
+    def near(self, posed: PosedBody, margin: float | None = None) -> Distances:
         """Every part whose signed distance is below the margin [m], by default the constructor's."""
         index, distance, point = self._measure(posed.placements, self.margin if margin is None else margin)
-        rows = np.zeros((len(index), len(posed.spatial_jacobian)))
-        for row, i, p in zip(rows, index, point, strict=True):
-            support = np.flatnonzero(self._body.column_support[self._joint[i]])
-            J = posed.spatial_jacobian[support]
-            row[support] = (J[:, :3] + np.cross(J[:, 3:], p)) @ self._normal
-        return FloorContacts(distance, self._body.collected(rows) if len(rows) else np.zeros((0, self._body.nv)))
+        rows = witness.gradients(
+            posed.spatial_jacobian, self._body.tree.column_parent, self._columns[index], point, point,
+            np.tile(self._normal, (len(index), 1)),
+        )  # fmt: skip
+        return Distances(distance, self._body.collected(rows))
 
-    def depths(self, placed: PlacedBodies) -> list[np.ndarray]:
-        """The distances below zero of each of N poses."""
-        return [self._measure(placements, 0.0)[1] for placements in placed.placements]
+    def distances(self, placed: PlacedBodies, margin: float = np.inf) -> list[np.ndarray]:
+        """The signed distances below a margin [m] of each of N poses."""
+        return [self._measure(placements, margin)[1] for placements in placed.placements]
+
+    def lowest(self, placed: PlacedBodies) -> np.ndarray:
+        """How high the lowest part of each of N poses is above the floor [m], (N,); infinite without any part."""
+        return np.array([distance.min(initial=np.inf) for distance in self.distances(placed)])
 
     def penetration(self, posed: PosedBody) -> float:
         """How far the lowest part is below the floor [m], 0 if none is."""
-        distance = self._measure(posed.placements, 0.0)[1]
-        return max(0.0, -float(distance.min())) if len(distance) else 0.0
+        return max(0.0, -float(self.distances(posed.alone, 0.0)[0].min(initial=0.0)))
 
     def _measure(self, placements: np.ndarray, margin: float) -> tuple[list[int], np.ndarray, np.ndarray]:
         """Which pieces are below the margin, their distances (M,) and lowest points (M, 3).

@@ -122,18 +122,12 @@ def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
     R_upright_given, notes = upright_turn(
         body, longest, read.told.up or read.known.up, given=read.known.cameras is not None
     )
-    floor = _floor(read)
+    told = [replace(each, notes=(*each.notes, *notes), floor=_floor(read)) for each in inputs]
     if R_upright_given is None:
-        return [replace(each, notes=(*each.notes, *notes), floor=floor) for each in inputs]
+        return told
     return [
-        replace(
-            each,
-            observations=turned(each.observations, R_upright_given),
-            notes=(*each.notes, *notes),
-            R_upright_given=R_upright_given,
-            floor=floor,
-        )
-        for each in inputs
+        replace(each, observations=turned(each.observations, R_upright_given), R_upright_given=R_upright_given)
+        for each in told
     ]
 
 

@@ -247,6 +247,9 @@ def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
     from estimator.runs.contact import contact_of_run
 
     stands = contact_of_run(opened)
+    if stands is None:
+        remedy = "contact needs a person with feet, such as human34"
+        raise InputError(opened.header.subject_source, "has no landmark left_heel", remedy=remedy)
     if plot is not None:
         from viz.pictures.contact_plot import write_contact_plot
 

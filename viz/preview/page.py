@@ -50,7 +50,7 @@ def page(run: Run | Scene, script: str = "") -> str:
     painter = BodyPainter(scene.body)
     stage = _Stage(scene, painter, rows)
     _set_lights(root, stage)
-    contact = scene.contact
+    contact = scene.contact()
     add_floor(root, stage.centre, stage.lowest, None if contact is None else contact.floor)
     animation = Animation(default_framerate=_key_rate(scene, rows))
     parts = merged(body_solids(scene.body))

@@ -33,9 +33,9 @@ def add_stances(root: meshcat.Visualizer, animation: Animation, contact: Contact
     upright = np.eye(4)
     upright[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]  # three's cylinders lie along y
     for k, name in enumerate(contact.names):
-        side = "left" if name.startswith("left") else "right"
+        colour = palette.hexadecimal(palette.ON_PAPER["left" if name.startswith("left") else "right"])
         node = root["standing"][name]
-        node["disc"].set_object(g.Cylinder(_THICKNESS, _RADIUS), g.MeshBasicMaterial(color=_colour(side), opacity=0.7))
+        node["disc"].set_object(g.Cylinder(_THICKNESS, _RADIUS), g.MeshBasicMaterial(color=colour, opacity=0.7))
         node["disc"].set_transform(upright)
         places, size = contact.points[rows, k].copy(), contact.standing[rows, k]
         if contact.floor is not None:
@@ -50,8 +50,3 @@ def add_stances(root: meshcat.Visualizer, animation: Animation, contact: Contact
             "scale": MotionTrack("scale", "vector3", np.tile(scale[:, None], 3)),
         }
         animation.clips[node.path] = AnimationClip(tracks, fps=animation.default_framerate)
-
-
-def _colour(side: str) -> int:
-    r, green, b = palette.ON_PAPER[side]
-    return (r << 16) + (green << 8) + b

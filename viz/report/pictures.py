@@ -16,7 +16,6 @@ from estimator.data.media.film import write_film
 from estimator.runs.contact import contact_of_run
 from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_file import Run
-from humanoid.subject.landmarks import foot_landmarks
 from viz.palette import ON_PAPER, web
 from viz.pictures.contact_plot import contact_drawing
 from viz.pictures.joint_panels import JointPanel, panels_of
@@ -152,9 +151,8 @@ def angle_figures(run: Run) -> list[Figure]:
 
 def contact_figures(run: Run) -> list[Figure]:
     """When the feet stand, as `kinemode contact` draws it; none of a body without feet."""
-    if not foot_landmarks(run.body.landmark_names):
-        return []
-    return [_as_svg(contact_drawing(contact_of_run(run)), "when the feet stand")]
+    contact = contact_of_run(run)
+    return [] if contact is None else [_as_svg(contact_drawing(contact), "when the feet stand")]
 
 
 def _figure(panel: JointPanel, run: Run) -> Figure:

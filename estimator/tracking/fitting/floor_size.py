@@ -42,9 +42,8 @@ def size_by_floor(body: Body, poses: np.ndarray, observations: Sequence[Observat
     drop = float(camera.origin_world @ up) - floor
     if camera.parallel or not body.has_free_root or drop < _LOWEST_CAMERA:
         return None
-    distances = FloorDistances(body, up, floor)
-    lowest = [distances.near(body.at(q), np.inf).distance.min(initial=np.inf) for q in poses]
-    sole = np.array([low for low in lowest if np.isfinite(low) and low < 0.9 * drop])
+    lowest = FloorDistances(body, up, floor).lowest(body.placed(poses))
+    sole = lowest[lowest < 0.9 * drop]
     if not len(sole):
         return None
     logs = np.log(drop / (drop - sole))

@@ -25,7 +25,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
-from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
+from estimator.tracking.smoothing.known_floor import believed_floor, floor_of
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.stances import Stances
@@ -133,9 +133,8 @@ class _Track:
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
         costs, q = trajectory.costs, trajectory.q
-        known, distances = self._floor, floor_of(body, seen[0].cameras, self._floor)
-        if distances is not None and not is_believed(height_above(distances, body, q)):
-            known = distances = None  # the run's findings say so
+        known = believed_floor(body, seen[0].cameras, self._floor, q)  # if it is not, the run's findings say so
+        distances = floor_of(body, seen[0].cameras, known)
         floor: Ground | None = None
         for _ in range(_HOLDS):
             before, stances = costs, Stances.of(body, q, seen, known)

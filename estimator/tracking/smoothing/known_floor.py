@@ -23,11 +23,16 @@ def floor_of(body: Body, cameras: Sequence[Camera], known: KnownFloor) -> FloorD
 def height_above(floor: FloorDistances, body: Body, q: np.ndarray) -> float:
     """How high the lowest part of a body is above a floor [m], the median of poses q (T, nq) without those that are
     NaN; NaN where none is left, or the body has no flesh."""
-    known = q[np.isfinite(q).all(axis=1)]
-    lowest = [floor.near(body.at(x), np.inf).distance.min(initial=np.inf) for x in known]
+    lowest = floor.lowest(body.placed(q[np.isfinite(q).all(axis=1)]))
     return float(np.median(lowest)) if len(lowest) and np.isfinite(lowest).all() else np.nan
 
 
 def is_believed(height: float) -> bool:
     """Whether the floor may be where it is said to be, by `height_above`: a body that is far from it has another."""
     return not abs(height) > _FARTHEST
+
+
+def believed_floor(body: Body, cameras: Sequence[Camera], known: KnownFloor, q: np.ndarray) -> KnownFloor:
+    """What is known of the floor, None where poses q (T, nq) are far from it."""
+    floor = floor_of(body, cameras, known)
+    return known if floor is None or is_believed(height_above(floor, body, q)) else None
