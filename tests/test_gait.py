@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from builders import body_of
 from test_run_file import header, state_of, walk
 
 import kinemode as km
+from benchmarks.accuracy.foot_contact import WALKS, gait_agreements
+from benchmarks.accuracy.gait_events import KINDS, WAYS
+from estimator.runs.contact import contact_of_points
 from estimator.runs.events import SIDES
 from estimator.runs.gait import Gait, gait_of_landmarks
 from estimator.runs.run_file import RunWriter
@@ -20,6 +24,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
+from viz.pictures.contact_plot import contact_drawing
+from viz.report.tables import gait_part
 
 NAMES = ("mid_hip", "left_heel", "left_big_toe", "right_heel", "right_big_toe")
 SPEED, STRIDE, SWING = 1.3, 1.1, 0.42  # m/s, s, s of a stride
@@ -88,6 +94,93 @@ def test_events_are_where_a_foot_is_as_fast_as_the_pelvis(fps: float) -> None:
     assert kinds == [order[(start + i) % 4] for i in range(len(kinds))]
 
 
+def stepping(stride: float, swing: float, speed: float, fps: float = 60.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and landmarks as `walker`'s of somebody whose feet lift 12 cm between steps."""
+    time = np.arange(round(5.0 * fps)) / fps
+    points = walker(time * STRIDE / stride)
+    points[:, 0, 0] = speed * time
+    for i, shift in enumerate((0.0, 0.5)):
+        turn = time / stride + shift
+        u = np.clip((turn % 1.0 - 1.0) * stride / swing + 1.0, 0.0, 1.0)
+        ankle = speed * stride * (np.floor(turn) - shift + u - np.sin(2.0 * np.pi * u) / (2.0 * np.pi))
+        for k, along in enumerate((HEEL, TOE)):
+            points[:, 1 + 2 * i + k, 0] = ankle + along + 0.5 * speed * (stride - swing)
+            points[:, 1 + 2 * i + k, 2] = 0.12 * np.sin(np.pi * u) ** 2
+    return time, points
+
+
+@pytest.mark.parametrize(("stride", "swing", "speed"), [(1.1, 0.42, 1.3), (0.72, 0.48, 3.0)])
+def test_events_by_contact(stride: float, swing: float, speed: float) -> None:
+    """A foot strikes when it comes to rest; a runner's leaves when it no longer rests, and both are in the air."""
+    time, points = stepping(stride, swing, speed)
+    gait = gait_of_landmarks(time, NAMES, points, contact=contact_of_points(time, NAMES[1:], points[:, 1:]))
+    alone = gait_of_landmarks(time, NAMES, points)
+    assert (gait.method, alone.method) == ("contact", "pelvis")
+    runs = 2.0 * swing > stride
+    for event in gait.events:
+        phase = (event.time / stride + (0.0 if event.side == "left" else 0.5)) % 1.0 * stride
+        if event.kind == "strike":
+            assert min(phase, stride - phase) < 0.05
+        elif runs:
+            assert phase == pytest.approx(stride - swing, abs=0.05)
+    if not runs:
+        offs = [[e.time for e in of.events if e.kind == "off"] for of in (gait, alone)]
+        assert set(offs[0]) <= set(offs[1])
+    assert len(gait.strides) >= 6
+    flight = 100.0 * max(0.0, 2.0 * swing / stride - 1.0)
+    for of in gait.strides:
+        assert of.seconds == pytest.approx(stride, abs=0.02)
+        assert 0.25 * flight <= of.flight <= flight  # a foot that begins to swing, or ends to, is slow
+    assert not any(of.flight for of in alone.strides)
+    assert gait.remark == ""
+    assert ("faster than people walk" in alone.remark) == runs
+
+
+def test_steps_too_few_for_a_stride_have_events() -> None:
+    time, points = stepping(1.1, 0.42, 1.3)
+    few = (time > 0.55) & (time < 1.75)
+    contact = contact_of_points(time[few], NAMES[1:], points[few, 1:])
+    gait = gait_of_landmarks(time[few], NAMES, points[few], contact=contact)
+    assert gait.strides == ()
+    assert [event.kind for event in gait.events].count("strike") >= 1
+    still = points[few] - (points[few, :1] - points[few][0, :1]) * [1.0, 0.0, 0.0]  # feet slide back under a pelvis
+    assert gait_of_landmarks(time[few], NAMES, still, contact=contact).events == ()
+
+
+def test_contact_that_nobody_sees_tells_no_events() -> None:
+    time, points = stepping(1.1, 0.42, 1.3)
+    contact = contact_of_points(time, NAMES[1:], points[:, 1:])
+    doubted = replace(contact, seen=np.zeros(len(contact.names)))
+    assert doubted.remark
+    assert gait_of_landmarks(time, NAMES, points, contact=doubted) == gait_of_landmarks(time, NAMES, points)
+
+
+def test_the_report_has_strides_and_marks() -> None:
+    time, points = stepping(1.1, 0.42, 1.3)
+    contact = contact_of_points(time, NAMES[1:], points[:, 1:])
+    gait = gait_of_landmarks(time, NAMES, points, contact=contact)
+    text = gait_part(gait)
+    assert text.count("<tr>") == len(gait.strides) + 1
+    assert f"{gait.strides[0].length:.2f}" in text
+    assert "begin and cease to stand" in text
+    bands = contact_drawing(contact, gait.events).axes[0]
+    drawn = [(line.get_xdata()[0], line.get_marker()) for line in bands.lines]
+    assert drawn == [(e.time, "v" if e.kind == "strike" else "^") for e in gait.events]
+    nothing = gait_part(Gait((), (), "too short"))
+    assert "<tr>" not in nothing
+    assert "None: too short." in nothing
+
+
+def test_events_of_markers_are_those_of_force_plates(shared_data: Path) -> None:
+    """In the mean of two walks, and nearer than by the pelvis alone."""
+    several = [gait_agreements(shared_data / "opencap" / "subject4", trial) for trial in WALKS]
+    off = {(way, kind): np.concatenate([of[way, kind].off for of in several]) for way in WAYS for kind in KINDS}
+    mean = {key: float(np.abs(values).mean()) for key, values in off.items()}
+    assert len(off["gait", "strike"]) + len(off["gait", "off"]) == 7
+    assert mean["gait", "strike"] < 0.015 < mean["pelvis", "strike"]
+    assert mean["gait", "off"] < 0.01 < mean["contact", "off"]
+
+
 def test_noise_moves_strides_little() -> None:
     time = np.arange(240) / 30.0
     points = walker(time) + 0.01 * np.random.default_rng(0).normal(size=(240, 5, 3))
@@ -144,7 +237,7 @@ def test_strides_as_a_table(tmp_path: Path) -> None:
     assert len(rows) == len(gait.strides)
     assert list(rows[0]) == [
         "side", "start [s]", "off [s]", "end [s]", "seconds [s]", "length [m]", "width [m]", "speed [m/s]",
-        "cadence [steps/min]", "stance [%]", "swing [%]", "unsure [frames]",
+        "cadence [steps/min]", "stance [%]", "swing [%]", "flight [%]", "unsure [frames]",
     ]  # fmt: skip
     assert float(rows[3]["length [m]"]) == pytest.approx(gait.strides[3].length, rel=1e-5)
     with pytest.raises(InputError, match="cannot be written"):

@@ -17,6 +17,7 @@ from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.accuracy.degrees import FILMS, columns_of, film_run
+from benchmarks.accuracy.gait_events import COLUMNS, KINDS, WAYS, EventErrors, events_by, loaded_events
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
 from estimator.inference.foot_contact import foot_contact
@@ -28,6 +29,8 @@ from kinemode.terminal import report
 
 TRIALS = ("walking1", "walkingTS1", "STS1", "squats1")
 MARKERS = {"left": ("L_calc", "L_toe", "L_5meta"), "right": ("r_calc", "r_toe", "r_5meta")}
+PELVIS = ("L.ASIS", "L.PSIS", "r.ASIS", "r.PSIS")
+WALKS = TRIALS[:2]
 _LOADED = 20.0  # N
 _LOWEST = 2.0  # percentile of a marker's height: it is on a shoe, not under it
 _MOST_OFF = 0.25  # s between an event of the plates and ours
@@ -47,12 +50,29 @@ def agreements(folder: Path, trial: str) -> dict[str, PlateAgreement]:
     markers = read_trc(folder / f"{trial}.trc")
     sides = {side: _points(markers, names) for side, names in MARKERS.items()}
     loaded = _loaded(folder / f"{trial}_grf.mot", markers.time, sides)
-    points = np.concatenate(list(sides.values()), axis=1)
-    points[..., 2] -= np.nanpercentile(points[..., 2], _LOWEST, axis=0)
+    points = _under_shoes(sides)
     kind = np.tile(np.arange(3), 2)
     standing = foot_contact(points, markers.time, kind, np.array([0.0, 0.0, 1.0])).standing.reshape(-1, 2, 3)
     ours = dict(zip(sides, (standing.max(axis=2) > 0.5).T, strict=True))
     return {side: _agreement(ours[side], loaded[side], markers.time) for side in sides}
+
+
+def gait_agreements(folder: Path, trial: str) -> dict[tuple[str, str], EventErrors]:
+    """Events of a walk by its markers against those of the plates, by way and kind."""
+    markers = read_trc(folder / f"{trial}.trc")
+    sides = {side: _points(markers, names) for side, names in MARKERS.items()}
+    truth = loaded_events(markers.time, _loaded(folder / f"{trial}_grf.mot", markers.time, sides))
+    names = [f"{side}_{part}" for side in SIDES for part in ("heel", "big_toe", "small_toe")]
+    contact = contact_of_points(markers.time, names, _under_shoes(sides))
+    told, span = events_by(contact, _points(markers, PELVIS).mean(axis=1)), (markers.time[0], markers.time[-1])
+    return {(way, kind): EventErrors.of(told[way], truth, kind, span) for way in WAYS for kind in KINDS}
+
+
+def _under_shoes(sides: dict[str, np.ndarray]) -> np.ndarray:
+    """The markers of both feet (T, 6, 3), each lowered by as much as it is above the floor at least."""
+    points = np.concatenate(list(sides.values()), axis=1)
+    points[..., 2] -= np.nanpercentile(points[..., 2], _LOWEST, axis=0)
+    return points
 
 
 def _points(markers: MarkerFile, names: tuple[str, ...]) -> np.ndarray:
@@ -134,6 +154,16 @@ def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str
     report.console().print(table)
 
 
+def _print_gait(folder: Path, figures: dict[str, dict[str, object]]) -> None:
+    table = report.table("events of walking by markers against force plates", "kind, told by", *COLUMNS)
+    several = [gait_agreements(folder, trial) for trial in WALKS]
+    for kind, way in itertools.product(KINDS, WAYS):
+        errors = EventErrors.joined([of[way, kind] for of in several])
+        table.add_row(f"{kind}, {way}", *errors.cells())
+        figures[f"gait {kind} {way}"] = {"off": errors.off.tolist(), "extra": errors.extra}
+    report.console().print(table)
+
+
 def main(
     *,
     films: Annotated[bool, Parameter(negative=())] = False,
@@ -164,6 +194,7 @@ def main(
             figures[f"{trial} {side}"] = {"f1": agreement.f1, "off": agreement.off.tolist()}
     report.console().print(table)
     print(f"F1 {np.mean(scores):.3f} in the mean, {min(scores):.3f} at least; target 0.9")
+    _print_gait(folder, figures)
     if films:
         _print_films(folder.parent, seeds, figures)
     save(json, figures)

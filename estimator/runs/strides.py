@@ -15,7 +15,7 @@ from humanoid.support.atomic import replacing
 
 _SECONDS = (0.4, 2.5)  # of a stride
 _STEP = (0.2, 0.8)  # of a stride: when the other foot strikes
-_STANCE = (0.2, 0.85)  # of a stride
+_STANCE = (0.1, 0.85)  # of a stride; who runs stands for a third or less
 _SHORTEST = 0.2  # m
 _STANDING = 0.4  # of the walking speed: a foot on the ground is slower
 _MIDDLE = (0.25, 0.6)  # of the stance, in which all of the foot is on the ground
@@ -27,8 +27,8 @@ class Stride:
 
     length [m]: from the heel's place at the first strike to that at the second, level. width [m]: how far the other
     heel is from the line between them when it strikes, to its own side; negative where the feet cross. speed [m/s]:
-    length by seconds. cadence [steps/min]: two steps a stride. stance, swing [%]: of the stride. unsure: frames in it
-    that the tracker was not sure of.
+    length by seconds. cadence [steps/min]: two steps a stride. stance, swing [%]: of the stride. flight [%]: of the
+    stride, in which neither foot stands; none in walking. unsure: frames in it that the tracker was not sure of.
     """
 
     side: Side
@@ -42,12 +42,13 @@ class Stride:
     cadence: float
     stance: float
     swing: float
+    flight: float
     unsure: int
 
 
 _UNITS = {
     "start": "s", "off": "s", "end": "s", "seconds": "s", "length": "m", "width": "m", "speed": "m/s",
-    "cadence": "steps/min", "stance": "%", "swing": "%", "unsure": "frames",
+    "cadence": "steps/min", "stance": "%", "swing": "%", "flight": "%", "unsure": "frames",
 }  # fmt: skip
 
 
@@ -62,17 +63,31 @@ def strides_of(feet: Feet, events: Sequence[Event], known: np.ndarray, unsure: n
     for side in SIDES:
         strikes = [event for event in events if event.side == side and event.kind == "strike"]
         for first, last in pairwise(strikes):
-            between = [event for event in events if first.time < event.time < last.time]
+            between = [event for event in events if first.time < event.time < last.time]  # in order of time
             offs = [event for event in between if event.side == side]
             others = [event for event in between if event.side != side and event.kind == "strike"]
             rows = slice(first.frame, last.frame + 1)
             if len(offs) == 1 and len(others) == 1 and known[rows].all():
-                stride = _stride(feet, first, offs[0], others[0], last, int(unsure[rows].sum()))
+                stride = _stride(
+                    feet, (first, offs[0], others[0], last), _flight([*between, last]), int(unsure[rows].sum())
+                )
                 strides += [stride] if _walks(feet, stride, others[0], rows) else []
     return sorted(strides, key=lambda stride: stride.start)
 
 
-def _stride(feet: Feet, first: Event, off: Event, other: Event, last: Event, unsure: int) -> Stride:
+def _flight(events: Sequence[Event]) -> float:
+    """[s] in which neither foot stands, by the events in order of time after a strike of a foot until its next: who
+    leaves the ground with one foot and then strikes with the other stood on none in between."""
+    return sum(
+        after.time - before.time
+        for before, after in pairwise(events)
+        if (before.kind, after.kind) == ("off", "strike") and before.side != after.side
+    )
+
+
+def _stride(feet: Feet, events: tuple[Event, Event, Event, Event], flight: float, unsure: int) -> Stride:
+    """events: the strike, off, strike of the other foot and strike again; flight [s]."""
+    first, off, other, last = events
     heel = feet.heel[first.side]
     start, end = _at(feet.time, heel, first.time), _at(feet.time, heel, last.time)
     along = end - start
@@ -83,7 +98,7 @@ def _stride(feet: Feet, first: Event, off: Event, other: Event, last: Event, uns
     stance = 100.0 * (off.time - first.time) / seconds
     return Stride(
         first.side, first.time, off.time, last.time, seconds, length, own_side * left_of_line, length / seconds,
-        120.0 / seconds, stance, 100.0 - stance, unsure,
+        120.0 / seconds, stance, 100.0 - stance, 100.0 * flight / seconds, unsure,
     )  # fmt: skip
 
 

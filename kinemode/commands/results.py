@@ -232,10 +232,11 @@ def contact(run: Path, /, *, out: Path | None = None, plot: Path | None = None) 
 
 
 def gait(run: Path, /, *, out: Path | None = None) -> None:
-    """Tell heel strikes, toe-offs and strides of a person who walks.
+    """Tell heel strikes, toe-offs and strides of a person who walks or runs.
 
-    By where the feet are relative to the hips (Zeni et al. 2008), of the best hypothesis. Where nobody walks, or the
-    clip is too short for a stride, it says so.
+    By when the feet stand and, for toe-offs in walking, where they are relative to the hips (Zeni et al. 2008); by the
+    hips alone where keypoints have no feet; of the best hypothesis. Where nobody walks, or the clip is too short for a
+    stride, it says so.
 
     Example: kinemode gait walk.run --out strides.csv
 

@@ -236,7 +236,7 @@ def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
     Parameters
     ----------
     run: a run, or the path of its file; one that is not finished is looked at as far as it goes. plot: draw
-    probabilities and heights over time there, a PNG.
+    probabilities and heights over time there, a PNG, with heel strikes and toe-offs where somebody walks.
 
     Raises
     ------
@@ -251,18 +251,22 @@ def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
         remedy = "contact needs a person with feet, such as human34"
         raise InputError(opened.header.subject_source, "has no landmark left_heel", remedy=remedy)
     if plot is not None:
+        from estimator.runs.gait import gait_if_whole
         from viz.pictures.contact_plot import write_contact_plot
 
-        write_contact_plot(stands, plot)
+        walked = gait_if_whole(opened, stands)
+        write_contact_plot(stands, plot, walked.events if walked else ())
     return stands
 
 
 def gait(run: RunLike) -> Gait:
-    """When the feet of a run's best hypothesis touch and leave the ground, and the strides of walking between.
+    """When the feet of a run's best hypothesis touch and leave the ground, and the strides between.
 
-    Heel strikes and toe-offs by Zeni et al., Gait & Posture 27(4), 2008, from heels, toes and hips in the world, z up;
-    see `estimator.runs.events` for the method, `estimator.runs.strides.Stride` for what a stride has.
-    Where nobody walks there are no strides, and `remark` says why.
+    A foot strikes when it begins to stand, see `contact`. It leaves the ground when its toes are farthest behind the
+    pelvis (Zeni et al., Gait & Posture 27(4), 2008) if the other foot stands, when it ceases to stand if not, as in
+    running. Where keypoints have no feet, so that contact is not to be trusted, both events are by the pelvis, and
+    `method` says "pelvis" rather than "contact". World z is up. See `estimator.runs.strides.Stride` for what a stride
+    has. Where nobody walks there are no strides, and `remark` says why.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from estimator.runs.contact import Contact
 from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
 from estimator.runs.events import SIDES, Event
-from estimator.runs.gait import Gait
+from estimator.runs.gait import METHODS, Gait
 from estimator.runs.pairs import CENTRED
 from estimator.runs.run_file import Run
 from estimator.tracking.fitting.fit import Fit, ShapeFit
@@ -167,18 +167,19 @@ def print_gait(gait: Gait) -> None:
         made = table("strides, from a strike of the foot to its next", *_STRIDE_COLUMNS)
         for s in gait.strides:
             row = (s.start, s.off, s.end, s.seconds, s.length, s.width, s.speed)
-            rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", str(s.unsure))
+            rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", f"{s.flight:.0f}", str(s.unsure))
             made.add_row(s.side, *(f"{value:.2f}" for value in row), *rest)
         out.print(made)
     if gait.events:
         _print_events(gait.events, (("strike", "heel strikes"), ("off", "toe-offs")), out)
+        out.print(f"events by {METHODS[gait.method]}", soft_wrap=True)
     if gait.remark:
         out.print(gait.remark, soft_wrap=True)
 
 
 _STRIDE_COLUMNS = (
     "foot", "strike [s]", "off [s]", "strike [s]", "time [s]", "length [m]", "width [m]", "speed [m/s]", "steps/min",
-    "stance [%]", "swing [%]", "unsure frames",
+    "stance [%]", "swing [%]", "flight [%]", "unsure frames",
 )  # fmt: skip
 
 

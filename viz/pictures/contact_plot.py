@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.runs.contact import Contact
+from estimator.runs.events import Event
 from humanoid.support.atomic import replacing
 from viz.palette import ON_PAPER, web
 
@@ -18,19 +20,25 @@ _ROW, _HEIGHTS, _WIDTH = 0.32, 2.2, 9.0  # inches
 _FULL = 0.85  # of a row, where it stands for certain
 
 
-def write_contact_plot(contact: Contact, path: str | Path) -> Path:
-    """Write the picture as a PNG and return its path; raises InputError where it cannot be written."""
+_MARKS = {"strike": "v", "off": "^"}
+_MARK_SIZE = 5.0  # points
+
+
+def write_contact_plot(contact: Contact, path: str | Path, events: Sequence[Event] = ()) -> Path:
+    """Write the picture as a PNG and return its path; raises InputError where it cannot be written. events: of gait,
+    marked."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    drawing = contact_drawing(contact)
+    drawing = contact_drawing(contact, events)
     FigureCanvasAgg(drawing)
     with replacing(path) as temporary:
         drawing.savefig(temporary, format="png", dpi=110)
     return Path(path)
 
 
-def contact_drawing(contact: Contact) -> Drawing:
-    """The picture: a band for every point, as high as it probably stands, and the heights below."""
+def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
+    """The picture: a band for every point, as high as it probably stands, and the heights below. events: of gait, a
+    mark in the band of the foot's first point, pointing down where it strikes and up where it leaves the ground."""
     from matplotlib.figure import Figure
 
     count = len(contact.names)
@@ -43,9 +51,17 @@ def contact_drawing(contact: Contact) -> Drawing:
         bands.fill_between(contact.time, row, row + _FULL * contact.standing[:, k], color=colour, linewidth=0.0)
         style = "-" if name.endswith("heel") else ":"
         heights.plot(contact.time, above[:, k], color=colour, linestyle=style)
+    for event in events:
+        own = [k for k, name in enumerate(contact.names) if name.startswith(event.side)]
+        for k in own[:1]:
+            bands.plot(
+                [event.time], [count - 1 - k + 0.5 * _FULL], color="black", linestyle="none", marker=_MARKS[event.kind],
+                markersize=_MARK_SIZE, markeredgecolor="white",
+            )  # fmt: skip
     bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(contact.names)])
     doubt = f"\n{contact.remark}" if contact.remark else ""
-    bands.set_title(f"probability of standing{doubt}")
+    marks = "; a mark down: the foot strikes, up: it leaves the ground" if events else ""
+    bands.set_title(f"probability of standing{marks}{doubt}")
     heights.axhline(0.0, color="black", linewidth=0.6)
     heights.set_ylabel("height above the floor [mm]")
     heights.set_xlabel("time [s]; heels are solid, toes dotted")

@@ -9,6 +9,8 @@ from html import escape
 from pathlib import Path
 from string import Template
 
+from estimator.runs.contact import contact_of_run
+from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS
@@ -16,8 +18,8 @@ from humanoid.support.atomic import replacing
 from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
-from viz.report.pictures import COLOURS, angle_figures, contact_figures
-from viz.report.tables import assumed_part, ranges_table, repeat_part, text
+from viz.report.pictures import COLOURS, angle_figures, contact_figure
+from viz.report.tables import assumed_part, gait_part, ranges_table, repeat_part, text
 from viz.scene import Scene, as_scene
 
 _TEMPLATE = Path(__file__).with_name("report.html")
@@ -55,7 +57,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         film=_film(run, scene, progress),
         key=_key(run) if figures is None else "",
         curves=_curves(drawings),
-        feet=_feet(contact_figures(run)),
+        feet=_feet(run),
         ranges=ranges_table(ranges_of_motion(run)),
         untrusted=_untrusted(run, scene),
         assumed=assumed_part(facts),
@@ -141,10 +143,13 @@ def _curves(figures: Sequence[Figure]) -> str:
     return f'<div class="curves">{_shown(figures)}</div>'
 
 
-def _feet(figures: Sequence[Figure]) -> str:
-    if not figures:
+def _feet(run: Run) -> str:
+    contact = contact_of_run(run)
+    if contact is None:
         return "<p>The subject has no feet.</p>"
-    return _shown(figures)
+    gait = gait_if_whole(run, contact)
+    drawn = _shown([contact_figure(contact, gait.events if gait else ())])
+    return drawn if gait is None else f"{drawn}\n{gait_part(gait)}"
 
 
 def _shown(figures: Sequence[Figure]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -13,7 +14,8 @@ import cv2
 import numpy as np
 
 from estimator.data.media.film import write_film
-from estimator.runs.contact import contact_of_run
+from estimator.runs.contact import Contact
+from estimator.runs.events import Event
 from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_file import Run
 from viz.palette import ON_PAPER, web
@@ -149,10 +151,9 @@ def angle_figures(run: Run) -> list[Figure]:
     return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in joint_angles(run)])]
 
 
-def contact_figures(run: Run) -> list[Figure]:
-    """When the feet stand, as `kinemode contact` draws it; none of a body without feet."""
-    contact = contact_of_run(run)
-    return [] if contact is None else [_as_svg(contact_drawing(contact), "when the feet stand")]
+def contact_figure(contact: Contact, events: Sequence[Event]) -> Figure:
+    """When the feet stand, as `kinemode contact` draws it, with events of gait."""
+    return _as_svg(contact_drawing(contact, events), "when the feet stand")
 
 
 def _figure(panel: JointPanel, run: Run) -> Figure:

@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from estimator.runs.gait import METHODS, Gait
 from estimator.runs.ranges import RangeOfMotion
 from viz.report.facts import Facts
 
@@ -78,6 +79,30 @@ def listed(sentences: Sequence[str]) -> str:
 def _sentence(said: str) -> str:
     said = said.strip()
     return said[:1].upper() + said[1:] + ("" if said.endswith((".", "!", "?")) else ".")
+
+
+_STRIDE_HEAD = (
+    "foot", "strikes [s]", "leaves [s]", "strikes [s]", "length [m]", "width [m]", "speed [m/s]", "steps/min",
+    "stance [%]", "flight [%]",
+)  # fmt: skip
+
+
+def gait_part(gait: Gait) -> str:
+    """Strides, one row each, and what they are told by; or why there are none."""
+    parts = ["<h3>Strides</h3>"]
+    rows = [
+        (
+            s.side, f"{s.start:.2f}", f"{s.off:.2f}", f"{s.end:.2f}", f"{s.length:.2f}", f"{s.width:.2f}",
+            f"{s.speed:.2f}", f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.flight:.0f}",
+        )
+        for s in gait.strides
+    ]  # fmt: skip
+    if rows:
+        parts.append(f'<div class="scroll">{table(_STRIDE_HEAD, rows, numbers=len(_STRIDE_HEAD) - 1)}</div>')
+        parts.append(f"<p class='muted'>From a strike of the foot to its next, by {escape(METHODS[gait.method])}.</p>")
+    if gait.remark:
+        parts.append(f"<p>{text(_sentence(gait.remark if rows else 'none: ' + gait.remark))}</p>")
+    return "\n".join(parts)
 
 
 def assumed_part(facts: Facts) -> str:
