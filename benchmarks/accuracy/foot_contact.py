@@ -16,6 +16,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
+from benchmarks.accuracy.captured_steps import print_captured
 from benchmarks.accuracy.degrees import FILMS, columns_of, film_run
 from benchmarks.accuracy.gait_events import COLUMNS, KINDS, WAYS, EventErrors, events_by, loaded_events
 from benchmarks.support.common import Data, Json, Several, data_folder, save
@@ -23,7 +24,7 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot
 from estimator.inference.foot_contact import foot_contact
 from estimator.runs.contact import Contact, contact_of_points
 from estimator.runs.events import SIDES, Side
-from humanoid.collision.floor import FloorDistances
+from estimator.runs.footing import NEAR, SKATES, Footing, footing_of
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -31,6 +32,12 @@ TRIALS = ("walking1", "walkingTS1", "STS1", "squats1")
 MARKERS = {"left": ("L_calc", "L_toe", "L_5meta"), "right": ("r_calc", "r_toe", "r_5meta")}
 PELVIS = ("L.ASIS", "L.PSIS", "r.ASIS", "r.PSIS")
 WALKS = TRIALS[:2]
+FLOOR_COLUMNS = ("film, seed", "frames below the floor", "deepest [mm]", "skating", "contact kept")
+LEGEND = (
+    f"below the floor: any part of the flesh. skating: of heels and toes that stand, those that have moved over"
+    f" {1e3 * SKATES:.0f} mm along it in 1/30 s. contact kept: of those that stand by markers, those within"
+    f" {1e3 * NEAR:.0f} mm of the floor"
+)
 _LOADED = 20.0  # N
 _LOWEST = 2.0  # percentile of a marker's height: it is on a shoe, not under it
 _MOST_OFF = 0.25  # s between an event of the plates and ours
@@ -107,12 +114,12 @@ def _agreement(ours: np.ndarray, theirs: np.ndarray, time: np.ndarray) -> PlateA
 
 class FilmAgreement(NamedTuple):
     """A run of a phone film. by_side: agreement of each foot with the markers of heels and toes. ours, truth: contact
-    by the run and by the markers. below [m]: how far the deepest part of the flesh is below the run's own floor."""
+    by the run and by the markers. footing: on the run's own floor; what stands by the markers ought to."""
 
     by_side: dict[Side, PlateAgreement]
     ours: Contact
     truth: Contact
-    below: float
+    footing: Footing
 
 
 def film_agreement(place: Path, seed: int) -> FilmAgreement:
@@ -129,29 +136,36 @@ def film_agreement(place: Path, seed: int) -> FilmAgreement:
     for side in SIDES:
         theirs = np.interp(time, truth.time, truth.foot(side)) > 0.5
         result[side] = _agreement(ours.foot(side)[here] > 0.5, theirs, time)
-    below = float("nan")
-    if ours.floor is not None:
-        floor = FloorDistances(run.body, ours.floor.normal, ours.floor.height)
-        below = max(floor.penetration(run.body.at(q)) for q in run.q)
-    return FilmAgreement(result, ours, truth, below)
+    ought = np.zeros(ours.standing.shape, dtype=bool)
+    for k, name in enumerate(truth.names):
+        ought[here, ours.names.index(name)] = np.interp(time, truth.time, truth.standing[:, k]) > 0.5
+    return FilmAgreement(result, ours, truth, footing_of(run, ours, ought))
 
 
 def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str, object]]) -> None:
     columns = (
-        "film, seed", "foot", "F1", "off [ms]", "slide [mm], median, largest", "by markers", "below the floor [mm]",
+        "film, seed", "foot", "F1", "off [ms]", "slide [mm], median, largest", "by markers",
     )  # fmt: skip
     table = report.table("standing by one camera against standing by markers", *columns)
+    floors = report.table("the body by one camera and its floor", *FLOOR_COLUMNS)
     for film, seed in itertools.product(FILMS, seeds):
-        by_side, ours, truth, below = film_agreement(folder / film, seed)
+        by_side, ours, truth, footing = film_agreement(folder / film, seed)
         for side, agreement in by_side.items():
             off = [f"{1e3 * x:.0f}" if np.isfinite(x) else "none" for x in agreement.off]
             slides = [[1e3 * s.slide for s in c.stances if s.point.startswith(side)] for c in (ours, truth)]
             sizes = [f"{np.median(s):.0f}, {max(s):.0f}" for s in slides]
-            table.add_row(f"{film}, {seed}", side, f"{agreement.f1:.3f}", ", ".join(off), *sizes, f"{1e3 * below:.1f}")
+            table.add_row(f"{film}, {seed}", side, f"{agreement.f1:.3f}", ", ".join(off), *sizes)
             figures[f"{film} {side} {seed}"] = {
-                "f1": agreement.f1, "off": agreement.off.tolist(), "slides": slides[0], "below": below,
+                "f1": agreement.f1, "off": agreement.off.tolist(), "slides": slides[0],
             }  # fmt: skip
+        depth = f"{1e3 * footing.deepest:.1f}"
+        floors.add_row(
+            f"{film}, {seed}", f"{footing.penetrating:.1%}", depth, f"{footing.skating:.1%}", f"{footing.near:.1%}"
+        )
+        figures[f"{film} floor {seed}"] = dict(footing._asdict())
     report.console().print(table)
+    report.console().print(floors)
+    report.print_lines([LEGEND])
 
 
 def _print_gait(folder: Path, figures: dict[str, dict[str, object]]) -> None:
@@ -167,6 +181,7 @@ def _print_gait(folder: Path, figures: dict[str, dict[str, object]]) -> None:
 def main(
     *,
     films: Annotated[bool, Parameter(negative=())] = False,
+    captured: Annotated[bool, Parameter(negative=())] = False,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     data: Data = None,
     json: Json = None,
@@ -177,8 +192,10 @@ def main(
     ----------
     films
         Also track the phone films by their one camera, and compare with standing by markers.
+    captured
+        Also tell the events of captured walks and runs from landmarks with noise, against those without.
     seeds
-        Of the tracker.
+        Of the tracker, and of the noise.
     """
     folder = data_folder(data)
     folder = None if folder is None else folder / "opencap" / "subject4"
@@ -197,4 +214,6 @@ def main(
     _print_gait(folder, figures)
     if films:
         _print_films(folder.parent, seeds, figures)
+    if captured:
+        print_captured(data, seeds, figures)
     save(json, figures)
