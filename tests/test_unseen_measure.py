@@ -25,6 +25,8 @@ from benchmarks.accuracy.unseen_clips import (
     turn_bins,
     write_joints,
 )
+from benchmarks.support.pose_prior_clips import cut_motion, windows_of
+from estimator.data.formats.bvh import read_bvh
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.formats.opensim import Coordinates
@@ -122,6 +124,12 @@ def test_means_are_of_seeds_then_of_clips_and_of_frames_where_they_turn() -> Non
     assert aligned["by person"] == {"07": 40.0, "35": 40.0}
     assert aligned["by action"] == {"walk": 40.0, "run": 40.0}
     assert aligned["by turning"] == {"0 to 30": 10.0, "over 90": pytest.approx((8 * 30 + 2 * 40 + 2 * 60) / 12)}
+    windows = [(replace(run_of("cmu_07_01", 0), start=s), figures(e, 4, 5.0)) for s, e in ((0.0, 10.0), (2.5, 20.0))]
+    of = means_of([*windows, (run_of("cmu_35_20", 0), figures(40.0, 4, 5.0))])
+    assert {name: m["aligned"] for name, m in of["by person"].items()} == {"07": 15.0, "35": 40.0}
+    assert {name: m["aligned"] for name, m in of["by clip"].items()} == {
+        "cmu_07_01": 10.0, "cmu_07_01 from 2.5 s": 20.0, "cmu_35_20": 40.0,
+    }  # fmt: skip
     less = {name: {"aligned": x} for name, x in {"cmu_07_01": 19.0, "cmu_35_20": 37.0, "cmu_07_02": 58.0}.items()}
     assert paired_cell("aligned", means["by clip"], less) == "-2.0 ± 0.6"
 
@@ -131,7 +139,30 @@ def test_what_is_kept_goes_by_all_that_decides_it_and_by_no_folder() -> None:
     run = run_of("cmu_07_01", 0)
     changes: list[dict[str, Any]] = [{"seconds": 3.0}, {"kind": "detector"}, {"changes": '{"cost": {"nu": 8}}'}]
     others = (run_of("cmu_07_01", 1), run_of("cmu_07_02", 0), *(replace(run, **change) for change in changes))
-    assert run.what not in [other.what for other in others]
+    later = [replace(run, start=start) for start in (2.0, 4.5)]
+    assert len({str(other.what) for other in (run, *others, *later)}) == 8
+    assert [of.name for of in (run, *later)] == [f"cmu_07_01{at}_joints_0" for at in ("", "_from_2s", "_from_4.5s")]
+
+
+@pytest.mark.parametrize("whole", [1.4, 2.0, 3.9, 4.0, 12.5, 20.2])
+def test_windows_lie_in_the_clip_and_do_not_overlap(whole: float) -> None:
+    for count in (1, 2, 5, 30):
+        starts = windows_of(whole, 2.0, count)
+        assert len(starts) == max(1, min(count, int(whole / 2.0)))
+        assert starts[0] == 0.0
+        assert starts[-1] + 2.0 <= max(whole, 2.0) + 1e-9
+        assert np.diff(starts).min(initial=np.inf) >= 2.0 - 0.011  # they are rounded
+
+
+def test_a_cut_motion_is_the_rest_of_it(shared_data: Path, tmp_path: Path) -> None:
+    """Its person at the origin and facing x at first, as every captured motion."""
+    path = shared_data / "mocap" / "walk_straight_07_01.bvh"
+    whole, rest = read_bvh(path), read_bvh(cut_motion(path, 1.0, tmp_path / "cut" / "rest.bvh"))
+    first = round(1.0 / whole.frame_time)
+    assert rest.frame_time == whole.frame_time
+    np.testing.assert_allclose(rest.positions(), whole.positions()[first:])
+    with pytest.raises(InputError, match="no frame after 99 s"):
+        cut_motion(path, 99.0, tmp_path / "none.bvh")
 
 
 @pytest.mark.parametrize(("weight", "named"), [(0.0, False), (0.5, True)])

@@ -34,10 +34,11 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
-from benchmarks.support.pose_prior_clips import captured_files, spread_of, subject_of
+from benchmarks.support.pose_prior_clips import captured_files, spread_of, subject_of, windows_of
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from benchmarks.training.pose_prior import prior_settings
 from estimator.data.formats.settings_file import load_settings
+from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
 from kinemode.settings import choose
 from kinemode.terminal import report
@@ -64,6 +65,7 @@ def main(
     data: Data = None,
     kinds: Annotated[tuple[str, ...], Several] = KINDS,
     clips: int = 1,
+    windows: int = 1,
     seconds: float = 2.0,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     settings: Annotated[tuple[Path, ...], Parameter(consume_multiple=True, negative="")] = (),
@@ -79,6 +81,8 @@ def main(
         Of keypoints: detector (COCO's 17, 5 px, 5 % outliers, 10 % missing), joints (12 limb joints, 3 px).
     clips
         So many of each person.
+    windows
+        At most so many parts of each clip, as long as `seconds` says, spread over it without overlapping.
     seconds
         At most so much of each.
     seeds
@@ -90,8 +94,9 @@ def main(
     """
     kinds = tuple(kind for word in kinds for kind in word.split(","))
     check_known("--kinds", kinds, KINDS)
-    if clips < 1:
-        raise InputError("--clips", f"must be 1 or more, got {clips}")
+    for option, count in (("--clips", clips), ("--windows", windows)):
+        if count < 1:
+            raise InputError(option, f"must be 1 or more, got {count}")
     for option, given in (("--kinds", kinds), ("--seeds", seeds)):
         if not given:
             raise InputError(option, "names none", remedy="one or more")
@@ -101,30 +106,41 @@ def main(
         print(f"{NO_CAPTURE_HERE}, and mocap_more")
         return
     chosen = spread_of(files, clips)
+    starts = [windows_of(load_mocap(f).seconds, seconds, windows) for f in chosen]
     with work_folder(work) as folder:
         own = prior_settings("unseen", [f.stem for f in chosen], data, {}, folder / "priors")
         runs = {
             (name, kind): [
                 UnseenRun(
                     f, seconds, seed, kind, json_module.dumps(changes, sort_keys=True),
-                    Path(prior["cost"]["pose_prior_file"]), folder / "clips",
+                    Path(prior["cost"]["pose_prior_file"]), folder / "clips", start,
                 )
-                for f, prior in zip(chosen, own, strict=True)
+                for f, prior, begins in zip(chosen, own, starts, strict=True)
+                for start in begins
                 for seed in seeds
             ]
             for name, changes in variants.items()
             for kind in kinds
         }  # fmt: skip
         pieces, store = [run for of in runs.values() for run in of], ResultStore(folder)
-        in_processes(UnseenRun.prepare, list({(run.motion, run.seed): run for run in pieces}.values()), jobs)
+        in_processes(UnseenRun.prepare, list({(run.clip, run.seed): run for run in pieces}.values()), jobs)
         results = dict(zip(pieces, all_done("unseen people", store, pieces, jobs), strict=True))
         codes = len(store.codes(pieces))
     tables = {key: means_of([(run, results[run]) for run in of]) for key, of in runs.items()}
     show(tables)
+    report.print_lines(
+        [f"{key[1]}, settings {key[0]}: {spikes_in([results[r] for r in of])}" for key, of in runs.items()]
+    )
     report.print_lines([*LEGEND, *([] if codes == 1 else [f"the runs are of {codes} states of the code"])])
     figures = [{"settings": name, "keypoints": kind, **tables[name, kind]} for name, kind in tables]
-    how = {"clips": clips, "seconds": seconds, "seeds": seeds, "settings": variants, "codes": codes}
+    how = {"clips": clips, "windows": windows, "seconds": seconds, "seeds": seeds, "settings": variants, "codes": codes}
     save(json, {"measure": "unseen", "how": how, "targets": TARGETS, "rows": figures})
+
+
+def spikes_in(tracks: Sequence[Figures]) -> str:
+    """How many there are in all, see `FrameErrors`."""
+    count = sum(np.nansum(np.array(track["spikes"], dtype=float)) for track in tracks)
+    return f"{count:.0f} spikes in {len(tracks)} tracks"
 
 
 def variant(path: Path) -> dict[str, Any]:
@@ -141,15 +157,15 @@ def means_of(done: Sequence[tuple[UnseenRun, Figures]]) -> dict[str, dict[str, M
     """Mean errors `by clip`, of its seeds; `by person`, `by action` and of `all`, of their clips; `by turning`, of
     frames; and of the clips' other trajectories, `tracks`."""
     frames = [FrameErrors(*(np.array(result[name]) for name in FrameErrors._fields)) for _, result in done]
-    names = [run.motion.stem for run, _ in done]
+    names = [run.clip for run, _ in done]
     clips = {
         name: mean([errors.means() for own, errors in zip(names, frames, strict=True) if own == name])
         for name in dict.fromkeys(names)
     }
 
     def by(group: Callable[[str], str]) -> dict[str, Means]:
-        groups = dict.fromkeys(map(group, clips))
-        return {of: mean([means for name, means in clips.items() if group(name) == of]) for of in groups}
+        groups = {name: group(_file(name)) for name in clips}
+        return {of: mean([clips[n] for n in clips if groups[n] == of]) for of in dict.fromkeys(groups.values())}
 
     joined = FrameErrors.joined(frames)
     bins = turn_bins(joined.rate)
@@ -168,6 +184,11 @@ def means_of(done: Sequence[tuple[UnseenRun, Figures]]) -> dict[str, dict[str, M
     }  # fmt: skip
 
 
+def _file(clip: str) -> str:
+    """The name of the file that a clip is of, see `UnseenRun.clip`."""
+    return clip.partition(" ")[0]
+
+
 def mean(several: Sequence[Means]) -> Means:
     """Of each of their values."""
     return {name: float(np.mean([means[name] for means in several])) for name in several[0]}
@@ -178,7 +199,7 @@ def show(tables: Mapping[tuple[str, str], dict[str, dict[str, Means]]]) -> None:
     out = report.console()
     for (name, kind), of in tables.items():
         made = report.table(f"{kind}, settings {name}", "", *COLUMNS.values())
-        clips = {f"{subject_of(n)}: {n}, {action_of(n)}": means for n, means in of["by clip"].items()}
+        clips = {f"{subject_of(_file(n))}: {n}, {action_of(_file(n))}": means for n, means in of["by clip"].items()}
         persons = {f"person {n}": means for n, means in of["by person"].items()}
         actions = {f"action: {n}": means for n, means in of["by action"].items()}
         turns = {f"turning {n} deg/s, {m['frames']:.0f} frames": m for n, m in of["by turning"].items()}

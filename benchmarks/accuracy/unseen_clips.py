@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.support.mocap_person import FPS
-from benchmarks.support.pose_prior_clips import render_captured, subject_of, trial_of
+from benchmarks.support.pose_prior_clips import cut_motion, render_captured, subject_of, trial_of
 from benchmarks.support.result_store import Figures, ResultStore, cached_clip, removed
 from benchmarks.support.scores import FAR_MM, trajectories
 from benchmarks.support.tracking import timed_track
@@ -144,7 +144,8 @@ class UnseenRun:
     """A piece of work: a captured clip tracked from one kind of keypoints.
 
     motion: BVH file. seconds: at most so much of it. seed: of noise and tracker. kind: one of `KINDS`. changes: to the
-    settings, as JSON. prior: file of the mixture learned without the person. folder: of all rendered clips.
+    settings, as JSON. prior: file of the mixture learned without the person. folder: of all rendered clips. start [s]:
+    where in the file the clip begins.
     """
 
     motion: Path
@@ -154,26 +155,37 @@ class UnseenRun:
     changes: str
     prior: Path
     folder: Path
+    start: float = 0.0
+
+    @property
+    def clip(self) -> str:
+        """What the clip is called: its file, and where it begins unless at the beginning."""
+        return f"{self.motion.stem}{f' from {self.start:g} s' if self.start else ''}"
+
+    @property
+    def _stem(self) -> str:
+        return f"{self.motion.stem}{f'_from_{self.start:g}s' if self.start else ''}"
 
     @property
     def name(self) -> str:
         """See `benchmarks.support.result_store.Piece`."""
-        return f"{self.motion.stem}_{self.kind}_{self.seed}"
+        return f"{self._stem}_{self.kind}_{self.seed}"
 
     @property
     def what(self) -> Mapping[str, Any]:
         """See `benchmarks.support.result_store.Piece`."""
         return {
             "unseen": self.motion.stem, "seconds": self.seconds, "seed": self.seed, "kind": self.kind,
-            "settings": self.changes,
+            "settings": self.changes, **({"start": self.start} if self.start else {}),
         }  # fmt: skip
 
     def prepare(self) -> RenderedClip:
         """Render the clip unless it is there."""
-        return cached_clip(
-            self.folder / f"{self.motion.stem}_{self.seed}_{self.seconds:g}s",
-            lambda folder: render_captured(self.motion, self.seconds, self.seed, folder),
-        )
+        return cached_clip(self.folder / f"{self._stem}_{self.seed}_{self.seconds:g}s", self._render)
+
+    def _render(self, folder: Path) -> RenderedClip:
+        motion = cut_motion(self.motion, self.start, folder / self.motion.name) if self.start else self.motion
+        return render_captured(motion, self.seconds, self.seed, folder)
 
     def settings(self) -> dict[str, Any]:
         """The changes with the prior's file, which has no effect, and is refused, where they turn the prior off."""

@@ -20,6 +20,7 @@ from kinemode.rendering.files import RenderedClip
 
 LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
 FOLDERS = ("mocap_more", "mocap")
+_TINY = 1e-6  # s
 _TRIAL = re.compile(r"(\d\d)_(\d\d)$")  # how the name of a clip ends: subject and trial of the CMU database
 
 
@@ -74,6 +75,27 @@ def spread_of(files: Sequence[Path], count: int) -> list[Path]:
         parts = min(count, len(own))
         chosen += [own[int((i + 0.5) * len(own) / parts)] for i in range(parts)]
     return chosen
+
+
+def windows_of(whole: float, seconds: float, count: int) -> list[float]:
+    """Where windows of so many seconds begin in a clip that is `whole` [s] long: at most `count`, spread evenly, that
+    do not overlap; the first at the clip's beginning, where a shorter clip has its only one."""
+    fits = max(1, min(count, int(whole / seconds + _TINY)))
+    apart = (whole - seconds) / (fits - 1) if fits > 1 else 0.0
+    return [round(i * apart - _TINY, 2) + 0.0 for i in range(fits)]
+
+
+def cut_motion(motion: Path, start: float, out: Path) -> Path:
+    """Write a BVH file without its first seconds, and return its path."""
+    head, mark, rows = motion.read_text(encoding="utf-8").partition("Frame Time:")
+    step, *frames = rows.strip().splitlines()
+    left = frames[round(start / float(step)) :]
+    if not mark or not left:
+        raise InputError(motion, f"has no frame after {start:g} s")
+    head = re.sub(r"Frames:\s*\d+", f"Frames: {len(left)}", head)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join([f"{head}{mark} {step.strip()}", *left]) + "\n", encoding="utf-8")
+    return out
 
 
 def render_captured(motion: Path, seconds: float, seed: int, folder: Path) -> RenderedClip:
