@@ -308,7 +308,7 @@ def _track_into(
                 smoothed = smooth_track(
                     energy, observations, results, job.settings.smooth, cues=cues, floor=inputs.floor, progress=report
                 )
-            writer.put_smoothed(smoothed.q, smoothed.floor)
+            writer.put_smoothed(smoothed)
         against, contradicted = run_findings(Run.open(target.path), lambda: likely_layout(asked, inputs))
         writer.put_findings(against, contradicted)
         writer.finish()

@@ -11,7 +11,7 @@ from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
 from estimator.energy.term import Cost
-from estimator.inference.best_path import best_path
+from estimator.inference.best_path import best_path, path_weights
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
@@ -54,6 +54,10 @@ def test_no_other_path_has_less_energy(seed: int) -> None:
         for path in product(*(range(k) for k in counts))
     }
     assert tuple(best_path(body, q, energy, times, motion)) == min(every, key=lambda path: every[path])
+    share = {path: np.exp(min(every.values()) - value) for path, value in every.items()}
+    for t, weight in enumerate(path_weights(body, q, energy, times, motion)):
+        through = [sum(s for path, s in share.items() if path[t] == k) for k in range(counts[t])]
+        np.testing.assert_allclose(weight, np.array(through) / sum(share.values()), atol=1e-12)
 
 
 def test_smoothing_has_the_same_energy_of_motion() -> None:
@@ -81,6 +85,8 @@ def test_one_frame_and_two() -> None:
     motion = MotionPrior(np.full(body.nv, 1.0), np.full(body.nv, 1.0))
     path = best_path(body, [np.array([near, far])], [np.array([1.0, 0.0])], np.zeros(1), motion)
     assert path.tolist() == [1]
+    (weight,) = path_weights(body, [np.array([near, far])], [np.array([1.0, 0.0])], np.zeros(1), motion)
+    np.testing.assert_allclose(weight, np.exp([-1.0, 0.0]) / (1.0 + np.exp(-1.0)))
     two = [np.array([near, far]), np.array([far, near])]
     energy = [np.array([0.0, 9.0]), np.array([0.0, 0.1])]
     assert best_path(body, two, energy, np.array([0.0, 0.04]), motion).tolist() == [0, 1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,18 @@ import pinocchio as pin
 import pytest
 from test_run_file import header, state_of, walk
 
+import kinemode as km
+import viz.exporters  # noqa: F401 - registers glb and rrd
 from estimator.data.formats.opensim import read_mot
 from estimator.data.formats.reference import load_reference
 from estimator.runs.export import EXPORTERS, Exporter, export
 from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.unobserved import unobserved_stretches
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
+from kinemode.notices import InputWarning
 
 FRAMES = 12
 
@@ -202,3 +207,35 @@ def test_references(tmp_path: Path, shared_data: Path) -> None:
     for bad in ("a.npz", "b.npz", "c.npz", "d.trc", "absent.npz"):
         with pytest.raises(InputError, match=bad):
             load_reference(tmp_path / bad)
+
+
+@pytest.fixture(scope="module")
+def unseen(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run in which nothing was seen in frames 3 to 5."""
+    file = tmp_path_factory.mktemp("unseen") / "a.run"
+    with RunWriter.create(file, header(FRAMES)) as writer:
+        for i, result in enumerate(walk(Body(load_subject("human34")), FRAMES)):
+            writer.append(replace(result, status="unobserved") if 3 <= i <= 5 else result, state_of(result))
+    return Run.open(file)
+
+
+@pytest.mark.parametrize("name", [name for name in EXPORTERS if name != "osim"])
+def test_every_format_marks_what_nobody_saw_or_says_that_it_cannot(name: str, unseen: Run, tmp_path: Path) -> None:
+    assert unobserved_stretches(unseen) == ((0.1, 5 / 30),)
+    file = tmp_path / f"a.{name}"
+    if not EXPORTERS[name].marks:
+        with pytest.warns(InputWarning, match=rf"carried on: 0.10 to 0.17 s; {name} has no mark"):
+            km.export(unseen, file)
+        return
+    if name == "rrd":
+        pytest.importorskip("rerun")
+    km.export(unseen, file, format=name)
+    if name in ("trc", "c3d"):
+        points = load_reference(file).points
+        assert np.isnan(points[3:6]).all()
+        assert np.isfinite(points[[2, 6]]).all()
+    elif name == "npz":
+        assert set(np.load(file)["status"][3:6]) == {"unobserved"}
+    else:
+        marks = {"csv": b"unobserved", "rrd": b"unobserved"}
+        assert marks.get(name, b"carried on: 0.10 to 0.17 s") in file.read_bytes()

@@ -30,12 +30,12 @@ from estimator.inference.foot_contact import foot_contact
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.runs.contact import contact_of_points
-from estimator.runs.run_arrays import check_floor, floor_arrays
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
+from estimator.runs.smoothed_arrays import check_smoothed, smoothed_arrays
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.floor_size import size_by_floor
-from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing import Smoothed, smooth_track
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from estimator.tracking.smoothing.stances import Stances
 from humanoid.collision.clearance import Clearances
@@ -237,7 +237,7 @@ def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
         for result in random_walk(body, 4):
             writer.append(result, state_of(result))
         assert km.open_run(path).floor is None
-        writer.put_smoothed(np.tile(body.neutral, (4, 1)), floor)
+        writer.put_smoothed(Smoothed(np.tile(body.neutral, (4, 1)), floor))
         writer.finish()
     kept = km.open_run(path).floor
     assert kept is not None
@@ -247,9 +247,9 @@ def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
     told = km.contact(path).floor
     assert told is not None
     assert told.height == kept.height
-    arrays = floor_arrays(floor)
-    check_floor(arrays, 3)
-    check_floor({}, 3)
+    arrays = smoothed_arrays(Smoothed(np.tile(body.neutral, (4, 1)), floor))
+    check_smoothed(arrays, body)
+    check_smoothed({"q": arrays["q"]}, body)
     for name, wrong in (
         ("normal", 2.0 * SLOPE),
         ("height", np.array(np.nan)),
@@ -257,7 +257,7 @@ def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
         ("std", np.ones(1)),
     ):
         with pytest.raises(DamageError, match=f"floor_{name}"):
-            check_floor(arrays | {f"floor_{name}": wrong}, 3)
+            check_smoothed(arrays | {f"floor_{name}": wrong}, body)
 
 
 def test_the_preview_has_the_floor_and_discs_under_what_stands() -> None:

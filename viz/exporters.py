@@ -20,5 +20,5 @@ def _rrd(run: Run, path: Path, name: str) -> None:
     write_rrd(run, path)
 
 
-register(Exporter("glb", _glb))
+register(Exporter("glb", _glb, marks=False))
 register(Exporter("rrd", _rrd))

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 from rich.table import Table
 
 from benchmarks.support.common import Changes, Data, Json, data_folder, in_processes, nested, save, tell, work_folder
@@ -32,7 +33,7 @@ from benchmarks.training.credible_levels import (
     together,
 )
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
-from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
 from kinemode.terminal import report
 from kinemode.testing.ranks import calibration_error, coverage
 
@@ -59,6 +60,7 @@ def main(
     known_body: bool = False,
     known_noise: bool = False,
     independent: bool = False,
+    filtered: Annotated[bool, Parameter(negative=())] = False,
     fit: bool = False,
     unseen: bool = True,
     ablate: bool = False,
@@ -86,6 +88,8 @@ def main(
     independent
         Keypoints without a bias that lasts, whose noise is independent from point to point and forgets itself within
         two frames, as all were before.
+    filtered
+        The posterior of each frame from it and those before, instead of the smoothed trajectory's.
     fit
         Fit the calibration on the training motions first; prints what belongs into `PosteriorCalibration`.
     unseen
@@ -108,10 +112,13 @@ def main(
     if here is None:
         print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
     known = partial(Task, known_body=known_body, known_noise=known_noise, lasting=not independent)
+    known = partial(known, smooth=not filtered)
     make = partial(known, seconds=seconds, every=every, tracker=tracker)
     with work_folder(None) as folder:
         clips = partial(_clips, data, make, prior=prior, changes=nested(changes), folder=folder, jobs=jobs)
-        calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs) if fit else PosteriorCalibration()
+        calibration = PosteriorCalibration() if filtered else TRAJECTORY
+        if fit:
+            calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs)
         held_out = clips(HELD_OUT, 2000 + 100 * seed)
         strange = unseen and here is not None and (here / "mocap_more").is_dir()
         strangers = clips(UNSEEN, 3000 + 100 * seed) if strange else []

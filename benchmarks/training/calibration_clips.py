@@ -14,14 +14,18 @@ from estimator import synthesis
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
 from estimator.data.sequence import assemble
+from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.posterior import Posterior
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
+from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
+from estimator.tracking.smoothing import Smoothed, smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17, landmark_spread
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
@@ -79,8 +83,8 @@ class Task:
 
     motion: a BVH file, or the name of an authored motion. seconds, every: so much of it, and so many-th frames are
     looked at. known_body, known_noise: the tracker is given the body's lengths, else fits them, and the true standard
-    deviation of every keypoint instead of its own estimate. lasting: the detector has the errors `LASTING`.
-    changes: to the tracker's settings.
+    deviation of every keypoint instead of its own estimate. lasting: the detector has the errors `LASTING`. smooth:
+    the track is smoothed. changes: to the tracker's settings.
     """
 
     motion: Path
@@ -92,6 +96,7 @@ class Task:
     known_body: bool = False
     known_noise: bool = False
     lasting: bool = True
+    smooth: bool = True
     changes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -105,16 +110,24 @@ class Task:
 class Tracked:
     """A tracked clip, N of its frames: what the tracker said of them, and the true configurations (N, nq).
 
-    urdf: of the tracked body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera.
+    smoothed: the trajectory in these frames; None where that is not asked for. urdf: of the tracked
+    body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera.
     """
 
     motion: str
     condition: Condition
     urdf: str
     results: tuple[FrameResult, ...]
+    smoothed: Smoothed | None
     truth: np.ndarray
     truth_landmarks: np.ndarray
     seen_by: Camera | None
+
+    def posterior(self, body: Body, i: int, calibration: PosteriorCalibration) -> Posterior:
+        """Of the i-th frame looked at: around the smoothed trajectory where there is one."""
+        if self.smoothed is None:
+            return Posterior.of(body, self.results[i], calibration, self.seen_by)
+        return Posterior.of_trajectory(body, self.results[i], self.smoothed, i, calibration, self.seen_by)
 
     def tracked_body(self) -> Body:
         """The body that was tracked, made anew: what is sent between processes must not carry one."""
@@ -136,7 +149,7 @@ def motions(data: Path | None, names: Sequence[str]) -> list[Path]:
 
 
 def tracked(task: Task) -> Tracked:
-    """Make the clip's keypoints and track them from the filter's side alone: nothing is smoothed."""
+    """Make the clip's keypoints, track and, if asked to, smooth them."""
     rng = np.random.default_rng((task.seed, task.condition.cameras, round(10 * task.condition.noise_px)))
     body = Body(person(rng))
     q, times = _motion(body, task)
@@ -155,7 +168,10 @@ def tracked(task: Task) -> Tracked:
     chosen = [t for t in range(task.every // 2, len(q), task.every) if len(results[t].weight)]
     seen_by = cameras[0] if len(cameras) == 1 and not task.known_body else None
     kept = tuple(results[t] for t in chosen)
-    return Tracked(task.motion.stem, task.condition, subject.urdf, kept, q[chosen], points[chosen], seen_by)
+    smoothed, energy = None, capabilities_of(tracker).energy
+    if task.smooth and energy is not None:
+        smoothed = smooth_track(energy, observations, results, settings.smooth).frames(chosen)
+    return Tracked(task.motion.stem, task.condition, subject.urdf, kept, smoothed, q[chosen], points[chosen], seen_by)
 
 
 def _true_noise(observations: Sequence[Observation], condition: Condition) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 from benchmarks.support.common import in_processes
 from benchmarks.training.calibration_clips import Tracked
 from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.posterior import Posterior
 from kinemode.testing.ranks import LEVELS, coverage
 
 KINDS = ("dof", "landmark", "pose")
@@ -42,8 +41,8 @@ def credible_levels_of(case: Tracked, calibration: PosteriorCalibration, seed: i
     rng = np.random.default_rng(seed)
     body = case.tracked_body()
     dof, landmark, pose = [], [], []
-    for result, truth, places in zip(case.results, case.truth, case.truth_landmarks, strict=True):
-        posterior = Posterior.of(body, result, calibration, case.seen_by)
+    for i, (truth, places) in enumerate(zip(case.truth, case.truth_landmarks, strict=True)):
+        posterior = case.posterior(body, i, calibration)
         best = posterior.best
         dof.append(posterior.marginals(best).credible_level(body.difference(best, truth)))
         landmark.append(posterior.landmark_credible_levels(rng, places[None])[0])
@@ -64,7 +63,9 @@ def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str]
     All three kinds of regions count alike. From round to round the one change of one number to a neighbour in `TRIED`
     is made that gains most, until none does; the distance from limits is the mean of the true ones.
     """
-    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.03, 0.02)
+    smoothed = all(case.smoothed is not None for case in cases)
+    start = (1.0, 0.4, 1.0, 1.0) if smoothed else (1.0, 0.4, 4.0, 2.0)
+    best = PosteriorCalibration(*start, _mean_lean(cases), 0.03, 0.02)
     known = {best: miscoverage(best, cases)}
     while True:
         tried = [c for c in _neighbours(best) if c not in known]

@@ -36,3 +36,11 @@ class MotionPrior(NamedTuple):
     def _energy(self, e: np.ndarray) -> np.ndarray:
         energy: np.ndarray = 0.5 * self.nu * np.log1p(np.square(e) / self.nu).sum(axis=-1)
         return energy
+
+
+def frame_shares(dt: np.ndarray, lasting: float) -> np.ndarray:
+    """How much each of T frames counts that are dt (T - 1,) [s] apart, where what one says, and how it is wrong, lasts
+    for `lasting` [s]; 1 each where that is 0."""
+    if lasting <= 0.0 or not len(dt):
+        return np.ones(len(dt) + 1)
+    return np.minimum(1.0, np.convolve(dt, [0.5, 0.5]) / lasting)

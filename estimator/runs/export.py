@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator.data.formats.bvh import write_bvh
 from estimator.data.formats.c3d import Channels, write_c3d
-from estimator.data.formats.opensim import write_mot, write_trc
+from estimator.data.formats.opensim import ROOT_NOTE, write_mot, write_trc
 from estimator.data.formats.osim import write_osim
 from estimator.runs.bvh_skeleton import bvh_motion
 from estimator.runs.contact import contact_of_run
@@ -29,6 +29,7 @@ from estimator.runs.joint_table import joint_columns, std_columns
 from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run, landmarks_along
+from estimator.runs.unobserved import unobserved_note
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
@@ -43,12 +44,14 @@ class Exporter:
     """A format that runs are written in; register it with `register`.
 
     name: as `--format` and a file's ending have it. write: see `Writer`. one_rate: frames at uneven times are written
-    at even ones (see `even_motion`).
+    at even ones (see `even_motion`). marks: the file tells which frames nobody saw, by their status, as missing points
+    or by a line; or it has no frames.
     """
 
     name: str
     write: Writer
     one_rate: bool = False
+    marks: bool = True
 
 
 def export(
@@ -157,12 +160,22 @@ def _cell(value: float) -> str:
 
 
 def _trc(run: Run, path: Path, name: str) -> None:
-    write_trc(path, run.body.landmark_names, run.landmarks, run.time, title=name)
+    """Landmarks as markers; where nothing was seen they are missing."""
+    seen = run.status != "unobserved"
+    write_trc(
+        path, run.body.landmark_names, np.where(seen[:, None, None], run.landmarks, np.nan), run.time, title=name
+    )  # fmt: skip
 
 
 def _mot(run: Run, path: Path, name: str) -> None:
     names, values = opensim_coordinates(run.body, run.q)
-    write_mot(path, names, values, run.time, title=Path(name).stem)
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=_noted(run, ROOT_NOTE))
+
+
+def _noted(run: Run, note: str) -> str:
+    """A line for the head of a mot file, with the stretches that nobody saw."""
+    unseen = unobserved_note(run)
+    return f"{note} In this motion {unseen}." if unseen else note
 
 
 def _c3d(run: Run, path: Path, name: str) -> None:
@@ -196,7 +209,7 @@ def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
     title = GAIT_MODELS[model].title
     names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
     note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
-    write_mot(path, names, values, run.time, title=Path(name).stem, note=note)
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=_noted(run, note))
 
 
 def _osim(run: Run, path: Path, name: str) -> None:
@@ -213,7 +226,7 @@ EXPORTERS: Registry[Exporter] = Registry(
         Exporter("osim", _osim),
         *(Exporter(f"{model}-mot", partial(_gait_mot, model)) for model in GAIT_MODELS),
         Exporter("c3d", _c3d, one_rate=True),
-        Exporter("bvh", _bvh, one_rate=True),
+        Exporter("bvh", _bvh, one_rate=True, marks=False),
     ),
 )
 """Formats by name. `viz.exporters` registers those that show the body."""

@@ -30,7 +30,8 @@ class JointAngle(Summarised):
     value (T,): of the best hypothesis, as in `Run.q`; joints that turn without limits are unwrapped.
     std (T,): calibrated standard deviation over all hypotheses, as in `Run.std`.
     low, high (T,): ends of the central interval of 90 % of the calibrated posterior, quantiles of all hypotheses
-        together. They are of each frame as it was tracked, so that a smoothed or filtered value can lie outside.
+        together. Where the run is smoothed they are around the smoothed trajectory, with all frames in mind; a value
+        that was filtered afterwards can lie outside.
     hypotheses, weights (T, K): every hypothesis and its weight, NaN where a frame has fewer.
     lower, upper: the joint's limits, infinite where it has none.
 

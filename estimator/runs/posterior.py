@@ -15,10 +15,11 @@ from scipy.special import logsumexp
 
 from estimator.data.cameras.camera import Camera
 from estimator.energy.priors import Stabilisers
-from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body, PosedBody
 from humanoid.subject.landmarks import landmark_name, relative_spread
 from humanoid.support.errors import InputError
@@ -64,15 +65,61 @@ class Posterior:
         c = calibration or PosteriorCalibration()
         if len(result.weight) == 0:
             raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
-        with np.errstate(divide="ignore"):
-            tempered = np.log(result.weight) / c.weight_temperature
-        weight = np.exp(tempered - np.logaddexp.reduce(tempered))
+        weight = _tempered(result.weight, c.weight_temperature)
         some = weight > _FAINT
-        q = result.q[some]
+        modes = result.q[some], weight[some] / weight[some].sum(), result.covariance[some]
+        return Posterior._calibrated(body, *modes, c, seen_by, size_known)
+
+    @staticmethod
+    def of_trajectory(
+        body: Body,
+        result: FrameResult,
+        smoothed: Smoothed,
+        row: int,
+        calibration: PosteriorCalibration | None = None,
+        seen_by: Camera | None = None,
+        *,
+        size_known: bool = False,
+    ) -> Posterior:
+        """The posterior of a frame with all frames in mind: around the smoothed trajectory's pose in this `row`, and
+        around it as it would be by the frame's other modes, by as much as these differ from the mode that it goes
+        through. Others as in `of`.
+
+        Raises
+        ------
+        InputError: the frame has no hypotheses, or the trajectory has no covariances.
+        """
+        c = calibration or TRAJECTORY
+        if len(result.weight) == 0 or smoothed.covariance is None:
+            problem = "has no hypotheses" if len(result.weight) == 0 else "has no covariance of the smoothed trajectory"
+            raise InputError(f"frame {result.index}", problem, remedy="ask for a later frame, or track again")
+        pose, covariance = smoothed.q[row], smoothed.covariance[row]
+        if smoothed.mode is None or smoothed.weight is None:
+            return Posterior._calibrated(body, pose[None], np.ones(1), covariance[None], c, seen_by, size_known)
+        own, weight = int(smoothed.mode[row]), _tempered(smoothed.weight[row], c.weight_temperature)
+        count = len(result.weight)
+        some = [own, *(k for k in range(count) if k != own and weight[k] > _FAINT)]
+        q = np.array([pose if k == own else _other(body, pose, result, own, k) for k in some])
+        covariances = np.array([covariance if k == own else result.covariance[k] for k in some])
+        return Posterior._calibrated(
+            body, q, weight[some] / weight[some].sum(), covariances, c, seen_by, size_known
+        )  # fmt: skip
+
+    @staticmethod
+    def _calibrated(
+        body: Body,
+        q: np.ndarray,
+        weight: np.ndarray,
+        covariance: np.ndarray,
+        c: PosteriorCalibration,
+        seen_by: Camera | None,
+        size_known: bool,
+    ) -> Posterior:
+        """Of modes q (K, nq) with weights (K,) that sum to one and covariances (K, nv, nv)."""
         posed = [body.at(mode) for mode in q]
         stabilisers = Stabilisers(body)
         priors = [_prior_precision(stabilisers, body, mode) for mode in posed]
-        covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, result.covariance[some], strict=True)]
+        covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, covariance, strict=True)]
         covariance = c.covariance_scale * np.array(covariances)
         if c.landmark_std > 0.0:
             modes = zip(posed, priors, covariance, strict=True)
@@ -81,7 +128,7 @@ class Posterior:
         if seen_by is not None and body.has_free_root:
             size_std = 0.0 if size_known else c.size_std
             covariance = covariance + np.array([_distance_covariance(body, mode, seen_by, size_std) for mode in q])
-        return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
+        return Posterior(body, q, weight, covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
         """The same with each mode several times, at scales and weights of a quadrature over the log-normal factor."""
@@ -180,6 +227,21 @@ class Posterior:
             steps = draw_around_mode(rng, len(here), self.covariance[k], self.lean[k], low, high)
             drawn[here] = [self.body.integrate(self.q[k], step) for step in steps]
         return drawn
+
+
+def _tempered(weight: np.ndarray, temperature: float) -> np.ndarray:
+    """Weights (K,), NaN of those there are not, to the power of the inverse temperature; they sum to one."""
+    with np.errstate(divide="ignore"):
+        log = np.log(np.nan_to_num(weight)) / temperature
+    return np.asarray(np.exp(log - np.logaddexp.reduce(log)))
+
+
+def _other(body: Body, pose: np.ndarray, result: FrameResult, own: int, k: int) -> np.ndarray:
+    """A smoothed pose (nq,) as it would be by mode k instead of the mode `own`, on the limits that k leans on."""
+    moved = body.integrate(pose, body.difference(result.q[own], result.q[k]))
+    leans = np.diagonal(result.covariance[k])[body.bounded_v] <= 0.0
+    moved[body.bounded_q[leans]] = result.q[k][body.bounded_q[leans]]
+    return moved
 
 
 def _prior_precision(stabilisers: Stabilisers, body: Body, posed: PosedBody) -> np.ndarray:

@@ -20,7 +20,6 @@ from estimator.data.formats.checked_arrays import (
     those_there,
 )
 from estimator.data.formats.packing import valid_text
-from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, PREFIX, Origins, families
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult, check_extra
 from humanoid.kinematics.body import Body
@@ -49,7 +48,7 @@ _OBSERVATION = {
 def frame_arrays(result: FrameResult) -> dict[str, np.ndarray]:
     """What is stored of a frame; covariances as the upper triangle in single precision, the exact ones being in the
     state."""
-    rows, columns = _triangle(result.covariance.shape[-1])
+    rows, columns = triangle_of(result.covariance.shape[-1])
     return {
         "index": _FRAME["index"].array(result.index),
         "time": _FRAME["time"].array(result.time),
@@ -71,14 +70,15 @@ def frame_result(arrays: Mapping[str, np.ndarray], body: Body) -> FrameResult:
 
 def symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
     """Symmetric matrices (K, n, n) from their upper triangles (K, n (n + 1) / 2)."""
-    rows, columns = _triangle(n)
+    rows, columns = triangle_of(n)
     full = np.zeros((len(triangle), n, n))
     full[:, rows, columns] = full[:, columns, rows] = triangle
     return full
 
 
 @functools.lru_cache(maxsize=4)
-def _triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
+def triangle_of(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the upper triangle of an n x n matrix."""
     return np.triu_indices(n)
 
 
@@ -132,44 +132,6 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
         check_arrays(arrays, _LIFTED, {"L": len(body.landmark_names), "3": 3})
         if np.isinf(arrays["lifted"]).any() or not 0.0 <= arrays["lifted_share"] <= 1.0:
             raise DamageError("lifted has numbers that cannot be")
-
-
-def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:
-    """Smoothed configurations q (T, nq), NaN in frames without a pose; raises DamageError as `check_frame` does."""
-    q = arrays.get("q", np.zeros(0))
-    if q.dtype.kind != "f" or q.ndim != 2:
-        raise DamageError("q is no trajectory")
-    if q.shape[1] == body.nq:
-        check_configurations(body, q[~np.isnan(q).all(axis=1)], "q")
-
-
-_FLOOR = "floor_"  # before what is kept of one
-
-
-def floor_arrays(floor: Ground | None) -> dict[str, np.ndarray]:
-    """A floor as arrays, none where there is none."""
-    return {} if floor is None else {_FLOOR + name: np.asarray(value) for name, value in vars(floor).items()}
-
-
-def check_floor(arrays: Mapping[str, np.ndarray], kinds: int) -> None:
-    """The floor among arrays, if any, for so many kinds of points; raises DamageError as `check_frame` does."""
-    if _FLOOR + "normal" not in arrays:
-        return
-    shapes = {"normal": (3,), "height": (), "std": (), "above": (kinds,)}
-    for name, shape in shapes.items():
-        value = arrays.get(_FLOOR + name, np.zeros(0, dtype=bool))
-        if value.dtype.kind != "f" or value.shape != shape or not np.isfinite(value).all():
-            raise DamageError(f"{_FLOOR}{name} is of no floor")
-    if abs(float(np.linalg.norm(arrays[_FLOOR + "normal"])) - 1.0) > 1e-6:
-        raise DamageError(f"{_FLOOR}normal is no unit vector")
-
-
-def floor_in(arrays: Mapping[str, np.ndarray]) -> Ground | None:
-    """The floor among checked arrays."""
-    if _FLOOR + "normal" not in arrays:
-        return None
-    normal, height, std, above = (arrays[_FLOOR + name] for name in ("normal", "height", "std", "above"))
-    return Ground(normal, float(height), float(std), above)
 
 
 def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:

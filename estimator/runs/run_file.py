@@ -14,12 +14,13 @@ import numpy as np
 
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
-from estimator.inference.ground import Ground
 from estimator.runs import run_store
-from estimator.runs.run_arrays import floor_arrays, frame_arrays
+from estimator.runs.run_arrays import frame_arrays
 from estimator.runs.run_header import RunHeader, with_findings
 from estimator.runs.run_reader import Run
+from estimator.runs.smoothed_arrays import smoothed_arrays
 from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.smoothing import Smoothed
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
@@ -152,14 +153,13 @@ class RunWriter:
             execute("UPDATE header SET json = ?", (header.to_json(),))
             execute("COMMIT")
 
-    def put_smoothed(self, q: np.ndarray, floor: Ground | None = None) -> None:
-        """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, and the floor that it is above,
-        in place of any other."""
-        execute = self._connection.execute
+    def put_smoothed(self, smoothed: Smoothed) -> None:
+        """Store the smoothed trajectory of all frames, in place of any other."""
+        execute, arrays = self._connection.execute, smoothed_arrays(smoothed)
         with run_store.translated(self.path, has_frames=True):
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
-            execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q, **floor_arrays(floor)}),))
+            execute("INSERT INTO smoothed VALUES (?)", (pack(arrays),))
             execute("COMMIT")
 
     def put_findings(self, findings: Sequence[str], contradicted: Sequence[int] = ()) -> None:

@@ -24,22 +24,20 @@ from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, join
 from estimator.runs.joint_table import data_frame
 from estimator.runs.posterior import Posterior
 from estimator.runs.run_arrays import (
-    check_floor,
     check_frame,
     check_observation,
-    check_trajectory,
     extra_of,
-    floor_in,
     frame_result,
     symmetric,
 )
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
+from estimator.runs.smoothed_arrays import check_smoothed, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
 from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult
 from estimator.trackers.paths import backtrack
+from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body
-from humanoid.subject.landmarks import foot_landmarks, foot_parts
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
@@ -314,26 +312,25 @@ class Run(Summarised):
     @cached_property
     def q(self) -> np.ndarray:
         """(T, nq) of the best hypothesis: along the path and, once the run is complete, smoothed over all frames."""
-        q = self._smoothed.get("q", np.zeros(0))
-        return q if q.shape == self.filtered_q.shape else self.filtered_q
+        smoothed = self.smoothed
+        return self.filtered_q if smoothed is None else smoothed.q
 
     @property
     def floor(self) -> Ground | None:
         """The floor that the smoothed trajectory is above, as it was known or found; None where there is none, and
         before the run is complete."""
-        return floor_in(self._smoothed)
+        return None if self.smoothed is None else self.smoothed.floor
 
     @cached_property
-    def _smoothed(self) -> Mapping[str, np.ndarray]:
-        """What is kept of the smoothing, nothing before the run is complete."""
+    def smoothed(self) -> Smoothed | None:
+        """The smoothed trajectory with what is known of it, before calibration; None before the run is complete, and of
+        one that was not smoothed."""
         with run_store.reading(self.file) as connection:
             row = connection.execute("SELECT data FROM smoothed").fetchone()
-        return {} if row is None else self._unpacked(row[0], "smoothed trajectory", self._check_smoothed)
-
-    def _check_smoothed(self, arrays: Mapping[str, np.ndarray]) -> None:
-        check_trajectory(arrays, self.body)
-        parts = foot_parts(foot_landmarks(self.body.landmark_names))
-        check_floor(arrays, int(parts.max(initial=-1)) + 1)
+        if row is None:
+            return None
+        arrays = self._unpacked(row[0], "smoothed trajectory", lambda a: check_smoothed(a, self.body))
+        return smoothed_in(arrays, self.body) if arrays["q"].shape == self.filtered_q.shape else None
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -355,15 +352,22 @@ class Run(Summarised):
                 out[t] = symmetric(frame["covariance"][k : k + 1], nv)[0]
         return out
 
-    def posterior(self, i: int, calibration: PosteriorCalibration | None = None) -> Posterior:
-        """What is known of the pose after frame `i` from this and the frames before it, all hypotheses together.
+    def posterior(
+        self, i: int, calibration: PosteriorCalibration | None = None, *, filtered: bool = False
+    ) -> Posterior:
+        """What is known of the pose in frame `i`, all hypotheses together: around the smoothed trajectory, from all
+        frames, where the run has one; else, or if `filtered`, from this and the frames before it.
 
-        Raises InputError where the frame has no hypotheses.
+        calibration: unless given, the one that was fitted for either. Raises InputError where the frame has no
+        hypotheses.
         """
         cameras = self.header.cameras
         alone = cameras[0] if len(cameras) == 1 and not cameras[0].parallel else None  # a parallel one tells the size
-        size_known = self.header.subject_source not in BUILT_IN
-        return Posterior.of(self.body, self.result(i), calibration, alone, size_known=size_known)
+        size_known = self.header.subject_source not in BUILT_IN or "height" in self.header.settings
+        result, smoothed = self.result(i), None if filtered else self.smoothed
+        if smoothed is None or smoothed.covariance is None or not len(result.weight):
+            return Posterior.of(self.body, result, calibration, alone, size_known=size_known)
+        return Posterior.of_trajectory(self.body, result, smoothed, i, calibration, alone, size_known=size_known)
 
     @cached_property
     def spread(self) -> Spread:

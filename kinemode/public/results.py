@@ -202,7 +202,9 @@ def export(
         subject as the OpenSim model that the mot drives; "gait2392-mot" and "rajagopal-mot", joint angles as those
         models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
         [cm] and its turns; "glb", the moving body; "rrd", body, hypotheses, cameras, keypoints and angles for rerun.
-        What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path.
+        What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path. Frames
+        that nobody saw are marked, by their status, as missing points or in a line; bvh and glb have no mark for them,
+        which is said.
     degrees: of csv, joint angles in degrees, their standard deviations beside them; otherwise these are its last
         columns, and both are in radians.
     filter: cut-off of a Butterworth filter of the best path [Hz], see `kinemode.Run.butterworth`; off unless given.
@@ -217,12 +219,15 @@ def export(
     import viz.exporters  # noqa: F401 - registers those that show the body
     from estimator.runs import export as formats
     from estimator.runs.filtering import evenly_spaced, frame_rate
+    from estimator.runs.unobserved import unobserved_note
 
     chosen, known = formats.chosen_format(Path(file), format), formats.EXPORTERS
     if chosen in known and known[chosen].one_rate and len(opened.time) > 2 and not evenly_spaced(opened.time):
         rate = frame_rate(opened.time)
         said = f"frames are not evenly spaced: {chosen} has poses between them, at {rate:.4g} a second"
         warnings.warn(said, InputWarning, stacklevel=2)
+    if chosen in known and not known[chosen].marks and (unseen := unobserved_note(opened)):
+        warnings.warn(f"{unseen}; {chosen} has no mark for that", InputWarning, stacklevel=2)
     return formats.export(opened, Path(file), format, degrees=degrees)
 
 

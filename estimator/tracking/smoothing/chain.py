@@ -12,12 +12,14 @@ from scipy.linalg import solveh_banded
 from estimator.energy.descent.covariance import free_mask
 from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.energy.term import Cost
-from estimator.inference.motion import MotionPrior
+from estimator.inference.motion import MotionPrior, frame_shares
+from estimator.numerics.banded import inverse_diagonal
 from estimator.numerics.robust import LORENTZIAN, robust_square
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
 
 DAMPING = Damping(first=1e-6)
+_LEAST = 1e-4  # precision of what nothing holds
 REACH = 2
 """Frames before and after some that these hang on to: velocities and accelerations reach that far."""
 
@@ -66,7 +68,43 @@ class FrameChain:
         newton = NewtonSettings(iterations, DAMPING, enough=self._tolerance)
         return minimise(_Poses(self, held), self._model(q), newton).model.q
 
+    def covariances(self, q: np.ndarray, lasting: float, prior: np.ndarray | None = None) -> np.ndarray:
+        """Covariances (T, nv, nv) of poses q (T, nq), each with all frames in mind, in the tangent space at itself: of
+        the energy's Gauss-Newton Hessian, zero where a pose leans on a limit.
+
+        lasting [s]: how long what a frame says, and how it is wrong, lasts; frames nearer than that count as much less
+        as they are nearer, as movements do by the prior's correlation. 0: each counts in full. prior (T, nv, nv): the
+        part of each frame's Hessian that tells of poses whatever is seen. Successive poses are nearly one, which it
+        tells of once: of each pose by itself, beside what the others' likelihood says of it.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: nothing holds a pose.
+        """
+        model = self._frames(q)
+        share = frame_shares(self._dt, lasting)
+        moving, blocks = np.zeros_like(model.gradient), model.blocks
+        if prior is not None:
+            blocks[0] -= prior
+        for k in range(3):
+            blocks[k, : len(q) - k] *= np.sqrt(share[: len(q) - k] * share[k:])[:, None, None]
+        self._motion(q, moving, blocks)
+        free = free_mask(self._body, q, share[:, None] * model.gradient + moving)
+        blocks = _only(blocks, free)
+        np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
+        both = free[:, :, None] & free[:, None, :]
+        told = inverse_diagonal(blocks) * both
+        if prior is not None:
+            told = np.linalg.solve(np.eye(self._body.nv) + told @ (prior * both), told)
+        return 0.5 * (told + told.transpose(0, 2, 1))
+
     def _model(self, q: np.ndarray) -> ChainModel:
+        value, _, gradient, blocks = self._frames(q)
+        value += self._motion(q, gradient, blocks)
+        return ChainModel(value, q, gradient, blocks)
+
+    def _frames(self, q: np.ndarray) -> ChainModel:
+        """Of what the frames and their ties say, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
         energy = 0.0
@@ -80,7 +118,6 @@ class FrameChain:
         for t, ties in enumerate(self._ties):
             if ties:
                 energy += self._tied(posed[t], posed[t + 1], ties, gradient[t : t + 2], blocks[:, t : t + 2])
-        energy += self._motion(q, gradient, blocks)
         return ChainModel(energy, q, gradient, blocks)
 
     def _tied(self, before: PosedBody, after: PosedBody, ties: Ties, gradient: np.ndarray, blocks: np.ndarray) -> float:
@@ -144,9 +181,7 @@ class FrameChain:
         q, gradient = model.q, model.gradient
         count, nv = gradient.shape
         free = free_mask(self._body, q, gradient) & ~held[:, None]
-        blocks = model.blocks * free[None, :, :, None]
-        for k in range(3):
-            blocks[k, : count - k] *= free[k:, None, :]
+        blocks = _only(model.blocks, free)
         diagonal = np.einsum("tii->ti", blocks[0])
         diagonal *= 1.0 + damping
         diagonal[~free] = 1.0
@@ -168,6 +203,14 @@ class _Poses(Problem[ChainModel]):
 
     def at(self, model: ChainModel, step: Step) -> ChainModel:
         return self._chain.at(model.q, step[0])
+
+
+def _only(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Blocks (3, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero."""
+    kept = blocks * free[None, :, :, None]
+    for k in range(3):
+        kept[k, : len(free) - k] *= free[k:, None, :]
+    return np.asarray(kept)
 
 
 def _banded(blocks: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.stances import Stances
 from estimator.tracking.smoothing.ties import Ties
+from estimator.tracking.smoothing.uncertainty import TrajectoryUncertainty
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
@@ -61,28 +62,44 @@ def smooth_track(
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues, floor)
-    q = np.full((len(results), search.body.nq), np.nan)
+    body = search.body
+    q = np.full((len(results), body.nq), np.nan)
     if not track.some:
-        return Smoothed(q, None)
+        return Smoothed(q)
     end = track.best(progress)
     clearance = Clearances([part for part in (search.self_collision, end.distances) if part is not None])
     q[track.some] = [_parted(search, clearance, c, x) for c, x in zip(end.costs, end.q, strict=True)]
-    return Smoothed(q, end.floor)
+    return track.smoothed(end, q)
 
 
 class Smoothed(NamedTuple):
     """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, as it is known
-    or was found; None without one."""
+    or was found; None without one. covariance (T, nv, nv): of each pose with all frames in mind, in the tangent space
+    at it, NaN without one; None where it could not be told. mode (T,): which mode of each frame the trajectory goes
+    through, -1 without one. weight (T, K): of the modes of each frame with all frames in mind, NaN where there are
+    fewer."""
 
     q: np.ndarray
-    floor: Ground | None
+    floor: Ground | None = None
+    covariance: np.ndarray | None = None
+    mode: np.ndarray | None = None
+    weight: np.ndarray | None = None
+
+    def frames(self, rows: Sequence[int]) -> Smoothed:
+        """These frames alone."""
+        covariance, mode, weight = (
+            None if part is None else part[rows] for part in (self.covariance, self.mode, self.weight)
+        )
+        return Smoothed(self.q[rows], self.floor, covariance, mode, weight)
 
 
 class _Held(NamedTuple):
-    """Costs (T) and poses q (T, nq) of a trajectory, the floor that it is above and the distances to it, None without
-    one."""
+    """Costs (T), ties (T), modes (T,) and poses q (T, nq) of a trajectory, the floor that it is above and the distances
+    to it, None without one."""
 
     costs: list[Cost]
+    ties: list[Ties]
+    modes: np.ndarray
     q: np.ndarray
     floor: Ground | None
     distances: FloorDistances | None
@@ -103,6 +120,7 @@ class _Track:
         self._search, self._settings, self._cues, self._floor = search, settings, cues, floor
         self._observations, self._results = observations, results
         self._motion = settings.motion(search.model)
+        self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` knows them
         path = backtrack_results(results)
         self.some = np.flatnonzero(path >= 0).tolist()
         self._times = np.array([observations[t].time for t in self.some])
@@ -110,14 +128,14 @@ class _Track:
 
     def best(self, progress: Progress | None) -> _Held:
         """The better path, smoothed."""
-        costs, energies = [], []
+        costs, self._energies = [], []
         for t, k in zip(self.some, self._path, strict=True):
             of_frame = frame_costs(self._search, self._seen(t), self._results[t])
-            energies.append(frame_energies(self._search, of_frame, self._results[t]))
+            self._energies.append(frame_energies(self._search, of_frame, self._results[t]))
             costs.append(of_frame[k])
         q = [self._results[t].q for t in self.some]
-        other = best_path(self._search.body, q, energies, self._times, self._motion)
-        rivals = [self._smoothed(costs, self._path, progress)]
+        other = best_path(self._search.body, q, self._energies, self._times, self._motion)
+        paths, rivals = [self._path, other], [self._smoothed(costs, self._path, progress)]
         if not np.array_equal(other, self._path):
             changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
             rivals.append(self._smoothed(changed, other, None))
@@ -125,10 +143,11 @@ class _Track:
         if self._cues is not None and self._settings.rounds > 0:
             renewal(rivals)
         penalty = self._search.model.settings.exchange_penalty
-        best = min(rivals, key=lambda r: renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association))
-        return self._held(best)
+        total = [renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association) for r in rivals]
+        best = int(np.argmin(total))
+        return self._held(rivals[best], paths[best])
 
-    def _held(self, trajectory: Trajectory) -> _Held:
+    def _held(self, trajectory: Trajectory, modes: np.ndarray) -> _Held:
         """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
@@ -150,7 +169,22 @@ class _Track:
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
             q = smooth(body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
-        return _Held(costs, q, floor, distances)
+        return _Held(costs, trajectory.ties, modes, q, floor, distances)
+
+    def smoothed(self, end: _Held, q: np.ndarray) -> Smoothed:
+        """Poses q (T, nq) of all frames, at which a trajectory ended, and how sure they are."""
+        body, results = self._search.body, [self._results[t] for t in self.some]
+        told = TrajectoryUncertainty(self._search.model.cost(None), self._times, self._motion, self._settings)
+        covariances = told.covariances(end.costs, end.ties, q[self.some])
+        mode, weight = np.full(len(q), -1), np.full((len(q), max(len(r.weight) for r in results)), np.nan)
+        mode[self.some] = end.modes
+        for t, own in zip(self.some, told.weights([r.q for r in results], self._energies), strict=True):
+            weight[t, : len(own)] = own
+        if covariances is None:
+            return Smoothed(q, end.floor, None, mode, weight)
+        covariance = np.full((len(q), body.nv, body.nv), np.nan)
+        covariance[self.some] = covariances
+        return Smoothed(q, end.floor, covariance, mode, weight)
 
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""

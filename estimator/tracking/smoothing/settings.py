@@ -17,12 +17,13 @@ class SmoothSettings:
     accelerations of joints, scaled by their quickness, of the root's orientation and of its position. The velocities'
     are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let fast movements be.
     correlation [s]: how long a movement lasts, see `MotionPrior`. stance [m]: how far a heel or toe that stands may lie
-    from one place; 0 leaves feet as they are. iterations: Newton steps at most. tolerance: energy a step must gain.
-    window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked at, how
-    often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that
-    a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
-    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame. enabled: off
-    leaves the path as the tracker chose it.
+    from one place; 0 leaves feet as they are. lasting [s]: how long what a frame says, and how it is wrong, lasts; it
+    counts in the covariances alone. iterations: Newton steps at most. tolerance: energy a step must gain. window:
+    frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked at, how often at
+    most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round
+    must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of
+    the version for live use, how many frames it is behind and Newton steps a frame. enabled: off leaves the path as the
+    tracker chose it.
     """
 
     enabled: bool = True
@@ -32,6 +33,7 @@ class SmoothSettings:
     nu: float = setting(8.0, above=0)
     correlation: float = setting(0.0, at_least=0)
     stance: float = setting(0.015, at_least=0)
+    lasting: float = setting(0.25, at_least=0)
     iterations: int = setting(30, at_least=1)
     tolerance: float = setting(1e-3, at_least=0, tiny=True)
     window: int = setting(240, at_least=1)

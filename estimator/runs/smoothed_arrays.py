@@ -1,0 +1,102 @@
+"""What a run file keeps of the smoothing, and what it has to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.data.formats.checked_arrays import (
+    DamageError,
+    Field,
+    check_arrays,
+    check_configurations,
+    sizes_of,
+    those_there,
+)
+from estimator.inference.ground import Ground
+from estimator.runs.run_arrays import symmetric, triangle_of
+from estimator.tracking.smoothing import Smoothed
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import foot_landmarks, foot_parts
+
+_FLOOR = "floor_"  # before what is kept of one
+_UNCERTAINTY = {
+    "covariance": Field("f", ("T", "triangle"), finite=False),
+    "mode": Field("i", ("T",)),
+    "weight": Field("f", ("T", "K"), finite=False),
+}
+_SUM = 1e-6  # by which weights may miss one
+
+
+def smoothed_arrays(smoothed: Smoothed) -> dict[str, np.ndarray]:
+    """A smoothed trajectory as arrays; covariances as the upper triangle in single precision."""
+    arrays = {"q": smoothed.q}
+    if smoothed.floor is not None:
+        arrays |= {_FLOOR + name: np.asarray(value) for name, value in vars(smoothed.floor).items()}
+    if smoothed.covariance is not None:
+        rows, columns = triangle_of(smoothed.covariance.shape[-1])
+        arrays["covariance"] = smoothed.covariance[:, rows, columns].astype(np.float32)
+    if smoothed.mode is not None and smoothed.weight is not None:
+        arrays |= {"mode": smoothed.mode.astype(np.int64), "weight": smoothed.weight}
+    return arrays
+
+
+def smoothed_in(arrays: Mapping[str, np.ndarray], body: Body) -> Smoothed:
+    """The smoothed trajectory among checked arrays."""
+    floor = None
+    if _FLOOR + "normal" in arrays:
+        normal, height, std, above = (arrays[_FLOOR + name] for name in ("normal", "height", "std", "above"))
+        floor = Ground(normal, float(height), float(std), above)
+    covariance = symmetric(arrays["covariance"], body.nv) if "covariance" in arrays else None
+    return Smoothed(arrays["q"], floor, covariance, arrays.get("mode"), arrays.get("weight"))
+
+
+def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
+    """The arrays of a smoothed trajectory.
+
+    Raises
+    ------
+    DamageError: an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    """
+    q = arrays.get("q", np.zeros(0))
+    if q.dtype.kind != "f" or q.ndim != 2:
+        raise DamageError("q is no trajectory")
+    known = ~np.isnan(q).all(axis=1)
+    if q.shape[1] == body.nq:
+        check_configurations(body, q[known], "q")
+    _check_floor(arrays, int(foot_parts(foot_landmarks(body.landmark_names)).max(initial=-1)) + 1)
+    weight = arrays.get("weight", np.zeros((0, 0)))
+    sizes = {**sizes_of(body), "T": len(q), "K": weight.shape[-1] if weight.ndim else 0}
+    check_arrays(arrays, those_there(_UNCERTAINTY, arrays), sizes)
+    if ("mode" in arrays) != ("weight" in arrays):
+        raise DamageError("mode and weight are not both there")
+    if "covariance" in arrays:
+        there = symmetric(arrays["covariance"][known], body.nv)
+        if not np.isfinite(there).all() or (np.einsum("tii->ti", there) < 0.0).any():
+            raise DamageError("covariance has numbers that cannot be")
+    if "weight" in arrays:
+        _check_weight(arrays["mode"][known], weight[known])
+
+
+def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
+    """Of frames with a pose."""
+    if len(mode) and not ((mode >= 0) & (mode < weight.shape[1])).all():
+        raise DamageError("mode is none of a frame's")
+    if (weight < 0.0).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():
+        raise DamageError("weight has numbers that cannot be")
+    if (np.abs(np.nansum(weight, axis=1) - 1.0) > _SUM).any():
+        raise DamageError("weight does not sum to one")
+
+
+def _check_floor(arrays: Mapping[str, np.ndarray], kinds: int) -> None:
+    """The floor among arrays, if any, for so many kinds of points."""
+    if _FLOOR + "normal" not in arrays:
+        return
+    shapes = {"normal": (3,), "height": (), "std": (), "above": (kinds,)}
+    for name, shape in shapes.items():
+        value = arrays.get(_FLOOR + name, np.zeros(0, dtype=bool))
+        if value.dtype.kind != "f" or value.shape != shape or not np.isfinite(value).all():
+            raise DamageError(f"{_FLOOR}{name} is of no floor")
+    if abs(float(np.linalg.norm(arrays[_FLOOR + "normal"])) - 1.0) > 1e-6:
+        raise DamageError(f"{_FLOOR}normal is no unit vector")

@@ -1,0 +1,57 @@
+"""How sure a smoothed trajectory is of every pose, all frames together, and of which modes it goes through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.energy.term import Cost
+from estimator.inference.best_path import path_weights
+from estimator.inference.motion import MotionPrior, frame_shares
+from estimator.tracking.smoothing.chain import FrameChain
+from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.ties import Ties
+from humanoid.kinematics.body import SHORTEST_STEP
+
+_MOVEMENT = 0.06  # s in which accelerations of captured motion hang together
+_MARGIN = 30  # frames beyond some that they are told with
+
+
+class TrajectoryUncertainty:
+    """Of trajectories through frames at times (T,) [s], rising.
+
+    prior: energy that tells of poses whatever is seen. What frames say hangs together for `settings.lasting`, and what
+    moves for as long as people's accelerations do, whatever the prior that poses were smoothed with takes it for.
+    """
+
+    def __init__(self, prior: Cost, times: np.ndarray, motion: MotionPrior, settings: SmoothSettings) -> None:
+        self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
+        self._motion = motion._replace(correlation=max(motion.correlation, _MOVEMENT))
+
+    def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> np.ndarray | None:
+        """(T, nv, nv) of poses q (T, nq), see `FrameChain.covariances`; None where there are none, as nothing holds a
+        pose. costs (T): energy of each frame. ties (T): of each frame to the one before."""
+        nv, window, count = self._body.nv, self._settings.window, len(q)
+        result = np.zeros((count, nv, nv))
+        for first in range(0, count, window):
+            last = min(count, first + window)
+            low, high = max(0, first - _MARGIN), min(count, last + _MARGIN)
+            chain = FrameChain(
+                self._body, costs[low:high], self._times[low:high], self._motion, self._settings.tolerance,
+                ties[low + 1 : high],
+            )  # fmt: skip
+            prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
+            try:
+                told = chain.covariances(q[low:high], self._settings.lasting, prior)
+            except np.linalg.LinAlgError:
+                return None
+            result[first:last] = told[first - low : last - low]
+        return result
+
+    def weights(self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """See `path_weights`: of modes q (T) of (K, nq) with energies (T) of (K,)."""
+        dt = np.maximum(np.diff(self._times), SHORTEST_STEP)
+        shares = frame_shares(dt, self._settings.lasting)
+        counted = [share * energy for share, energy in zip(shares, energies, strict=True)]
+        return path_weights(self._body, q, counted, self._times, self._motion)
