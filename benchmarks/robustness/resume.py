@@ -7,6 +7,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -130,13 +131,18 @@ def first_difference(run: Run, other: Run) -> str:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Equal to the last bit: arrays, tuples of them, and mappings of names to them."""
+    """Equal to the last bit: arrays and numbers, tuples and records of them, mappings of names to them, or nothing."""
+    if a is None or b is None:
+        return a is b
+    if is_dataclass(a):
+        return type(a) is type(b) and _same(vars(a), vars(b))
     if isinstance(a, Mapping) or isinstance(b, Mapping):
         return (
             isinstance(a, Mapping) and isinstance(b, Mapping) and set(a) == set(b) and all(_same(a[n], b[n]) for n in a)
         )
     if isinstance(a, tuple) or isinstance(b, tuple):
         return type(a) is type(b) and len(a) == len(b) and all(map(_same, a, b))
+    a, b = np.asarray(a), np.asarray(b)
     return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
 
 
