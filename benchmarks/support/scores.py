@@ -113,7 +113,7 @@ def fixed_lag(run: Run) -> np.ndarray:
     energy = capabilities_of(make_tracker(run.header.tracker, run.body, settings)).energy
     if energy is None:
         return np.asarray(run.mode_landmarks[:, 0])
-    smoother = FixedLag(energy, settings.smooth)
+    smoother = FixedLag(energy, settings.smooth, run.header.floor)
     seen = (run.observation(i, standing=True) for i in range(len(run)))
     given = [g for i, o in enumerate(seen) for g in smoother.push(o, run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)

@@ -25,7 +25,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
-from estimator.tracking.smoothing.known_floor import believed_floor, floor_of
+from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.stances import Stances
@@ -36,7 +36,6 @@ from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 
 _HOLDS = 2  # times that what stands is told anew
-_SUNK = 0.005  # m: standard deviation of a part below the floor
 _DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 
@@ -164,7 +163,7 @@ class _Track:
                 if distances is None and floor is not None:
                     distances = FloorDistances(body, floor.normal, floor.height)
             if distances is not None:
-                above = AboveFloor(distances, _SUNK, _DOUBTED if known is None else None)
+                above = AboveFloor(distances, SUNK, _DOUBTED if known is None else None)
                 costs = [cost.plus([above]) for cost in costs]
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is

@@ -6,24 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
+from estimator.energy.above_floor import AboveFloor
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, standing_ties
+from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
 
 
 @dataclass
 class _Frame:
-    """A frame of the window: its modes q (K, nq) with their costs, energies (K,) and ties to the frame before, and the
-    pose it has now."""
+    """A frame of the window as it was observed: its modes q (K, nq) with their costs, energies (K,) and ties to the
+    frame before, and the pose it has now."""
 
-    index: int
-    time: float
+    observation: Observation
     modes: np.ndarray
     costs: list[Cost]
     energy: np.ndarray
@@ -41,11 +43,12 @@ class FixedLag:
     """Takes the frames of a track as they come and gives each back smoothed, `SmoothSettings.lag` frames later.
 
     What has been given out stays as it is; the frames since are gone through for the best trajectory anew and smoothed
-    together with every frame that comes.
+    together with every frame that comes. Nothing is below a floor that is known: `floor`; one that is found, and feet
+    that stand, need more of a clip than the window has.
     """
 
-    def __init__(self, search: ModeSearch, settings: SmoothSettings | None = None) -> None:
-        self._search = search
+    def __init__(self, search: ModeSearch, settings: SmoothSettings | None = None, floor: KnownFloor = None) -> None:
+        self._search, self._floor = search, floor
         self._settings = settings or SmoothSettings()
         self._motion = self._settings.motion(search.model)
         self._output_frames: list[_Frame] = []
@@ -59,16 +62,16 @@ class FixedLag:
         costs = frame_costs(self._search, observation, result)
         energy = frame_energies(self._search, costs, result)
         ties = self._ties(observation, result)
-        self._window.append(_Frame(result.index, result.time, result.q, costs, energy, ties))
+        self._window.append(_Frame(observation, result.q, costs, energy, ties))
         self._smooth()
         return [self._give()] if len(self._window) > self._settings.lag else []
 
     def _ties(self, observation: Observation, result: FrameResult) -> list[Ties]:
         """Of each mode of a frame to the one before."""
         before = [*self._output_frames, *self._window][-1:]
-        if not before or result.index - before[0].index != 1:
+        if not before or result.index - before[0].observation.index != 1:
             return [()] * len(result.weight)
-        dt = result.time - before[0].time
+        dt = result.time - before[0].observation.time
         return [standing_ties(self._search, observation, association, dt) for association in result.association]
 
     def flush(self) -> list[tuple[int, np.ndarray]]:
@@ -77,13 +80,13 @@ class FixedLag:
 
     def _smooth(self) -> None:
         frames = [*self._output_frames, *self._window]
-        times = np.array([f.time for f in frames])
+        times = np.array([f.observation.time for f in frames])
         q = [f.q[None] if f.q is not None else f.modes for f in self._output_frames] + [f.modes for f in self._window]
         energy = [np.zeros(1)] * len(self._output_frames) + [f.energy for f in self._window]
         path = best_path(self._search.body, q, energy, times, self._motion)
         for frame, k in zip(self._window, path[len(self._output_frames) :].tolist(), strict=True):
             frame.keep(k)
-        costs = [f.costs[f.chosen] for f in frames]
+        costs = self._above(frames, [f.costs[f.chosen] for f in frames])
         held = np.arange(len(frames)) < len(self._output_frames)
         ties = [f.ties[f.chosen] for f in frames[1:]]
         chain = FrameChain(self._search.body, costs, times, self._motion, self._settings.tolerance, ties)
@@ -95,4 +98,12 @@ class FixedLag:
         frame = self._window.pop(0)
         self._output_frames = [*self._output_frames, frame][-REACH:]
         assert frame.q is not None
-        return frame.index, frame.q
+        return frame.observation.index, frame.q
+
+    def _above(self, frames: list[_Frame], costs: list[Cost]) -> list[Cost]:
+        """Costs that keep poses above a known floor, if these are near it."""
+        body, cameras = self._search.body, frames[0].observation.cameras
+        if self._floor is None:
+            return costs
+        distances = floor_of(body, cameras, believed_floor(body, cameras, self._floor, np.array([f.q for f in frames])))
+        return costs if distances is None else [cost.plus([AboveFloor(distances, SUNK, None)]) for cost in costs]

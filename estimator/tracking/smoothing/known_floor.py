@@ -12,6 +12,8 @@ from estimator.energy.gravity_prior import world_up
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 
+SUNK = 0.005
+"""[m] Standard deviation of a part below the floor."""
 _FARTHEST = 0.5  # m: of the lowest part from the floor, in the middle of the frames
 
 
