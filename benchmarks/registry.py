@@ -452,6 +452,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.training.accelerations",
+        "Accelerations of captured motion: deviations, memory and pace, each person's foretold by the others'.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.limb_learning",
         "The shipped potentials between limbs: tried on clips that were held out; `--write` learns and writes them.",
         "walk_straight 13.5, punch 11, jump 13.5 nats",

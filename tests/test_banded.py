@@ -9,16 +9,17 @@ from estimator.numerics.banded import inverse_diagonal
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
-def test_diagonal_blocks_are_those_of_the_whole_inverse(count: int) -> None:
+@pytest.mark.parametrize("reach", [1, 2, 3])
+def test_diagonal_blocks_are_those_of_the_whole_inverse(count: int, reach: int) -> None:
     rng, n = np.random.default_rng(count), 4
-    rows = np.zeros((count * n, (count + 2) * n))  # every block of columns is met by three blocks of rows in a row
+    rows = np.zeros((count * n, (count + reach) * n))  # every block of columns is met by some blocks of rows in a row
     for t in range(count):
-        rows[t * n : (t + 1) * n, t * n : (t + 3) * n] = rng.normal(size=(n, 3 * n))
+        rows[t * n : (t + 1) * n, t * n : (t + 1 + reach) * n] = rng.normal(size=(n, (1 + reach) * n))
     whole = rows @ rows.T + 0.1 * np.eye(count * n)
     cut = whole.reshape(count, n, count, n).transpose(0, 2, 1, 3)
-    blocks = rng.normal(size=(3, count, n, n))  # what lies beyond the end does not count
-    for k in range(3):
-        for t in range(count - k):
+    blocks = rng.normal(size=(1 + reach, count, n, n))  # what lies beyond the end does not count
+    for k in range(1 + reach):
+        for t in range(max(0, count - k)):
             blocks[k, t] = cut[t, t + k]
     inverse = np.linalg.inv(whole).reshape(count, n, count, n).transpose(0, 2, 1, 3)
     expected = np.array([inverse[t, t] for t in range(count)])

@@ -31,6 +31,11 @@ def energy_of(body: Body, q: np.ndarray, times: np.ndarray, motion: MotionPrior)
     v = [body.difference(a, b) / dt for a, b, dt in zip(q, q[1:], np.diff(times), strict=False)]
     gaps, spans = np.diff(times), [(c - a) / 2.0 for a, c in zip(times, times[2:], strict=False)]
     a = [(after - before) / span for before, after, span in zip(v, v[1:], spans, strict=False)]
+    if motion.memory > 0.0:
+        left = [np.exp(-span / motion.memory) for span in spans[1:]]
+        a = a[:1] + [(y - f * x) / np.sqrt(1.0 - f * f) for x, y, f in zip(a, a[1:], left, strict=False)]
+    if motion.pace is not None:
+        a = [x / pace for x, pace in zip(a, motion.pace[1:], strict=False)]
     share = lambda dt: min(1.0, dt / motion.correlation)  # noqa: E731
     lorentzian = lambda e: 0.5 * motion.nu * np.log1p(np.square(e) / motion.nu).sum()  # noqa: E731
     return float(
@@ -60,11 +65,14 @@ def test_no_other_path_has_less_energy(seed: int) -> None:
         np.testing.assert_allclose(weight, np.array(through) / sum(share.values()), atol=1e-12)
 
 
-def test_smoothing_has_the_same_energy_of_motion() -> None:
+@pytest.mark.parametrize("memory", [0.0, 0.12])
+@pytest.mark.parametrize("paced", [False, True])
+def test_smoothing_has_the_same_energy_of_motion(memory: float, paced: bool) -> None:
     body, rng = body_of("human34"), np.random.default_rng(7)
     q = np.array([random_pose(body, rng) for _ in range(5)])
     times = np.cumsum(rng.uniform(0.02, 0.1, len(q)))
-    motion = MotionPrior(np.full(body.nv, 6.0), np.full(body.nv, 10.0), 5.0, 0.06)
+    pace = rng.uniform(0.5, 2.0, (len(q), body.nv)) if paced else None
+    motion = MotionPrior(np.full(body.nv, 6.0), np.full(body.nv, 10.0), 5.0, 0.06, memory, pace)
     chain = FrameChain(body, [Cost(body, [])] * len(q), times, motion, 1e-3)
     assert chain.energy(q) == pytest.approx(energy_of(body, q, times, motion), rel=1e-9)
 

@@ -17,7 +17,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
-from estimator.tracking.smoothing.chain import FrameChain
+from estimator.tracking.smoothing.chain import REACH, FrameChain
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import load_subject
@@ -146,8 +146,8 @@ def test_where_no_foot_is_seen_the_smoother_leaves_feet_alone() -> None:
 
 def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
     """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
-    for feet that stand, which the smoother alone holds, on a floor."""
-    settings = SmoothSettings(lag=FRAMES, lag_iterations=40, iterations=60, tolerance=1e-9, stance=0.0)
+    for what the smoother alone does: it holds feet that stand, on a floor, and tells the pace."""
+    settings = SmoothSettings(lag=FRAMES, lag_iterations=40, iterations=60, tolerance=1e-9, stance=0.0, pace_rounds=0)
     offline = smooth_track(track.search, track.seen, track.results, settings, floor="off").q
     apart = distances(track.body, poses(track, settings), offline)
     assert apart.max() < 5e-4
@@ -164,7 +164,7 @@ def test_the_energy_of_the_window_never_rises_and_what_was_given_stays(
             before, after = q.copy(), super().descend(q, held, iterations)
             changes.append(self.energy(after) - self.energy(before))
             assert np.array_equal(after[held], before[held])
-            assert held.sum() == max(0, min(2, len(changes) - 1 - LAG))
+            assert held.sum() == max(0, min(REACH, len(changes) - 1 - LAG))
             assert len(q) == min(len(changes), LAG + 1) + held.sum()
             return after
 

@@ -57,7 +57,7 @@ def test_the_window_does_not_matter_much() -> None:
     costs, times, truth = noisy(body, 40, 2.0)
     motion = SmoothSettings().motion(CostModel(body))
     whole = smooth(body, costs, times, truth, motion)
-    parts = smooth(body, costs, times, truth, motion, SmoothSettings(window=24))
+    parts = smooth(body, costs, times, truth, motion, SmoothSettings(window=28))
     assert np.linalg.norm(points(body, whole) - points(body, parts), axis=2).mean() < 0.01
     assert np.linalg.norm(points(body, whole) - points(body, truth), axis=2).mean() > 0.005
 

@@ -30,7 +30,7 @@ from tests.tiny_clip import FEW_STARTS
 
 AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, size_std=0.0, landmark_std=0.0)
 BODY = body_of("arm8")
-FRAMES, GAP = 22, range(7, 15)
+FRAMES, GAP = 26, range(7, 19)
 TIMES = np.arange(5) * 0.04
 LOOSE = MotionPrior(np.full(BODY.nv, 1e6), np.full(BODY.nv, 1e6))
 
@@ -93,7 +93,7 @@ def smoothed(track: Track) -> Smoothed:
 def test_what_nobody_sees_is_less_sure_the_farther_it_is_from_what_is_seen(track: Track, smoothed: Smoothed) -> None:
     assert smoothed.covariance is not None
     std = np.sqrt(np.einsum("tii->ti", smoothed.covariance))
-    middle, edge = std[[10, 11]].min(axis=0), std[[GAP[0] - 2, GAP[-1] + 2]].max(axis=0)
+    middle, edge = std[[12, 13]].min(axis=0), std[[GAP[0] - 2, GAP[-1] + 2]].max(axis=0)
     assert (middle[ROOT_PLACE_V] > 1.25 * edge[ROOT_PLACE_V]).all()  # joints have a prior, which widens no further
     assert np.median(middle / edge) > 1.0
     assert np.einsum("tii->ti", smoothed.covariance).min() >= 0.0
@@ -151,7 +151,7 @@ def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, sm
     np.testing.assert_array_equal(stored.posterior(3, filtered=True).best, track.results[3].q[0])
     joint = stored["left_knee_flexion"]
     assert ((joint.low <= joint.value) & (joint.value <= joint.high)).all()
-    assert joint.std[[10, 11]].min() > joint.std[[GAP[0] - 2, GAP[-1] + 2]].max()
+    assert joint.std[[12, 13]].min() > joint.std[[GAP[0] - 2, GAP[-1] + 2]].max()
     assert set(stored.status[list(GAP)]) == {"unobserved"}
 
 

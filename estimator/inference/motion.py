@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +14,36 @@ class MotionPrior(NamedTuple):
     velocity_std (nv,) [per second], acceleration_std (nv,) [per second squared]: standard deviations. nu: of the
     Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible. correlation [s]: how long a
     movement lasts; what follows sooner counts as much less as it is sooner, or every frame of a faster camera would
-    count as a movement of its own. 0: each counts in full.
+    count as a movement of its own. 0: each counts in full. memory [s]: the time in which an acceleration forgets
+    itself, by a factor of e; what counts is what is new in each beside what is left of the one before (a first-order
+    autoregression). pace (T, nv): how quick a person is about each frame, as a factor of acceleration_std; None: 1.
     """
 
     velocity_std: np.ndarray
     acceleration_std: np.ndarray
     nu: float = 8.0
     correlation: float = 0.0
+    memory: float = 0.0
+    pace: np.ndarray | None = None
+
+    def frames(self, low: int, high: int) -> MotionPrior:
+        """Of the frames from `low` up to `high`."""
+        return self if self.pace is None else self._replace(pace=self.pace[low:high])
+
+    def left(self, span: float) -> float:
+        """How much of an acceleration is left after so many seconds."""
+        return math.exp(-span / self.memory) if self.memory > 0.0 else 0.0
+
+    def news(self, v: np.ndarray, dt: np.ndarray) -> np.ndarray:
+        """What is new in the accelerations (T - 2, nv, ...) between velocities v (T - 1, nv, ...) over dt (T - 1,)
+        [s], with the standard deviation of the accelerations themselves."""
+        span = 0.5 * (dt[1:] + dt[:-1])
+        a = np.diff(v, axis=0) / span.reshape(-1, *[1] * (v.ndim - 1))
+        new = a.copy()
+        for t in range(1, len(a)):
+            left = self.left(float(span[t]))
+            new[t] = (a[t] - left * a[t - 1]) / math.sqrt(1.0 - left * left)
+        return new
 
     def share(self, dt: float) -> float:
         """How much a movement counts that follows `dt` seconds after another."""

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from scipy.linalg import solveh_banded
+from scipy.linalg import cholesky_banded, solveh_banded
+from scipy.linalg.lapack import dtbtrs
 
 from estimator.energy.descent.covariance import free_mask
 from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.banded import inverse_diagonal
-from estimator.numerics.robust import LORENTZIAN, robust_square
+from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
 
 DAMPING = Damping(first=1e-6)
 _LEAST = 1e-4  # precision of what nothing holds
-REACH = 2
-"""Frames before and after some that these hang on to: velocities and accelerations reach that far."""
+REACH = 3
+"""Frames before and after some that these hang on to: what is new in accelerations reaches that far."""
+
+
+def windows(count: int, size: int) -> Iterator[tuple[int, int, int, int]]:
+    """Windows of so many frames, which overlap by half: the first frame and that after the last, and the same with
+    those that the window hangs on to."""
+    half = max(1, size // 2)
+    for first in range(0, max(1, count - half), half):
+        last = min(count, first + size)
+        yield first, last, max(0, first - REACH), min(count, last + REACH)
 
 
 class ChainModel(NamedTuple):
     """Quadratic model of a chain's energy at poses q (T, nq).
 
-    gradient (T, nv). blocks (3, T, nv, nv): of the Hessian; block k couples frame t with frame t + k.
+    gradient (T, nv). blocks (1 + REACH, T, nv, nv): of the Hessian; block k couples frame t with frame t + k.
     """
 
     value: float
@@ -52,11 +61,10 @@ class FrameChain:
         tolerance: float,
         ties: Sequence[Ties] | None = None,
     ) -> None:
-        self._body, self._costs, self._tolerance, self._prior = body, costs, tolerance, motion
+        self._body, self._costs, self._tolerance = body, costs, tolerance
         self._ties: Sequence[Ties] = ties if ties is not None else [()] * (len(costs) - 1)
         self._dt = np.maximum(np.diff(times), SHORTEST_STEP)
-        self._velocity_precision = 1.0 / np.square(motion.velocity_std)
-        self._acceleration_precision = 1.0 / np.square(motion.acceleration_std)
+        self._motion = MotionEnergy(body, motion, self._dt)
 
     def energy(self, q: np.ndarray) -> float:
         """Of poses (T, nq)."""
@@ -86,9 +94,9 @@ class FrameChain:
         moving, blocks = np.zeros_like(model.gradient), model.blocks
         if prior is not None:
             blocks[0] -= prior
-        for k in range(3):
-            blocks[k, : len(q) - k] *= np.sqrt(share[: len(q) - k] * share[k:])[:, None, None]
-        self._motion(q, moving, blocks)
+        blocks[0] *= share[:, None, None]
+        blocks[1, :-1] *= np.sqrt(share[:-1] * share[1:])[:, None, None]  # no tie reaches farther
+        self._motion.accumulate(q, moving, blocks)
         free = free_mask(self._body, q, share[:, None] * model.gradient + moving)
         blocks = _only(blocks, free)
         np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
@@ -98,15 +106,31 @@ class FrameChain:
             told = np.linalg.solve(np.eye(self._body.nv) + told @ (prior * both), told)
         return 0.5 * (told + told.transpose(0, 2, 1))
 
+    def draw(self, q: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Movements (T, nv, count) away from q (T, nq), drawn from the normal density that has the energy's
+        Gauss-Newton Hessian there; none of variables that a limit stops.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: it is not positive definite.
+        """
+        model = self._model(q)
+        free = free_mask(self._body, q, model.gradient)
+        blocks = _only(model.blocks, free)
+        np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
+        factor = cholesky_banded(_banded(blocks), lower=True, check_finite=False)
+        moved, _ = dtbtrs(factor, rng.standard_normal((free.size, count)), uplo="L", trans="T")
+        return np.asarray(moved).reshape(*free.shape, count) * free[:, :, None]
+
     def _model(self, q: np.ndarray) -> ChainModel:
         value, _, gradient, blocks = self._frames(q)
-        value += self._motion(q, gradient, blocks)
+        value += self._motion.accumulate(q, gradient, blocks)
         return ChainModel(value, q, gradient, blocks)
 
     def _frames(self, q: np.ndarray) -> ChainModel:
         """Of what the frames and their ties say, without the motion prior."""
         count, nv = len(q), self._body.nv
-        gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
+        gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))
         energy = 0.0
         posed: list[PosedBody] = []
         for t, cost in enumerate(self._costs):
@@ -121,7 +145,7 @@ class FrameChain:
         return ChainModel(energy, q, gradient, blocks)
 
     def _tied(self, before: PosedBody, after: PosedBody, ties: Ties, gradient: np.ndarray, blocks: np.ndarray) -> float:
-        """Add ties to gradient (2, nv) and blocks (3, 2, nv, nv) of two successive frames."""
+        """Add ties to gradient (2, nv) and blocks (1 + REACH, 2, nv, nv) of two successive frames."""
         nv = self._body.nv
         own, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
         value = sum(tie.accumulate_pair(before, after, own, hessian) for tie in ties)
@@ -129,46 +153,6 @@ class FrameChain:
         blocks[0, 0] += hessian[:nv, :nv]
         blocks[0, 1] += hessian[nv:, nv:]
         blocks[1, 0] += hessian[:nv, nv:]
-        return value
-
-    def _motion(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
-        model, energy = self._body.model, 0.0
-        before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        for t, dt in enumerate(self._dt):
-            v = pin.difference(model, q[t], q[t + 1]) / dt
-            J0, J1 = (x / dt for x in pin.dDifference(model, q[t], q[t + 1]))
-            share = self._prior.share(dt)
-            energy += self._add(v, self._velocity_precision, share, {t: J0, t + 1: J1}, gradient, blocks)
-            if before is not None:
-                span = 0.5 * (dt + self._dt[t - 1])
-                v_before, J0_before, J1_before = before
-                parts = {t - 1: -J0_before / span, t: (J0 - J1_before) / span, t + 1: J1 / span}
-                e = (v - v_before) / span
-                share = self._prior.share(span)
-                energy += self._add(e, self._acceleration_precision, share, parts, gradient, blocks)
-            before = v, J0, J1
-        return energy
-
-    def _add(
-        self,
-        e: np.ndarray,
-        precision: np.ndarray,
-        share: float,
-        parts: dict[int, np.ndarray],
-        gradient: np.ndarray,
-        blocks: np.ndarray,
-    ) -> float:
-        """Add a share of the prior of e (nv,), which depends on the frames in `parts` through their Jacobians
-        (nv, nv)."""
-        pull, weight = np.empty_like(e), np.empty_like(e)
-        value: float = share * robust_square(e, precision, LORENTZIAN, self._prior.nu, False, pull, weight)
-        pull *= share
-        weight *= share
-        for t, J in parts.items():
-            gradient[t] += J.T @ pull
-            for s, K in parts.items():
-                if s >= t:
-                    blocks[s - t, t] += J.T @ (weight[:, None] * K)
         return value
 
     def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
@@ -206,10 +190,10 @@ class _Poses(Problem[ChainModel]):
 
 
 def _only(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Blocks (3, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero."""
+    """Blocks (1 + REACH, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero."""
     kept = blocks * free[None, :, :, None]
-    for k in range(3):
-        kept[k, : len(free) - k] *= free[k:, None, :]
+    for k in range(len(blocks)):
+        kept[k, : max(0, len(free) - k)] *= free[k:, None, :]
     return np.asarray(kept)
 
 
@@ -217,11 +201,10 @@ def _banded(blocks: np.ndarray) -> np.ndarray:
     """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`."""
     _, count, nv, _ = blocks.shape
     n = count * nv
-    bands = np.zeros((3 * nv, n))
-    for k in range(3):
-        for i in range(nv):  # row of the upper block: variable i of frame t, column j of frame t + k
-            for j in range(nv):
-                offset = k * nv + j - i
-                if offset >= 0:
-                    bands[offset, i : n - k * nv : nv] = blocks[k, : count - k, i, j]
+    bands = np.zeros((len(blocks) * nv, n))
+    for k, there in enumerate(blocks[:count]):
+        for i in range(nv):  # row of the upper block: variable i of frame t; columns: those of frame t + k
+            first = i if k == 0 else 0
+            offset = k * nv - i
+            bands[offset + first : offset + nv, i : n - k * nv : nv] = there[: count - k, i, first:].T
     return bands

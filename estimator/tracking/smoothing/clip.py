@@ -23,9 +23,10 @@ from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.smoothing.chain import REACH, FrameChain
+from estimator.tracking.smoothing.chain import FrameChain, windows
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
+from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.stances import Stances
@@ -93,11 +94,11 @@ class Smoothed(NamedTuple):
 
 
 class _Held(NamedTuple):
-    """Costs (T), ties (T), modes (T,) and poses q (T, nq) of a trajectory, the floor that it is above and the distances
-    to it, None without one."""
+    """Costs (T), modes (T,) and poses q (T, nq) of a trajectory as it is held, what it was before, the floor that it is
+    above and the distances to it, None without one."""
 
     costs: list[Cost]
-    ties: list[Ties]
+    before: Trajectory
     modes: np.ndarray
     q: np.ndarray
     floor: Ground | None
@@ -167,14 +168,15 @@ class _Track:
                 costs = [cost.plus([above]) for cost in costs]
             if all(new is old for new, old in zip(costs, before, strict=True)):
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
-            q = smooth(body, costs, self._times, q, self._motion, self._settings, ties=trajectory.ties)
-        return _Held(costs, trajectory.ties, modes, q, floor, distances)
+            q = smooth(body, costs, self._times, q, trajectory.motion, self._settings, ties=trajectory.ties)
+        return _Held(costs, trajectory, modes, q, floor, distances)
 
     def smoothed(self, end: _Held, q: np.ndarray) -> Smoothed:
         """Poses q (T, nq) of all frames, at which a trajectory ended, and how sure they are."""
         body, results = self._search.body, [self._results[t] for t in self.some]
-        told = TrajectoryUncertainty(self._search.model.cost(None), self._times, self._motion, self._settings)
-        covariances = told.covariances(end.costs, end.ties, q[self.some])
+        prior, motion = self._search.model.cost(None), end.before.motion
+        told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
+        covariances = told.covariances(end.costs, end.before.ties, q[self.some])
         mode, weight = np.full(len(q), -1), np.full((len(q), max(len(r.weight) for r in results)), np.nan)
         mode[self.some] = end.modes
         for t, own in zip(self.some, told.weights([r.q for r in results], self._energies), strict=True):
@@ -190,8 +192,12 @@ class _Track:
         start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
         associations = [self._results[t].association[k] for t, k in zip(self.some, path, strict=True)]
         ties = self._ties(associations)
-        q = smooth(self._search.body, costs, self._times, start, self._motion, self._settings, progress, ties=ties)
-        return Trajectory(q, associations, list(costs), ties)
+        body, motion = self._search.body, self._motion
+        q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
+        for _ in range(self._settings.pace_rounds):
+            motion = motion._replace(pace=pace_of(body, costs, self._times, q, motion, self._settings, ties=ties))
+            q = smooth(body, costs, self._times, q, motion, self._settings, ties=ties)
+        return Trajectory(q, associations, list(costs), ties, motion)
 
     def _ties(self, associations: Sequence[str]) -> list[Ties]:
         """What ties each frame's feet to the one before."""
@@ -244,14 +250,12 @@ def smooth(
     """
     settings = settings or SmoothSettings()
     q = np.array([body.clamp(x) for x in q])
-    half = max(1, settings.window // 2)
-    for first in range(0, max(1, len(q) - half), half):
-        last = min(len(q), first + settings.window)
-        low, high = max(0, first - REACH), min(len(q), last + REACH)
+    for first, last, low, high in windows(len(q), settings.window):
         held = np.ones(high - low, dtype=bool)
         held[first - low : last - low] = False
         tied = None if ties is None else ties[low + 1 : high]
-        chain = FrameChain(body, costs[low:high], times[low:high], motion, settings.tolerance, tied)
+        own = motion.frames(low, high)
+        chain = FrameChain(body, costs[low:high], times[low:high], own, settings.tolerance, tied)
         q[low:high] = chain.descend(q[low:high], held, settings.iterations)
         if progress is not None:
             progress(last, len(q))

@@ -23,12 +23,13 @@ See = Callable[[int], Observation]
 @dataclass
 class Trajectory:
     """Poses q (T, nq) of the frames of a track, the association (T) that each frame is read in, the energy (T) of each
-    frame by itself, and what ties each frame to the one before (T)."""
+    frame by itself, what ties each frame to the one before (T), and the motion prior with the pace of each frame."""
 
     q: np.ndarray
     association: Sequence[str]
     costs: list[Cost]
     ties: list[Ties]
+    motion: MotionPrior
 
 
 class Renewal:
@@ -65,8 +66,8 @@ class Renewal:
                 self._window(trajectory, seen, first, last)
 
     def energy(self, trajectory: Trajectory) -> float:
-        """Of all frames, of what ties them and of their motion."""
-        return self._chain(trajectory.costs, trajectory.ties, 0, len(trajectory.q)).energy(trajectory.q)
+        """Of all frames, of what ties them and of their motion at equal pace, so that trajectories can be compared."""
+        return self._chain(trajectory.costs, trajectory.ties, self._motion, 0).energy(trajectory.q)
 
     def _window(self, trajectory: Trajectory, seen: dict[int, Observation], first: int, last: int) -> None:
         low, high = max(0, first - REACH), min(len(trajectory.q), last + REACH)
@@ -75,7 +76,7 @@ class Renewal:
         q, least = trajectory.q[low:high].copy(), np.inf
         for left in reversed(range(self._settings.rounds + 1)):
             costs, ties = self._renewed(trajectory, seen, q, low, first, last)
-            chain = self._chain(costs, ties, low, high)
+            chain = self._chain(costs, ties, trajectory.motion.frames(low, high), low)
             energy = chain.energy(q)
             enough = energy > least - self._settings.round_gain
             if energy < least:
@@ -106,6 +107,6 @@ class Renewal:
                 costs[k] = costs[k].plus(others)
         return costs, ties
 
-    def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], low: int, high: int) -> FrameChain:
-        times, tolerance = self._times[low:high], self._settings.tolerance
-        return FrameChain(self._search.body, costs, times, self._motion, tolerance, ties[1:])
+    def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], motion: MotionPrior, low: int) -> FrameChain:
+        times, tolerance = self._times[low : low + len(costs)], self._settings.tolerance
+        return FrameChain(self._search.body, costs, times, motion, tolerance, ties[1:])

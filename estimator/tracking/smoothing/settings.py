@@ -14,24 +14,32 @@ class SmoothSettings:
     """Motion prior and effort.
 
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
-    accelerations of joints, scaled by their quickness, of the root's orientation and of its position. The velocities'
-    are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let fast movements be.
-    correlation [s]: how long a movement lasts, see `MotionPrior`. stance [m]: how far a heel or toe that stands may lie
-    from one place; 0 leaves feet as they are. lasting [s]: how long what a frame says, and how it is wrong, lasts; it
-    counts in the covariances alone. iterations: Newton steps at most. tolerance: energy a step must gain. window:
-    frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked at, how often at
-    most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round
-    must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of
-    the version for live use, how many frames it is behind and Newton steps a frame. enabled: off leaves the path as the
-    tracker chose it.
+    accelerations of joints, scaled by their quickness, of the root's orientation and of its position, of a person of
+    pace 1. The velocities' are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let
+    fast movements be. correlation, memory [s]: how long a movement and an acceleration last, see `MotionPrior`.
+    pace_rounds: how often the pace of a clip's frames is told and the clip smoothed with it; pace_span [s]: how near
+    frames share it, the standard deviation; pace_count: how firmly it is 1 beforehand, in accelerations of one joint
+    and frame, see `pace_of`. Memory and span are those of captured motion (`benchmarks.training.accelerations`), whose
+    deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe that
+    stands may lie from one place; 0 leaves feet as they are. lasting [s]: how long what a frame says, and how it is
+    wrong, lasts; it counts in the covariances alone. iterations: Newton steps at most. tolerance: energy a step must
+    gain. window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked
+    at, how often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain:
+    energy that a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
+    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame, at an even pace.
+    enabled: off leaves the path as the tracker chose it.
     """
 
     enabled: bool = True
-    turn_acceleration: float = setting(10.0, above=0)
-    root_turn_acceleration: float = setting(5.0, above=0)
-    root_slide_acceleration: float = setting(2.5, above=0)
+    turn_acceleration: float = setting(5.0, above=0)
+    root_turn_acceleration: float = setting(2.5, above=0)
+    root_slide_acceleration: float = setting(1.25, above=0)
     nu: float = setting(8.0, above=0)
     correlation: float = setting(0.0, at_least=0)
+    memory: float = setting(0.12, at_least=0)
+    pace_rounds: int = setting(3, at_least=0)
+    pace_span: float = setting(0.1, above=0)
+    pace_count: float = setting(4.0, above=0)
     stance: float = setting(0.015, at_least=0)
     lasting: float = setting(0.25, at_least=0)
     iterations: int = setting(30, at_least=1)
@@ -47,4 +55,4 @@ class SmoothSettings:
         """The motion prior of a body."""
         turn, root_turn, root_slide = self.turn_acceleration, self.root_turn_acceleration, self.root_slide_acceleration
         acceleration_std = model.quickness * per_dof(model.body, turn, root_turn, root_slide)
-        return MotionPrior(model.transition_std(1.0), acceleration_std, self.nu, self.correlation)
+        return MotionPrior(model.transition_std(1.0), acceleration_std, self.nu, self.correlation, self.memory)

@@ -14,20 +14,19 @@ from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP
 
-_MOVEMENT = 0.06  # s in which accelerations of captured motion hang together
+_MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
 _MARGIN = 30  # frames beyond some that they are told with
 
 
 class TrajectoryUncertainty:
     """Of trajectories through frames at times (T,) [s], rising.
 
-    prior: energy that tells of poses whatever is seen. What frames say hangs together for `settings.lasting`, and what
-    moves for as long as people's accelerations do, whatever the prior that poses were smoothed with takes it for.
+    prior: energy that tells of poses whatever is seen. What frames say hangs together for `settings.lasting`.
     """
 
     def __init__(self, prior: Cost, times: np.ndarray, motion: MotionPrior, settings: SmoothSettings) -> None:
         self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
-        self._motion = motion._replace(correlation=max(motion.correlation, _MOVEMENT))
+        self._motion = motion
 
     def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> np.ndarray | None:
         """(T, nv, nv) of poses q (T, nq), see `FrameChain.covariances`; None where there are none, as nothing holds a
@@ -38,8 +37,8 @@ class TrajectoryUncertainty:
             last = min(count, first + window)
             low, high = max(0, first - _MARGIN), min(count, last + _MARGIN)
             chain = FrameChain(
-                self._body, costs[low:high], self._times[low:high], self._motion, self._settings.tolerance,
-                ties[low + 1 : high],
+                self._body, costs[low:high], self._times[low:high], self._motion.frames(low, high),
+                self._settings.tolerance, ties[low + 1 : high],
             )  # fmt: skip
             prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
             try:
@@ -54,4 +53,5 @@ class TrajectoryUncertainty:
         dt = np.maximum(np.diff(self._times), SHORTEST_STEP)
         shares = frame_shares(dt, self._settings.lasting)
         counted = [share * energy for share, energy in zip(shares, energies, strict=True)]
-        return path_weights(self._body, q, counted, self._times, self._motion)
+        between = self._motion._replace(correlation=max(self._motion.correlation, _MOVEMENT))
+        return path_weights(self._body, q, counted, self._times, between)

@@ -1,0 +1,122 @@
+"""Energy of the motion prior along poses of successive frames, with its gradient and Gauss-Newton Hessian."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.inference.motion import MotionPrior
+from humanoid.kinematics.body import Body
+
+
+class Movements(NamedTuple):
+    """M movements in a row, the i-th of which depends on the frames from i + `first` on, K of them.
+
+    values (M, nv). rates (M, K): derivatives of those degrees of freedom whose steps just add up, alike for all. turns
+    (M, K, n, n): Jacobians of the n others, which are those of a free root and of ball joints.
+    """
+
+    values: np.ndarray
+    rates: np.ndarray
+    turns: np.ndarray
+    first: int = 0
+
+    def differences(self, span: np.ndarray) -> Movements:
+        """Of each to the next, over span (M - 1,) [s]."""
+        return self._mixed(1.0 / span, 1.0 / span)
+
+    def news(self, left: np.ndarray) -> Movements:
+        """What is new in each from the second on, of which left (M - 1,) is left of the one before."""
+        scale = 1.0 / np.sqrt(1.0 - np.square(left))
+        return self._mixed(scale, left * scale)
+
+    def _mixed(self, after: np.ndarray, before: np.ndarray) -> Movements:
+        """after (M - 1,) times the second and so on, less before (M - 1,) times the first and so on."""
+        values = after[:, None] * self.values[1:] - before[:, None] * self.values[:-1]
+        rates, turns = (
+            _wider(part[1:], 1, 0) * _as(after, part) - _wider(part[:-1], 0, 1) * _as(before, part)
+            for part in (self.rates, self.turns)
+        )
+        return Movements(values, rates, turns, self.first)
+
+    def rows(self, rows: slice) -> Movements:
+        """Some of them."""
+        return Movements(self.values[rows], self.rates[rows], self.turns[rows], self.first + (rows.start or 0))
+
+
+def _wider(part: np.ndarray, before: int, after: int) -> np.ndarray:
+    """With so many frames more, on which it does not depend, before and after the others."""
+    return np.pad(part, [(0, 0), (before, after), *[(0, 0)] * (part.ndim - 2)])
+
+
+def _as(factor: np.ndarray, part: np.ndarray) -> np.ndarray:
+    return factor.reshape(-1, *[1] * (part.ndim - 1))
+
+
+class MotionEnergy:
+    """Of poses that are dt (T - 1,) [s] apart; see `MotionPrior`."""
+
+    def __init__(self, body: Body, prior: MotionPrior, dt: np.ndarray) -> None:
+        self._body, self._prior, self._dt = body, prior, dt
+        model = body.model
+        turning = [range(v, v + n) for v, n in zip(model.idx_vs, model.nvs, strict=True) if n > 1]
+        self._turning = np.array([i for joint in turning for i in joint], dtype=np.int64)
+        self._adding = np.setdiff1d(np.arange(body.nv), self._turning)
+        pace = np.ones((len(dt) + 1, body.nv)) if prior.pace is None else prior.pace
+        self._velocity_precision = 1.0 / np.square(prior.velocity_std)
+        self._acceleration_precision = 1.0 / np.square(prior.acceleration_std * pace[1:-1])
+
+    def accumulate(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
+        """Add to gradient (T, nv) and blocks (1 + K, T, nv, nv) at poses q (T, nq), block k of which couples frame t
+        with frame t + k; return the energy."""
+        if len(q) < 2:
+            return 0.0
+        velocities = self._velocities(q)
+        energy = self._add(velocities, self._velocity_precision, self._shares(self._dt), gradient, blocks)
+        if len(q) < 3:
+            return energy
+        span = 0.5 * (self._dt[1:] + self._dt[:-1])
+        shares, precision = self._shares(span), self._acceleration_precision
+        accelerations = velocities.differences(span)
+        left = np.array([self._prior.left(s) for s in span[1:].tolist()])
+        alone = slice(0, 1) if left.any() else slice(0, len(span))
+        energy += self._add(accelerations.rows(alone), precision[alone], shares[alone], gradient, blocks)
+        if left.any():
+            energy += self._add(accelerations.news(left), precision[1:], shares[1:], gradient, blocks)
+        return energy
+
+    def _shares(self, dt: np.ndarray) -> np.ndarray:
+        return np.array([self._prior.share(d) for d in dt.tolist()])
+
+    def _velocities(self, q: np.ndarray) -> Movements:
+        model, rate = self._body.model, 1.0 / self._dt
+        values = rate[:, None] * np.array([pin.difference(model, a, b) for a, b in pairwise(q)])
+        turns = np.zeros((len(rate), 2, len(self._turning), len(self._turning)))
+        if len(self._turning):
+            some = np.ix_(self._turning, self._turning)
+            for t, pair in enumerate(pairwise(q)):
+                turns[t] = [rate[t] * J[some] for J in pin.dDifference(model, *pair)]
+        return Movements(values, np.stack([-rate, rate], axis=1), turns)
+
+    def _add(
+        self, moved: Movements, precision: np.ndarray, share: np.ndarray, gradient: np.ndarray, blocks: np.ndarray
+    ) -> float:
+        """Add what movements cost, of precision (nv,) or (M, nv), each counted by its share (M,)."""
+        square, nu = precision * np.square(moved.values), self._prior.nu
+        weight = share[:, None] * precision / (1.0 + square / nu)
+        pull, reach = weight * moved.values, moved.rates.shape[1]
+        adding, turning = self._adding, self._turning
+        of = [slice(moved.first + k, moved.first + k + len(pull)) for k in range(reach)]
+        for k in range(reach):
+            gradient[of[k], adding] += moved.rates[:, k, None] * pull[:, adding]
+            gradient[of[k], turning] += np.einsum("mab,ma->mb", moved.turns[:, k], pull[:, turning])
+            loaded = (moved.turns[:, k] * weight[:, turning, None]).transpose(0, 2, 1)
+            for j in range(k, reach):
+                block = blocks[j - k]
+                diagonal = np.einsum("tii->ti", block)
+                diagonal[of[k], adding] += (moved.rates[:, k] * moved.rates[:, j])[:, None] * weight[:, adding]
+                block[of[k], turning[:, None], turning] += loaded @ moved.turns[:, j]
+        return float(0.5 * nu * np.sum(share[:, None] * np.log1p(square / nu)))
