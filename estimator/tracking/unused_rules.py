@@ -17,12 +17,11 @@ RULES = (
     unused_where("search.start_samples", search__start="index"),
     unused_where("search.weigh_samples", search__weigh="height"),
     unused_where("search.weigh_samples", search__weigh="volume"),
-    unused_where("smooth.pace_span smooth.pace_count", smooth__pace_rounds=0),
     unused_where("smooth.lag smooth.lag_iterations", "they are for live use; a clip is smoothed as a whole"),
     unused_where(
         "smooth.turn_acceleration smooth.root_turn_acceleration smooth.root_slide_acceleration smooth.iterations"
         " smooth.tolerance smooth.window smooth.rounds smooth.round_gain smooth.renewed smooth.memory"
-        " smooth.pace_rounds smooth.pace_span smooth.pace_count",
+        " smooth.pace_rounds smooth.pace_span smooth.pace_count smooth.lasting",
         smooth__enabled=False,
     ),
     unused_without(
