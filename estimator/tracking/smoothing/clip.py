@@ -119,7 +119,7 @@ class _Track:
     ) -> None:
         self._search, self._settings, self._cues, self._floor = search, settings, cues, floor
         self._observations, self._results = observations, results
-        self._motion = settings.motion(search.model)
+        self._motion, self._plain = settings.motion(search.model), settings.plain_motion(search.model)
         self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` knows them
         path = backtrack_results(results)
         self.some = np.flatnonzero(path >= 0).tolist()
@@ -134,7 +134,7 @@ class _Track:
             self._energies.append(frame_energies(self._search, of_frame, self._results[t]))
             costs.append(of_frame[k])
         q = [self._results[t].q for t in self.some]
-        other = best_path(self._search.body, q, self._energies, self._times, self._motion)
+        other = best_path(self._search.body, q, self._energies, self._times, self._plain)
         paths, rivals = [self._path, other], [self._smoothed(costs, self._path, progress)]
         if not np.array_equal(other, self._path):
             changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
@@ -179,7 +179,7 @@ class _Track:
         covariances = told.covariances(end.costs, end.before.ties, q[self.some])
         mode, weight = np.full(len(q), -1), np.full((len(q), max(len(r.weight) for r in results)), np.nan)
         mode[self.some] = end.modes
-        for t, own in zip(self.some, told.weights([r.q for r in results], self._energies), strict=True):
+        for t, own in zip(self.some, told.weights([r.q for r in results], self._energies, self._plain), strict=True):
             weight[t, : len(own)] = own
         if covariances is None:
             return Smoothed(q, end.floor, None, mode, weight)

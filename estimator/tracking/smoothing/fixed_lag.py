@@ -50,7 +50,7 @@ class FixedLag:
     def __init__(self, search: ModeSearch, settings: SmoothSettings | None = None, floor: KnownFloor = None) -> None:
         self._search, self._floor = search, floor
         self._settings = settings or SmoothSettings()
-        self._motion = self._settings.motion(search.model)
+        self._motion = self._settings.plain_motion(search.model)
         self._output_frames: list[_Frame] = []
         self._window: list[_Frame] = []
 

@@ -26,8 +26,9 @@ class SmoothSettings:
     gain. window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked
     at, how often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain:
     energy that a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
-    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame, at an even pace.
-    enabled: off leaves the path as the tracker chose it.
+    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame. even_pace: of
+    all frames where none is told and accelerations have no memory: in live use, whose window is too short, and between
+    modes. enabled: off leaves the path as the tracker chose it.
     """
 
     enabled: bool = True
@@ -50,9 +51,15 @@ class SmoothSettings:
     renewed: int = setting(16, at_least=2)
     lag: int = setting(8, at_least=1)
     lag_iterations: int = setting(4, at_least=1)
+    even_pace: float = setting(2.0, above=0)
 
     def motion(self, model: CostModel) -> MotionPrior:
         """The motion prior of a body."""
         turn, root_turn, root_slide = self.turn_acceleration, self.root_turn_acceleration, self.root_slide_acceleration
         acceleration_std = model.quickness * per_dof(model.body, turn, root_turn, root_slide)
         return MotionPrior(model.transition_std(1.0), acceleration_std, self.nu, self.correlation, self.memory)
+
+    def plain_motion(self, model: CostModel) -> MotionPrior:
+        """The motion prior of a body without memory, at `even_pace`."""
+        whole = self.motion(model)
+        return whole._replace(acceleration_std=self.even_pace * whole.acceleration_std, memory=0.0)

@@ -48,10 +48,12 @@ class TrajectoryUncertainty:
             result[first:last] = told[first - low : last - low]
         return result
 
-    def weights(self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """See `path_weights`: of modes q (T) of (K, nq) with energies (T) of (K,)."""
+    def weights(
+        self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray], between: MotionPrior
+    ) -> list[np.ndarray]:
+        """See `path_weights`: of modes q (T) of (K, nq) with energies (T) of (K,); between: the prior between them."""
         dt = np.maximum(np.diff(self._times), SHORTEST_STEP)
         shares = frame_shares(dt, self._settings.lasting)
         counted = [share * energy for share, energy in zip(shares, energies, strict=True)]
-        between = self._motion._replace(correlation=max(self._motion.correlation, _MOVEMENT))
+        between = between._replace(correlation=max(between.correlation, _MOVEMENT))
         return path_weights(self._body, q, counted, self._times, between)
