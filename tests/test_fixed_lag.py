@@ -18,6 +18,7 @@ from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
 from estimator.tracking.smoothing.chain import REACH, FrameChain
+from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import load_subject
@@ -217,3 +218,22 @@ def test_a_robot_on_a_fixed_base_is_smoothed(name: str) -> None:
     assert inside(body, q)
     smoothed, filtered = (distances(body, path, track.truth).mean() for path in (q, heaviest(track)))
     assert smoothed < filtered
+
+
+def test_nothing_is_below_a_known_floor(track: Track) -> None:
+    """One that is 3 cm too high for the feet; and none that is a metre away, which is another's."""
+    settings = SmoothSettings(lag=LAG)
+    free = poses(track, settings)
+    up = np.array([0.0, 0.0, 1.0])
+    lowest = FloorDistances(track.body, up, 0.0).lowest(track.body.placed(free))
+    height = float(np.median(lowest)) + 0.03
+
+    def above(floor: float) -> np.ndarray:
+        lag = FixedLag(track.search, settings, floor)
+        given = [pair for o, r in zip(track.seen, track.results, strict=True) for pair in lag.push(o, r)]
+        return np.array([q for _, q in [*given, *lag.flush()]])
+
+    deep = FloorDistances(track.body, up, height)
+    assert np.median(deep.lowest(track.body.placed(free))) == pytest.approx(-0.03, abs=1e-9)
+    assert deep.lowest(track.body.placed(above(height))).min() > -0.01
+    np.testing.assert_array_equal(above(height - 1.0), free)

@@ -223,6 +223,9 @@ def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given:
         ({"image_size": (640, 480), "cues": "depth"}, "depth needs depth, which a stream does not have"),
         ({"image_size": (640, 480), "cues": "silhouette"}, "show no whole clip .*picture of the empty scene"),
         ({"image_size": (640, 480), "jitter": {"side": 1.0}}, "jitter: is of side"),
+        ({"image_size": (640, 480), "floor": 0.0, "lag": 4}, "floor: is of the cameras' world, and none is given"),
+        ({"camera": camera_at(15.0), "floor": 0.0}, "floor: is kept by smoothing, which there is none of"),
+        ({"camera": camera_at(15.0), "floor": "sea", "lag": 4}, "'sea' is no height"),
         ({"image_size": (640,)}, "image_size: cannot be of type tuple"),
     ],
 )

@@ -154,6 +154,7 @@ def live(
     seed: int = 0,
     lag: int = 0,
     index: Path | None = None,
+    floor: float | str = "auto",
     realtime: bool = True,
     out: Path | None = None,
     overwrite: Flag = False,
@@ -200,6 +201,8 @@ def live(
         Show every frame so many frames later, smoothed with those that came since.
     index
         Index of examples in which poses are looked up, see `train-index`.
+    floor
+        With a lag: its height in the cameras' world [m], which nothing goes below; off; auto takes the camera file's.
     realtime
         --no-realtime tracks every picture of a clip, however long that takes.
     out
@@ -218,7 +221,8 @@ def live(
     session = km.live(
         source, keypoints=keypoints, detect=finder.arguments(), subject=subject, cameras=cameras, camera=camera,
         cues=cues, background=background, tracker=tracker, modes=modes, settings=settings, seed=seed, lag=lag,
-        index=index, realtime=realtime, out=out, overwrite=overwrite, show=show, port=port, open_browser=browser,
+        index=index, floor=floor, realtime=realtime, out=out, overwrite=overwrite, show=show, port=port,
+        open_browser=browser,
     )  # fmt: skip
     print(session.summary())
     if out is not None:

@@ -37,6 +37,7 @@ def live(
     seed: int = 0,
     lag: int = 0,
     index: PathLike | None = None,
+    floor: float | str = "auto",
     realtime: bool = True,
     out: PathLike | None = None,
     overwrite: bool = False,
@@ -58,8 +59,8 @@ def live(
     subject: who, taken as it is; `kinemode.fit` fits one to a person beforehand.
     cameras: a camera file, or cameras by name; guessed unless given. camera: the name of the one that is looked
         through, where it is not the clip's.
-    layout, cues, tracker, modes, settings, seed, lag, index: as `kinemode.Tracker` has them. background: a picture of
-        the empty scene.
+    layout, cues, tracker, modes, settings, seed, lag, index, floor: as `kinemode.Tracker` has them. background: a
+        picture of the empty scene.
     realtime: False tracks every picture of a clip, however long that takes.
     out: the run file, there when it is over; its poses are those of the tracker, not smoothed. overwrite: replace it.
     show: whether there is a preview. port: of it, on this machine alone; 0 takes a free one. open_browser: whether it
@@ -75,7 +76,7 @@ def live(
     """
     check_arguments(
         subject=subject, cameras=cameras, camera=camera, layout=layout, cues=cues, tracker=tracker, modes=modes,
-        settings=settings, index=index, realtime=realtime, out=out, overwrite=overwrite, show=show,
+        settings=settings, index=index, floor=floor, realtime=realtime, out=out, overwrite=overwrite, show=show,
         open_browser=open_browser,
     )  # fmt: skip
     check_as("one file", background=background)
@@ -89,6 +90,7 @@ def live(
         RunTarget(Path(out), False, overwrite).check()
     loaded = loaded_subject(subject)
     from kinemode.streams.job import LiveOptions, track_live
+    from kinemode.streams.known_floor import stream_floor
     from kinemode.streams.stepper import StepOptions
 
     plate = None if background is None else Path(background)
@@ -96,9 +98,9 @@ def live(
         finder, cameras, camera, plate, realtime, None if out is None else Path(out), show, port, open_browser,
         ready or _print_address,
     )  # fmt: skip
-    return track_live(
-        loaded, device, wanted, StepOptions(layout, cues, None, tracker, modes, settings, seed, lag, None, index)
-    )
+    known = stream_floor(floor, cameras, lag, cameras is not None)
+    how = StepOptions(layout, cues, None, tracker, modes, settings, seed, lag, None, index, known)
+    return track_live(loaded, device, wanted, how)
 
 
 def _device(source: int | PathLike) -> int | Path:

@@ -50,6 +50,8 @@ class Tracker:
         a picture of the empty scene, or a mapping by camera.
     tracker, modes, settings, seed, index: as `kinemode.track` has them.
     lag: so many frames later a frame is given out, smoothed with those that came since.
+    floor: its height in the cameras' world, along the axis that points up [m], which nothing of what is smoothed goes
+        below; "auto" takes the camera file's word, "off" does not. In a stream none is found.
     jitter: how much the keypoints tremble [px], a number or a mapping by camera; `run.observation(0).jitter` has what
         `kinemode.track` told from its whole clip. Unless given it is told from the last frames, 150 at most.
 
@@ -75,10 +77,11 @@ class Tracker:
         lag: int = 0,
         jitter: float | Mapping[str, float] | None = None,
         index: PathLike | None = None,
+        floor: float | str = "auto",
     ) -> None:
         check_arguments(
             subject=subject, cameras=cameras, layout=layout, cues=cues, background=background, tracker=tracker,
-            modes=modes, settings=settings, jitter=jitter, index=index, image_size=image_size,
+            modes=modes, settings=settings, jitter=jitter, index=index, image_size=image_size, floor=floor,
         )  # fmt: skip
         seed, lag = whole("seed", seed, 0), whole("lag", lag, 0)
         for path in (cameras, settings, index):
@@ -86,12 +89,15 @@ class Tracker:
                 check_exists(path)
         plates = named_paths(background, BACKGROUND)
         loaded = loaded_subject(subject)
+        from kinemode.streams.known_floor import stream_floor
         from kinemode.streams.stepper import StepOptions, Stepper
 
         chosen = _cameras(camera, cameras, image_size)
         names, written = [c.name for c in chosen], chosen_names(background, BACKGROUND)
         matching = matched(names, plates, BACKGROUND, "camera", chosen=written, every=False)
-        wanted = StepOptions(layout, cues, matching, tracker, modes, settings, seed, lag, jitter, index)
+        placed = camera is not None or cameras is not None
+        known = stream_floor(floor, cameras, lag, placed)
+        wanted = StepOptions(layout, cues, matching, tracker, modes, settings, seed, lag, jitter, index, known)
         self._stepper = Stepper(loaded, chosen, wanted)
 
     @property

@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.floor import KnownFloor
 from estimator.data.formats.keypoints_in_memory import Layout
 from estimator.data.media.stream import PictureStream
 from estimator.data.observation import Observation
@@ -54,6 +55,7 @@ class StepOptions:
     lag: int = 0
     jitter: float | Mapping[str, float] | None = None
     index: PathLike | None = None
+    floor: KnownFloor = None
 
 
 class Stepper:
@@ -86,7 +88,7 @@ class Stepper:
         smoother = None
         if wanted.lag:
             search = energy_of(tracker, wanted.tracker)
-            smoother = FixedLag(search, replace(settings.smooth, lag=wanted.lag))
+            smoother = FixedLag(search, replace(settings.smooth, lag=wanted.lag), wanted.floor)
         self._delay = Delay(self.body, smoother, wanted.lag)
         self._observer = Observer(self.body, cameras, wanted.layout, wanted.jitter)
         self._streams = tuple(PictureStream(f"pictures of {c.name}", c.image_size) for c in cameras)
