@@ -129,7 +129,7 @@ def test_the_posterior_is_around_the_trajectory_and_its_other_modes() -> None:
     np.testing.assert_allclose(posterior.q[:, joint], [0.5, 1.3])
     np.testing.assert_allclose(posterior.weight, [0.75, 0.25])
     np.testing.assert_array_equal(posterior.best, pose)
-    np.testing.assert_allclose(posterior.covariance, [known, 2.0 * known], atol=1e-12)
+    np.testing.assert_allclose(posterior.covariance, [known, known], atol=1e-12)
     alone = Posterior.of_trajectory(body, result, Smoothed(pose[None], None, known[None]), 0, AS_IT_IS)
     np.testing.assert_array_equal(alone.q, pose[None])
 

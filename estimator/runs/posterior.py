@@ -99,11 +99,10 @@ class Posterior:
         own, weight = int(smoothed.mode[row]), _tempered(smoothed.weight[row], c.weight_temperature)
         count = len(result.weight)
         some = [own, *(k for k in range(count) if k != own and weight[k] > _FAINT)]
-        q = np.array([pose if k == own else _other(body, pose, result, own, k) for k in some])
-        covariances = np.array([covariance if k == own else result.covariance[k] for k in some])
-        return Posterior._calibrated(
-            body, q, weight[some] / weight[some].sum(), covariances, c, seen_by, size_known
-        )  # fmt: skip
+        others = [_other(body, result, own, k, pose, covariance) for k in some[1:]]
+        q, covariances = (np.array(part) for part in zip((pose, covariance), *others, strict=True))
+        modes = q, weight[some] / weight[some].sum(), covariances
+        return Posterior._calibrated(body, *modes, c, seen_by, size_known)
 
     @staticmethod
     def _calibrated(
@@ -236,12 +235,20 @@ def _tempered(weight: np.ndarray, temperature: float) -> np.ndarray:
     return np.asarray(np.exp(log - np.logaddexp.reduce(log)))
 
 
-def _other(body: Body, pose: np.ndarray, result: FrameResult, own: int, k: int) -> np.ndarray:
-    """A smoothed pose (nq,) as it would be by mode k instead of the mode `own`, on the limits that k leans on."""
+def _other(
+    body: Body, result: FrameResult, own: int, k: int, pose: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A smoothed pose (nq,) and its covariance (nv, nv) as they would be by mode k instead of the mode `own`: moved by
+    as much as these differ, as sure as the smoothed one, on the limits that k leans on. Where the smoothed pose leans
+    on a limit and k does not, k's own covariance has to do."""
     moved = body.integrate(pose, body.difference(result.q[own], result.q[k]))
-    leans = np.diagonal(result.covariance[k])[body.bounded_v] <= 0.0
-    moved[body.bounded_q[leans]] = result.q[k][body.bounded_q[leans]]
-    return moved
+    leans = np.diagonal(result.covariance[k]) <= 0.0
+    on_limit = leans[body.bounded_v]
+    moved[body.bounded_q[on_limit]] = result.q[k][body.bounded_q[on_limit]]
+    changed = covariance * (~leans[:, None] & ~leans)
+    freed = np.flatnonzero((np.diagonal(covariance) <= 0.0) & ~leans)
+    changed[np.ix_(freed, freed)] = result.covariance[k][np.ix_(freed, freed)]
+    return moved, changed
 
 
 def _prior_precision(stabilisers: Stabilisers, body: Body, posed: PosedBody) -> np.ndarray:
