@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ from estimator.data.floor import KnownFloor
 from estimator.inference.foot_contact import foot_contact, stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
+from estimator.inference.hand_points import HandPoints
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
 from estimator.tracking.smoothing.known_floor import believed_floor
@@ -45,7 +46,8 @@ class Contact(Summarised):
     standing (T, P): probability that each stands. floor: a plane with its uncertainty and how much higher each kind of
     point is; None where there is none, or nothing stands. Boxes and stairs are none of the floor, but what rests there
     stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that nobody sees lie as the pose
-    prior has them.
+    prior has them. hand_names (H), hands (T, H): wrists, and probabilities that these hands stand on the floor, where
+    that was asked for.
     """
 
     time: np.ndarray
@@ -54,6 +56,8 @@ class Contact(Summarised):
     standing: np.ndarray
     floor: Ground | None
     seen: np.ndarray
+    hand_names: tuple[str, ...] = ()
+    hands: np.ndarray | None = None
 
     @property
     def heights(self) -> np.ndarray:
@@ -91,12 +95,24 @@ class Contact(Summarised):
             stances.append(Stance(self.names[k], begin, end, float(slide)))
         return stances
 
+    @property
+    def hand_stances(self) -> list[Stance]:
+        """Of the hands, one after the other, where they were asked for; without slides."""
+        stretches = [] if self.hands is None else stances_of(self.hands)
+        return [
+            Stance(self.hand_names[k], float(self.time[first]), float(self.time[after - 1]), np.nan)
+            for k, first, after in stretches
+        ]
+
     def _facts(self) -> Facts:
         floor = "none" if self.floor is None else f"at {self.floor.height:.3f} +- {self.floor.std:.3f} m"
         stands = [
             (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
         ]
         facts = [("frames", f"{len(self.time)}"), ("floor", floor), *stands]
+        if self.hands is not None:
+            shares = np.mean(self.hands > _SURE, axis=0)
+            facts += [(f"{n} stands", f"{share:.0%}") for n, share in zip(self.hand_names, shares, strict=True)]
         return [*facts, ("but", self.remark)] if self.remark else facts
 
     @property
@@ -111,7 +127,7 @@ class Contact(Summarised):
         return any(name.startswith(side) for name in self.names)
 
     def write(self, path: str | Path) -> Path:
-        """Write a csv, one row a frame: the probabilities, then the heights [m]; returns its path.
+        """Write a csv, one row a frame: the probabilities, then the heights [m], then those of hands; returns its path.
 
         Raises
         ------
@@ -120,13 +136,15 @@ class Contact(Summarised):
         path = Path(path)
         with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             rows = csv.writer(file, lineterminator="\n")
-            rows.writerow(["time [s]", *(f"{n} stands" for n in self.names), *(f"{n} height [m]" for n in self.names)])
-            values = np.column_stack([self.time, self.standing, self.heights])
+            hands = np.zeros((len(self.time), 0)) if self.hands is None else self.hands
+            heads = [f"{n} stands" for n in self.names], [f"{n} height [m]" for n in self.names]
+            rows.writerow(["time [s]", *heads[0], *heads[1], *(f"{n} stands" for n in self.hand_names)])
+            values = np.column_stack([self.time, self.standing, self.heights, hands])
             rows.writerows([["" if np.isnan(v) else f"{v:.6g}" for v in row] for row in values])
         return path
 
 
-def contact_of_run(run: Run) -> Contact | None:
+def contact_of_run(run: Run, *, hands: bool = False) -> Contact | None:
     """Contact of the drawn trajectory, on the floor that was known when it was tracked or is found; None where the
     subject has no heels and toes as landmarks."""
     feet = FootPoints.of(run.body)
@@ -140,7 +158,12 @@ def contact_of_run(run: Run) -> Contact | None:
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
     standing, floor = feet.contact(points, run.time, _UP, _known_floor(run), shown)
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
-    return Contact(run.time, feet.names, points, standing, floor, shares)
+    contact = Contact(run.time, feet.names, points, standing, floor, shares)
+    palms = HandPoints.of(run.body) if hands else None
+    if palms is None:
+        return contact
+    places = run.landmarks[:, palms.landmark]
+    return replace(contact, hand_names=palms.names, hands=palms.standing(places, run.time, floor))
 
 
 def _known_floor(run: Run) -> KnownFloor | Ground:

@@ -203,7 +203,7 @@ def export(
     print(km.export(run, file, format=format, degrees=degrees, filter=filter))
 
 
-def contact(run: Path, /, *, out: Path | None = None, plot: Path | None = None) -> None:
+def contact(run: Path, /, *, hands: Flag = False, out: Path | None = None, plot: Path | None = None) -> None:
     """Tell when the feet stand, on what floor, and how far they slide while they do.
 
     By how fast and how high heels and toes are; z points up. What rests on a box or a stair stands, too.
@@ -214,6 +214,8 @@ def contact(run: Path, /, *, out: Path | None = None, plot: Path | None = None) 
     ----------
     run
         A run file.
+    hands
+        Also when hands stand on the floor.
     out
         Write a csv there, one row a frame: of each point the probability that it stands, and its height.
     plot
@@ -221,7 +223,7 @@ def contact(run: Path, /, *, out: Path | None = None, plot: Path | None = None) 
     """
     import kinemode as km
 
-    stands = km.contact(run, plot=plot)
+    stands = km.contact(run, hands=hands, plot=plot)
     from kinemode.terminal import report
 
     report.print_contact(stands)

@@ -218,6 +218,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "index": (_or_none(_path), "the path of an index that train_index wrote"),
     "frame": _WHOLE,
     "port": _WHOLE,
+    "hands": _FLAG,
     "resume": _FLAG,
     "overwrite": _FLAG,
     "open_browser": _FLAG,

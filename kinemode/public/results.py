@@ -231,7 +231,7 @@ def export(
     return formats.export(opened, Path(file), format, degrees=degrees)
 
 
-def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
+def contact(run: RunLike, *, hands: bool = False, plot: PathLike | None = None) -> Contact:
     """When the feet of a run's drawn trajectory stand, heels and toes apart, and on what floor.
 
     From how fast and how high they are in the world, z up; see `estimator.inference.foot_contact` for the method. A
@@ -240,18 +240,19 @@ def contact(run: RunLike, *, plot: PathLike | None = None) -> Contact:
 
     Parameters
     ----------
-    run: a run, or the path of its file; one that is not finished is looked at as far as it goes. plot: draw
-    probabilities and heights over time there, a PNG, with heel strikes and toe-offs where somebody walks.
+    run: a run, or the path of its file; one that is not finished is looked at as far as it goes. hands: also when hands
+    stand on the floor; the setting `smooth.hands` holds them while smoothing. plot: draw probabilities and heights over
+    time there, a PNG, with heel strikes and toe-offs where somebody walks.
 
     Raises
     ------
     InputError: no run, a subject without heels and toes, or a picture that cannot be written.
     """
-    check_arguments(run=run, plot=plot)
+    check_arguments(run=run, hands=hands, plot=plot)
     opened = _opened(run)
     from estimator.runs.contact import contact_of_run
 
-    stands = contact_of_run(opened)
+    stands = contact_of_run(opened, hands=hands)
     if stands is None:
         remedy = "contact needs a person with feet, such as human34"
         raise InputError(opened.header.subject_source, "has no landmark left_heel", remedy=remedy)

@@ -150,6 +150,9 @@ def print_contact(contact: Contact) -> None:
         sizes = (f"{np.median(slides):.0f}", f"{max(slides):.0f}") if slides else ("-", "-")
         made.add_row(name, f"{np.mean(contact.standing[:, k] > 0.5):.0%}", str(len(slides)), *sizes)
     out.print(made)
+    for name in contact.hand_names:
+        spans = ", ".join(f"{s.begin:.2f} to {s.end:.2f}" for s in contact.hand_stances if s.point == name)
+        out.print(f"{name.replace('_', ' ')} stands [s]: {spans or 'never'}", soft_wrap=True)
     _print_events(contact.events, (("strike", "foot begins to stand"), ("off", "foot ceases to stand")), out)
 
 

@@ -41,16 +41,20 @@ def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
     mark in the band of the foot's first point, pointing down where it strikes and up where it leaves the ground."""
     from matplotlib.figure import Figure
 
-    count = len(contact.names)
+    names, standing = contact.names, contact.standing
+    if contact.hands is not None:
+        names, standing = (*names, *contact.hand_names), np.concatenate([standing, contact.hands], axis=1)
+    count = len(names)
     drawing = Figure(figsize=(_WIDTH, _ROW * count + _HEIGHTS + 1.0), layout="constrained")
     bands, heights = drawing.subplots(2, 1, sharex=True, height_ratios=[_ROW * count, _HEIGHTS])
     above = 1e3 * contact.heights
-    for k, name in enumerate(contact.names):
+    for k, name in enumerate(names):
         colour = web(ON_PAPER["left" if name.startswith("left") else "right"])
         row = count - 1 - k
-        bands.fill_between(contact.time, row, row + _FULL * contact.standing[:, k], color=colour, linewidth=0.0)
-        style = "-" if name.endswith("heel") else ":"
-        heights.plot(contact.time, above[:, k], color=colour, linestyle=style)
+        bands.fill_between(contact.time, row, row + _FULL * standing[:, k], color=colour, linewidth=0.0)
+        if k < len(contact.names):
+            style = "-" if name.endswith("heel") else ":"
+            heights.plot(contact.time, above[:, k], color=colour, linestyle=style)
     for event in events:
         own = [k for k, name in enumerate(contact.names) if name.startswith(event.side)]
         for k in own[:1]:
@@ -58,7 +62,7 @@ def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
                 [event.time], [count - 1 - k + 0.5 * _FULL], color="black", linestyle="none", marker=_MARKS[event.kind],
                 markersize=_MARK_SIZE, markeredgecolor="white",
             )  # fmt: skip
-    bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(contact.names)])
+    bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(names)])
     doubt = f"\n{contact.remark}" if contact.remark else ""
     marks = "; a mark down: the foot strikes, up: it leaves the ground" if events else ""
     bands.set_title(f"probability of standing{marks}{doubt}")

@@ -156,7 +156,7 @@ class _Track:
         distances = floor_of(body, seen[0].cameras, known)
         floor: Ground | None = None
         for _ in range(_HOLDS):
-            before, stances = costs, Stances.of(body, q, seen, known)
+            before, stances = costs, Stances.of(body, q, seen, known, hands=self._settings.hands)
             costs = trajectory.costs
             if stances is not None:
                 costs = costs if stance == 0.0 else stances.held(body, costs, stance)

@@ -20,15 +20,16 @@ class SmoothSettings:
     pace_rounds: how often the pace of a clip's frames is told and the clip smoothed with it; pace_span [s]: how near
     frames share it, the standard deviation; pace_count: how firmly it is 1 beforehand, in accelerations of one joint
     and frame, see `pace_of`. Memory and span are those of captured motion (`benchmarks.training.accelerations`), whose
-    deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe that
-    stands may lie from one place; 0 leaves feet as they are. lasting [s]: how long what a frame says, and how it is
-    wrong, lasts; it counts in the covariances alone. iterations: Newton steps at most. tolerance: energy a step must
-    gain. window: frames solved at once, which bounds the memory on long clips. rounds: where pictures are looked
-    at, how often at most their features are assigned, and flow is followed, anew at the smoothed poses; round_gain:
-    energy that a round must gain for another; renewed: for how many frames at once, whose cues are kept in memory. lag,
-    lag_iterations: of the version for live use, how many frames it is behind and Newton steps a frame. even_pace: of
-    all frames where none is told and accelerations have no memory: in live use, whose window is too short, and between
-    modes. enabled: off leaves the path as the tracker chose it.
+    deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe
+    that stands may lie from one place; 0 leaves feet as they are; hands: hands that stand on the floor are held,
+    too. lasting [s]: how long what a frame says, and how it is wrong, lasts; it counts in the covariances alone.
+    iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which
+    bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features are
+    assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for
+    another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of the
+    version for live use, how many frames it is behind and Newton steps a frame. even_pace: of all frames where none
+    is told and accelerations have no memory: in live use, whose window is too short, and between modes. enabled:
+    off leaves the path as the tracker chose it.
     """
 
     enabled: bool = True
@@ -42,6 +43,7 @@ class SmoothSettings:
     pace_span: float = setting(0.1, above=0)
     pace_count: float = setting(4.0, above=0)
     stance: float = setting(0.015, at_least=0)
+    hands: bool = False
     lasting: float = setting(0.25, at_least=0)
     iterations: int = setting(30, at_least=1)
     tolerance: float = setting(1e-3, at_least=0, tiny=True)

@@ -1,4 +1,5 @@
-"""Feet that stand stay where they are, on the floor: while a point of a foot stands, one place draws it."""
+"""Feet that stand stay where they are, on the floor: while a point of a foot stands, one place draws it. So do hands,
+where that is asked for."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ from estimator.energy.term import Cost
 from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import STEP, Ground
+from estimator.inference.hand_points import HandPoints
 from humanoid.kinematics.body import Body
 
 _LEAST = 0.1  # s: what stands for less is not held
@@ -23,45 +25,61 @@ _NU = 4.0
 
 
 class Stances(NamedTuple):
-    """What holds the feet of a clip.
+    """What holds the feet of a clip, and its hands.
 
-    feet: which points. places (T, P, 3) [m]: where they are held. weight (T, P): how much each counts, 0 of what does
-    not stand. floor: None where there is none.
+    landmark (P,): which points, by their numbers among the body's landmarks. places (T, P, 3) [m]: where they are held.
+    weight (T, P): how much each counts, 0 of what does not stand. floor: None where there is none.
     """
 
-    feet: FootPoints
+    landmark: np.ndarray
     places: np.ndarray
     weight: np.ndarray
     floor: Ground | None
 
     @staticmethod
-    def of(body: Body, q: np.ndarray, observations: Sequence[Observation], known: KnownFloor = None) -> Stances | None:
+    def of(
+        body: Body,
+        q: np.ndarray,
+        observations: Sequence[Observation],
+        known: KnownFloor = None,
+        *,
+        hands: bool = False,
+    ) -> Stances | None:
         """As a trajectory q (T, nq) tells; None of a body without heels and toes.
 
         observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that nobody
         sees lies as the prior has it. What stands on a floor that is known is held at its height; one that is found is
-        none where something stands on a lower one, as on stairs.
+        none where something stands on a lower one, as on stairs. hands: as well; they stand on a floor alone.
         """
         feet = FootPoints.of(body)
         if feet is None or len(q) < 2:
             return None
-        points = body.landmarks_of(body.placed(q))[:, feet.landmark]
+        landmarks = body.landmarks_of(body.placed(q))
+        points = landmarks[:, feet.landmark]
         times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
-        seen = np.array([np.isfinite(o.known_pixels[:, feet.landmark]).all(axis=2).any(axis=0) for o in observations])
+        every = np.array([np.isfinite(o.known_pixels).all(axis=2).any(axis=0) for o in observations])
+        seen = every[:, feet.landmark]
         standing, floor = feet.contact(points, times, up, known, seen)
         places, weight = held_places(points, standing, seen, times)
+        palms = HandPoints.of(body) if hands else None
+        palm_floor = floor
         if floor is not None:
             heights = floor.heights(places, feet.kind)
             if known is None:
                 floor = None if np.any(heights[weight > _FAINT] < -STEP) else floor
             else:
                 places = np.where((np.abs(heights) < STEP)[..., None], places - heights[..., None] * up, places)
-        return Stances(feet, places, weight, floor)
+        if palms is None:
+            return Stances(feet.landmark, places, weight, floor)
+        points = landmarks[:, palms.landmark]
+        more = held_places(points, palms.standing(points, times, palm_floor), every[:, palms.landmark], times)
+        places, weight = (np.concatenate(pair, axis=1) for pair in zip((places, weight), more, strict=True))
+        return Stances(np.concatenate([feet.landmark, palms.landmark]), places, weight, floor)
 
     def held(self, body: Body, costs: Sequence[Cost], std: float) -> list[Cost]:
         """Costs (T) with the pulls of each point that stands, std [m], with long tails, as feet roll. A cost without a
         pull is the given one itself. A foot on a stair stands on no floor, and is held alike."""
-        joint, local = body.landmark_joint[self.feet.landmark], body.landmark_local[self.feet.landmark]
+        joint, local = body.landmark_joint[self.landmark], body.landmark_local[self.landmark]
         precision, result = np.eye(3) / std**2, []
         for cost, place, share in zip(costs, self.places, self.weight, strict=True):
             some = np.flatnonzero(share > _FAINT)
