@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from builders import body_of, camera_at, observe
 
@@ -77,15 +78,17 @@ def test_standing_feet_slide_less(wandering: tuple[Body, np.ndarray, np.ndarray]
     assert slide(after) < 0.3 * slide(free)
 
 
-def test_a_pull_vanishes_where_feet_are_in_place(wandering: tuple[Body, np.ndarray, np.ndarray]) -> None:
-    body, q, times = wandering
-    still = np.tile(q[:1], (len(times), 1))
+def test_a_pull_vanishes_where_feet_are_in_place_and_on_the_floor() -> None:
+    body, times = body_of("human34"), np.arange(30) / FPS
+    level = pin.neutral(body.model)
+    still = np.tile(level, (len(times), 1))
     for cost in held(body, [Cost(body, [])] * len(times), still, watched(body, still, times)):
         gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
         (pull,) = cost.terms
         assert pull.name == "stances"
-        assert pull.accumulate(body.at(q[0]), gradient, hessian) == pytest.approx(0.0, abs=1e-12)
-        assert np.abs(gradient).max() < 1e-9
+        assert pull.accumulate(body.at(level), gradient, hessian) == pytest.approx(0.0, abs=1e-9)
+        raised = body.integrate(level, np.r_[0.0, 0.0, 0.02, np.zeros(body.nv - 3)])
+        assert pull.value(body.at(raised)) > 1.0
 
 
 def test_a_body_without_feet_is_let_be() -> None:

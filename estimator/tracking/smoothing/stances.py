@@ -48,8 +48,8 @@ class Stances(NamedTuple):
         """As a trajectory q (T, nq) tells; None of a body without heels and toes.
 
         observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that nobody
-        sees lies as the prior has it. What stands on a floor that is known is held at its height; one that is found is
-        none where something stands on a lower one, as on stairs. hands: as well; they stand on a floor alone.
+        sees lies as the prior has it. What stands on a floor is held at its height; one that is found is none where
+        something stands on a lower one, as on stairs. hands: as well; they stand on a floor alone.
         """
         feet = FootPoints.of(body)
         if feet is None or len(q) < 2:
@@ -65,8 +65,8 @@ class Stances(NamedTuple):
         palm_floor = floor
         if floor is not None:
             heights = floor.heights(places, feet.kind)
-            if known is None:
-                floor = None if np.any(heights[weight > _FAINT] < -STEP) else floor
+            if known is None and np.any(heights[weight > _FAINT] < -STEP):
+                floor = None
             else:
                 places = np.where((np.abs(heights) < STEP)[..., None], places - heights[..., None] * up, places)
         if palms is None:
