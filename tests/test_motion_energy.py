@@ -22,7 +22,7 @@ def motion_of(body: Body, memory: float, count: int = COUNT) -> MotionEnergy:
 
 def model_at(motion: MotionEnergy, body: Body, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     gradient, blocks = np.zeros((len(q), body.nv)), np.zeros((4, len(q), body.nv, body.nv))
-    return motion.accumulate(q, gradient, blocks), gradient, blocks
+    return motion.add(q, gradient, blocks), gradient, blocks
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.12])

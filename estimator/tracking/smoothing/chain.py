@@ -96,7 +96,7 @@ class FrameChain:
             blocks[0] -= prior
         blocks[0] *= share[:, None, None]
         blocks[1, :-1] *= np.sqrt(share[:-1] * share[1:])[:, None, None]  # no tie reaches farther
-        self._motion.accumulate(q, moving, blocks)
+        self._motion.add(q, moving, blocks)
         free = free_mask(self._body, q, share[:, None] * model.gradient + moving)
         blocks = _only(blocks, free)
         np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
@@ -124,7 +124,7 @@ class FrameChain:
 
     def _model(self, q: np.ndarray) -> ChainModel:
         value, _, gradient, blocks = self._frames(q)
-        value += self._motion.accumulate(q, gradient, blocks)
+        value += self._motion.add(q, gradient, blocks)
         return ChainModel(value, q, gradient, blocks)
 
     def _frames(self, q: np.ndarray) -> ChainModel:

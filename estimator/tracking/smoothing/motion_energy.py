@@ -69,7 +69,7 @@ class MotionEnergy:
         self._velocity_precision = 1.0 / np.square(prior.velocity_std)
         self._acceleration_precision = 1.0 / np.square(prior.acceleration_std * pace[1:-1])
 
-    def accumulate(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
+    def add(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
         """Add to gradient (T, nv) and blocks (1 + K, T, nv, nv) at poses q (T, nq), block k of which couples frame t
         with frame t + k; return the energy."""
         if len(q) < 2:
