@@ -36,6 +36,7 @@ from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 
+_FEW = 3  # Newton steps between two looks at the pace
 _HOLDS = 2  # times that what stands is told anew
 _DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
@@ -194,9 +195,10 @@ class _Track:
         ties = self._ties(associations)
         body, motion = self._search.body, self._motion
         q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
-        for _ in range(self._settings.pace_rounds):
+        few = replace(self._settings, iterations=min(_FEW, self._settings.iterations))
+        for left in reversed(range(self._settings.pace_rounds)):
             motion = motion._replace(pace=pace_of(body, costs, self._times, q, motion, self._settings, ties=ties))
-            q = smooth(body, costs, self._times, q, motion, self._settings, ties=ties)
+            q = smooth(body, costs, self._times, q, motion, few if left else self._settings, ties=ties)
         return Trajectory(q, associations, list(costs), ties, motion)
 
     def _ties(self, associations: Sequence[str]) -> list[Ties]:
