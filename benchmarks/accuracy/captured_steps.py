@@ -14,6 +14,7 @@ from benchmarks.support.pose_prior_clips import captured_files
 from estimator.inference.foot_points import FootPoints
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
+from estimator.synthesis.detector import correlated_noise
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body
@@ -50,10 +51,7 @@ def captured_errors(motion: Path, seeds: Sequence[int]) -> Errors:
 
 def lasting(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
     """Noise [m] along the first axis, time: of the first order, `NOISE` in every frame."""
-    kept, noise = np.exp(-1.0 / (LASTS * FPS)), rng.normal(size=shape)
-    for t in range(1, shape[0]):
-        noise[t] = kept * noise[t - 1] + np.sqrt(1.0 - kept**2) * noise[t]
-    return np.asarray(NOISE * noise)
+    return NOISE * correlated_noise(rng, shape, float(np.exp(-1.0 / (LASTS * FPS))))
 
 
 def _events(body: Body, time: np.ndarray, points: np.ndarray) -> dict[str, list[Event]]:

@@ -34,16 +34,20 @@ class MotionPrior(NamedTuple):
         """How much of an acceleration is left after so many seconds."""
         return math.exp(-span / self.memory) if self.memory > 0.0 else 0.0
 
+    def innovation(self, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factors (M,) of an acceleration, and of the one `span` (M,) [s] before, whose difference is what is new, with
+        the standard deviation of the accelerations themselves."""
+        left = np.array([self.left(s) for s in span.tolist()])
+        scale = 1.0 / np.sqrt(1.0 - np.square(left))
+        return scale, left * scale
+
     def news(self, v: np.ndarray, dt: np.ndarray) -> np.ndarray:
         """What is new in the accelerations (T - 2, nv, ...) between velocities v (T - 1, nv, ...) over dt (T - 1,)
         [s], with the standard deviation of the accelerations themselves."""
         span = 0.5 * (dt[1:] + dt[:-1])
         a = np.diff(v, axis=0) / span.reshape(-1, *[1] * (v.ndim - 1))
-        new = a.copy()
-        for t in range(1, len(a)):
-            left = self.left(float(span[t]))
-            new[t] = (a[t] - left * a[t - 1]) / math.sqrt(1.0 - left * left)
-        return new
+        after, before = (factor.reshape(-1, *[1] * (v.ndim - 1)) for factor in self.innovation(span[1:]))
+        return np.concatenate([a[:1], after * a[1:] - before * a[:-1]])
 
     def share(self, dt: float) -> float:
         """How much a movement counts that follows `dt` seconds after another."""

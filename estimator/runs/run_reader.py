@@ -32,7 +32,7 @@ from estimator.runs.run_arrays import (
 )
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
-from estimator.runs.smoothed_arrays import check_smoothed, smoothed_in
+from estimator.runs.smoothed_arrays import check_smoothed, floor_in, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
 from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult
 from estimator.trackers.paths import backtrack
@@ -312,25 +312,29 @@ class Run(Summarised):
     @cached_property
     def q(self) -> np.ndarray:
         """(T, nq) of the best hypothesis: along the path and, once the run is complete, smoothed over all frames."""
-        smoothed = self.smoothed
-        return self.filtered_q if smoothed is None else smoothed.q
+        return self._smoothed.get("q", self.filtered_q)
 
     @property
     def floor(self) -> Ground | None:
         """The floor that the smoothed trajectory is above, as it was known or found; None where there is none, and
         before the run is complete."""
-        return None if self.smoothed is None else self.smoothed.floor
+        return floor_in(self._smoothed)
 
     @cached_property
     def smoothed(self) -> Smoothed | None:
         """The smoothed trajectory with what is known of it, before calibration; None before the run is complete, and of
         one that was not smoothed."""
+        return smoothed_in(self._smoothed, self.body) if self._smoothed else None
+
+    @cached_property
+    def _smoothed(self) -> Mapping[str, np.ndarray]:
+        """What is kept of the smoothing, as it is stored; nothing before the run is complete."""
         with run_store.reading(self.file) as connection:
             row = connection.execute("SELECT data FROM smoothed").fetchone()
         if row is None:
-            return None
+            return {}
         arrays = self._unpacked(row[0], "smoothed trajectory", lambda a: check_smoothed(a, self.body))
-        return smoothed_in(arrays, self.body) if arrays["q"].shape == self.filtered_q.shape else None
+        return arrays if arrays["q"].shape == self.filtered_q.shape else {}
 
     @cached_property
     def weight(self) -> np.ndarray:

@@ -44,12 +44,16 @@ def smoothed_arrays(smoothed: Smoothed) -> dict[str, np.ndarray]:
 
 def smoothed_in(arrays: Mapping[str, np.ndarray], body: Body) -> Smoothed:
     """The smoothed trajectory among checked arrays."""
-    floor = None
-    if _FLOOR + "normal" in arrays:
-        normal, height, std, above = (arrays[_FLOOR + name] for name in ("normal", "height", "std", "above"))
-        floor = Ground(normal, float(height), float(std), above)
     covariance = symmetric(arrays["covariance"], body.nv) if "covariance" in arrays else None
-    return Smoothed(arrays["q"], floor, covariance, arrays.get("mode"), arrays.get("weight"))
+    return Smoothed(arrays["q"], floor_in(arrays), covariance, arrays.get("mode"), arrays.get("weight"))
+
+
+def floor_in(arrays: Mapping[str, np.ndarray]) -> Ground | None:
+    """The floor among checked arrays, if any."""
+    if _FLOOR + "normal" not in arrays:
+        return None
+    normal, height, std, above = (arrays[_FLOOR + name] for name in ("normal", "height", "std", "above"))
+    return Ground(normal, float(height), float(std), above)
 
 
 def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
@@ -72,8 +76,8 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     if ("mode" in arrays) != ("weight" in arrays):
         raise DamageError("mode and weight are not both there")
     if "covariance" in arrays:
-        there = symmetric(arrays["covariance"][known], body.nv)
-        if not np.isfinite(there).all() or (np.einsum("tii->ti", there) < 0.0).any():
+        there, (rows, columns) = arrays["covariance"][known], triangle_of(body.nv)
+        if not np.isfinite(there).all() or (there[:, rows == columns] < 0.0).any():
             raise DamageError("covariance has numbers that cannot be")
     if "weight" in arrays:
         _check_weight(arrays["mode"][known], weight[known])

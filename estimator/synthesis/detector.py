@@ -50,7 +50,7 @@ def of_points(
 ) -> KeypointTrack:
     """Keypoints of points (T, J, 3) [m] of some names in one camera, with errors about them; they have no bias."""
     exact = camera.project(points)
-    scatter = _correlated(rng, exact.shape, errors.persistence(fps))
+    scatter = correlated_noise(rng, exact.shape, errors.persistence(fps))
     if errors.reach:
         scatter = np.einsum("ij,tjx->tix", _alike(points, errors.reach), scatter)
     scatter *= errors.noise_px * relative_spread(names)[:, None]
@@ -110,7 +110,7 @@ def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:
     return np.asarray(inside)
 
 
-def _correlated(rng: np.random.Generator, shape: tuple[int, ...], persistence: float) -> np.ndarray:
+def correlated_noise(rng: np.random.Generator, shape: tuple[int, ...], persistence: float) -> np.ndarray:
     """Unit normal noise (T, ...) with such a correlation from frame to frame (a first-order autoregression)."""
     noise = rng.normal(size=shape)
     for t in range(1, shape[0]):

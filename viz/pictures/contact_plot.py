@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 _ROW, _HEIGHTS, _WIDTH = 0.32, 2.2, 9.0  # inches
 _FULL = 0.85  # of a row, where it stands for certain
-
-
 _MARKS = {"strike": "v", "off": "^"}
 _MARK_SIZE = 5.0  # points
 

@@ -98,10 +98,8 @@ class FrameChain:
         blocks[1, :-1] *= np.sqrt(share[:-1] * share[1:])[:, None, None]  # no tie reaches farther
         self._motion.add(q, moving, blocks)
         free = free_mask(self._body, q, share[:, None] * model.gradient + moving)
-        blocks = _only(blocks, free)
-        np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
         both = free[:, :, None] & free[:, None, :]
-        told = inverse_diagonal(blocks) * both
+        told = inverse_diagonal(_definite(blocks, free)) * both
         if prior is not None:
             told = np.linalg.solve(np.eye(self._body.nv) + told @ (prior * both), told)
         return 0.5 * (told + told.transpose(0, 2, 1))
@@ -116,9 +114,7 @@ class FrameChain:
         """
         model = self._model(q)
         free = free_mask(self._body, q, model.gradient)
-        blocks = _only(model.blocks, free)
-        np.einsum("tii->ti", blocks[0])[:] += np.where(free, _LEAST, 1.0)
-        factor = cholesky_banded(_banded(blocks), lower=True, check_finite=False)
+        factor = cholesky_banded(_banded(_definite(model.blocks, free)), lower=True, check_finite=False)
         moved, _ = dtbtrs(factor, rng.standard_normal((free.size, count)), uplo="L", trans="T")
         return np.asarray(moved).reshape(*free.shape, count) * free[:, :, None]
 
@@ -195,6 +191,14 @@ def _only(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
     for k in range(len(blocks)):
         kept[k, : max(0, len(free) - k)] *= free[k:, None, :]
     return np.asarray(kept)
+
+
+def _definite(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """The same with ones for variables that are not free, and a little more than nothing for those that nothing
+    holds."""
+    kept = _only(blocks, free)
+    np.einsum("tii->ti", kept[0])[:] += np.where(free, _LEAST, 1.0)
+    return kept
 
 
 def _banded(blocks: np.ndarray) -> np.ndarray:

@@ -15,9 +15,10 @@ from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, standing_ties
-from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
+from estimator.tracking.smoothing.known_floor import SUNK, floor_of, height_above, is_believed
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
+from humanoid.collision.floor import FloorDistances
 
 
 @dataclass
@@ -51,6 +52,7 @@ class FixedLag:
         self._search, self._floor = search, floor
         self._settings = settings or SmoothSettings()
         self._motion = self._settings.plain_motion(search.model)
+        self._distances: FloorDistances | None = None  # to the floor, once the cameras are known
         self._output_frames: list[_Frame] = []
         self._window: list[_Frame] = []
 
@@ -102,8 +104,11 @@ class FixedLag:
 
     def _above(self, frames: list[_Frame], costs: list[Cost]) -> list[Cost]:
         """Costs that keep poses above a known floor, if these are near it."""
-        body, cameras = self._search.body, frames[0].observation.cameras
         if self._floor is None:
             return costs
-        distances = floor_of(body, cameras, believed_floor(body, cameras, self._floor, np.array([f.q for f in frames])))
-        return costs if distances is None else [cost.plus([AboveFloor(distances, SUNK, None)]) for cost in costs]
+        if self._distances is None:
+            self._distances = floor_of(self._search.body, frames[0].observation.cameras, self._floor)
+        distances, q = self._distances, np.array([f.q for f in frames])
+        if distances is None or not is_believed(height_above(distances, self._search.body, q)):
+            return costs
+        return [cost.plus([AboveFloor(distances, SUNK, None)]) for cost in costs]

@@ -26,14 +26,9 @@ class Movements(NamedTuple):
 
     def differences(self, span: np.ndarray) -> Movements:
         """Of each to the next, over span (M - 1,) [s]."""
-        return self._mixed(1.0 / span, 1.0 / span)
+        return self.mixed(1.0 / span, 1.0 / span)
 
-    def news(self, left: np.ndarray) -> Movements:
-        """What is new in each from the second on, of which left (M - 1,) is left of the one before."""
-        scale = 1.0 / np.sqrt(1.0 - np.square(left))
-        return self._mixed(scale, left * scale)
-
-    def _mixed(self, after: np.ndarray, before: np.ndarray) -> Movements:
+    def mixed(self, after: np.ndarray, before: np.ndarray) -> Movements:
         """after (M - 1,) times the second and so on, less before (M - 1,) times the first and so on."""
         values = after[:, None] * self.values[1:] - before[:, None] * self.values[:-1]
         rates, turns = (
@@ -81,11 +76,11 @@ class MotionEnergy:
         span = 0.5 * (self._dt[1:] + self._dt[:-1])
         shares, precision = self._shares(span), self._acceleration_precision
         accelerations = velocities.differences(span)
-        left = np.array([self._prior.left(s) for s in span[1:].tolist()])
-        alone = slice(0, 1) if left.any() else slice(0, len(span))
+        alone = slice(0, 1 if self._prior.memory > 0.0 else len(span))
         energy += self._add(accelerations.rows(alone), precision[alone], shares[alone], gradient, blocks)
-        if left.any():
-            energy += self._add(accelerations.news(left), precision[1:], shares[1:], gradient, blocks)
+        if self._prior.memory > 0.0:
+            news = accelerations.mixed(*self._prior.innovation(span[1:]))
+            energy += self._add(news, precision[1:], shares[1:], gradient, blocks)
         return energy
 
     def _shares(self, dt: np.ndarray) -> np.ndarray:
