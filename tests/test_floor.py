@@ -41,7 +41,8 @@ from estimator.tracking.smoothing.stances import Stances
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
 from humanoid.collision.self_collision import SelfCollision
-from humanoid.kinematics.body import ROOT_PLACE_Q, Body
+from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
+from humanoid.shape.solids import solids_of
 from humanoid.support.errors import InputError
 from viz.preview.recorder import CommandRecorder
 from viz.preview.standing import add_floor, add_stances
@@ -87,6 +88,21 @@ def test_what_stands_on_a_floor_touches_it() -> None:
     assert feet is not None
     points = body.landmarks(posed)[feet.landmark]
     np.testing.assert_allclose(points[:, 2] - feet.above[feet.kind], lowest, atol=1e-6)
+
+
+def test_a_hand_without_a_wrist_may_be_below_it() -> None:
+    """In a handstand the forearms' ends are lowest: real hands bend where the subject's go straight on."""
+    body = body_of("human34")
+    q = pin.neutral(body.model)
+    q[ROOT_TURN_Q] = 1.0, 0.0, 0.0, 0.0  # half a turn about x
+    for side in ("left", "right"):
+        q[body.model.idx_qs[body.model.getJointId(f"{side}_shoulder_flexion")]] = np.pi
+    posed = body.at(q)
+    wrists = body.landmarks(posed)[[body.landmark_names.index(f"{side}_wrist") for side in ("left", "right")], 2]
+    below = wrists.mean() - FloorDistances(body, UP, 0.0).near(posed, np.inf).distance.min()
+    assert abs(below) < 0.03  # a hand is 17 cm long
+    hands = {solid.link for solid in solids_of(body) if solid.link.endswith("_hand")}
+    assert hands == {"left_hand", "right_hand"}  # the subject has them
 
 
 def test_both_clearances_are_rows_of_one_step() -> None:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from humanoid.collision import witness
 from humanoid.collision.clearance import Distances
@@ -17,7 +18,8 @@ class FloorDistances:
     """Signed distances of a body's solids to the half-space normal . x <= height.
 
     A capsule counts with both of its ends, so that one which lies has two contacts. Solids that no joint moves are left
-    out. One object serves one thread: it reuses coal's queries.
+    out, and hands that the subject holds stiffly on the forearms: a real wrist bends, so that a person whose hands are
+    on the floor would have to lift the forearms. One object serves one thread: it reuses coal's queries.
 
     normal (3,): unit vector in the world, upwards. height [m]: along it. margin [m]: below which a part is near.
     """
@@ -25,7 +27,9 @@ class FloorDistances:
     def __init__(self, body: Body, normal: np.ndarray, height: float, margin: float = 0.02) -> None:
         self.margin = margin
         self._body, self._normal, self._height = body, np.asarray(normal, float), float(height)
-        pieces = [piece for solid in solids_of(body) if solid.joint > 0 for piece in _pieces(solid)]
+        stiff = _stiff_hands(body)
+        counted = [solid for solid in solids_of(body) if solid.joint > 0 and solid.link not in stiff]
+        pieces = [piece for solid in counted for piece in _pieces(solid)]
         self._joint = np.array([piece.joint for piece in pieces], dtype=np.int64)
         columns = [(-1, body.last_column(piece.joint)) for piece in pieces]  # none moves the floor
         self._columns = np.array(columns, dtype=np.int64).reshape(-1, 2)
@@ -89,6 +93,14 @@ class _Piece(NamedTuple):
     rotation: np.ndarray
     place: np.ndarray
     reach: float
+
+
+def _stiff_hands(body: Body) -> set[str]:
+    """Links that carry a wrist and do not move about it."""
+    frames = body.model.frames
+    wrists = {landmark.link for landmark in body.subject.landmarks if landmark.name.endswith("_wrist")}
+    own = {link: frames[body.model.getFrameId(link, pin.FrameType.BODY)].parentFrame for link in wrists}
+    return {link for link, joint in own.items() if frames[joint].type == pin.FrameType.FIXED_JOINT}
 
 
 def _pieces(solid: ConvexSolid) -> list[_Piece]:
