@@ -1,0 +1,117 @@
+"""Captured people before rigs of cameras that are drawn at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.support.pose_prior_clips import subject_of
+from benchmarks.training.calibration_clips import LASTING, person
+from estimator import synthesis
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.synthesis import DetectorSettings
+from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.retarget import retarget
+from humanoid.kinematics.body import Body
+
+FPS = 30.0
+SECONDS = 20.0
+_SIZES = ((1920, 1080), (1080, 1920))
+_FOCAL = (0.67, 0.91)  # of the longer side, as phones' lenses have it
+_ELEVATION, _ROLL, _APART = (-3.0, 20.0), 5.0, (20.0, 160.0)  # degrees
+_MARGIN = 0.04  # of the picture's sides
+_NEAREST, _FARTHEST, _SPREAD = 1.0, 30.0, 1.3  # m; up to how much farther than it has to be a camera stands
+_NOISE = 0.008  # of the person's height in the picture, as on beam4cam
+
+
+@dataclass(frozen=True)
+class RigClip:
+    """cameras: the true ones. tracks: keypoints of each. q (T, nq), body: the person. late (C,) [s]: how much later
+    each camera's clock began."""
+
+    name: str
+    cameras: tuple[Camera, ...]
+    tracks: tuple[KeypointTrack, ...]
+    body: Body
+    q: np.ndarray
+    late: np.ndarray
+
+
+def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, late: float = 0.0) -> RigClip:
+    """Two to four cameras around a captured person, by seed, with other lengths each: trials of one person of the
+    files, one after the other, any first, until they last so many seconds. Neighbouring cameras are 20 to 160 degrees
+    apart. late [s]: clocks are off by at most so much."""
+    rng = np.random.default_rng((seed, 37))
+    who, count = sorted({subject_of(file.stem) for file in files}), 2 + seed % 3
+    own = [file for file in files if subject_of(file.stem) == who[seed % len(who)]]
+    body = Body(person(rng))
+    q = _motion(body, [own[i] for i in rng.permutation(len(own))], seconds)
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
+    azimuths = _azimuths(count, rng)
+    cameras = tuple(_drawn(f"cam{i + 1}", points, a, rng) for i, a in enumerate(azimuths))
+    tall = np.mean([np.median(np.ptp(camera.project(points)[..., 1], axis=1)) for camera in cameras])
+    errors = DetectorSettings(_NOISE * float(tall), 0.01, 0.02, **LASTING)
+    lags = np.concatenate([[0], np.round(FPS * rng.uniform(-late, late, count - 1)).astype(int)])
+    tracks = [
+        _begun(track, lag - int(lags.min()))
+        for track, lag in zip(synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS), lags.tolist(), strict=True)
+    ]
+    name = f"person {who[seed % len(who)]}, {len(q) / FPS:.1f} s, {count} cameras"
+    return RigClip(name, cameras, tuple(tracks), body, q, lags / FPS)
+
+
+def _motion(body: Body, files: Sequence[Path], seconds: float) -> np.ndarray:
+    """(T, nq) of captured trials one after the other, at most so many seconds of them."""
+    parts: list[np.ndarray] = []
+    for file in files:
+        left = round(FPS * seconds) - sum(map(len, parts))
+        if left > 0:
+            mocap = load_mocap(file)
+            parts.append(retarget(body, mocap, np.arange(min(left, round(FPS * mocap.seconds))) / FPS).q)
+    return np.concatenate(parts)
+
+
+def _begun(track: KeypointTrack, frames: int) -> KeypointTrack:
+    """The track of a camera that began so many frames later."""
+    return replace(track, pixels=track.pixels[frames:], confidence=track.confidence[frames:])
+
+
+def _azimuths(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Neighbours on the circle are 20 to 160 degrees apart, but for the last and the first."""
+    return np.asarray(rng.uniform(0.0, 360.0) + np.cumsum([0.0, *rng.uniform(*_APART, count - 1)]))
+
+
+def _drawn(name: str, points: np.ndarray, azimuth: float, rng: np.random.Generator) -> Camera:
+    """A camera that sees all points (T, N, 3) [m] from an azimuth [deg]."""
+    size = _SIZES[int(rng.integers(2))]
+    focal = float(rng.uniform(*_FOCAL)) * max(size)
+    K = np.array([[focal, 0.0, (size[0] - 1) / 2.0], [0.0, focal, (size[1] - 1) / 2.0], [0.0, 0.0, 1.0]])
+    a, e = np.radians(azimuth), np.radians(rng.uniform(*_ELEVATION))
+    away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.cross(-away, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    level = np.stack([right, np.cross(-away, right), -away])
+    R = Rotation.from_euler("z", rng.normal(0.0, _ROLL), degrees=True).as_matrix() @ level
+    flat = points.reshape(-1, 3)
+    aim = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    near, far = _NEAREST, _FARTHEST
+    base = Camera(name, size, K, np.zeros(5), R, np.zeros(3))
+    while far - near > 1e-2:
+        middle = 0.5 * (near + far)
+        near, far = (near, middle) if _inside(_at(base, aim + middle * away), points) else (middle, far)
+    return _at(base, aim + far * rng.uniform(1.0, _SPREAD) * away)
+
+
+def _at(camera: Camera, centre: np.ndarray) -> Camera:
+    return replace(camera, t_camera_world=-camera.R_camera_world @ centre)
+
+
+def _inside(camera: Camera, points: np.ndarray) -> bool:
+    pixels, size = camera.project(points), np.array(camera.image_size, dtype=float)
+    low, high = _MARGIN * size, (1.0 - _MARGIN) * size
+    return bool(np.all(camera.depths(points) > 0.3) and np.all((pixels > low) & (pixels < high)))

@@ -1,0 +1,302 @@
+"""Bundle adjustment of cameras on a person's joints: placements, clocks and focal lengths, with points whose segments
+keep their lengths (Triggs et al., Bundle adjustment - a modern synthesis, 2000).
+
+Residuals are in standard deviations, with Cauchy's tails, and derivatives analytic. Steps are Levenberg's and
+Marquardt's, on normal equations that SuperLU factorises: points are tied within a frame alone, so they stay sparse.
+(SciPy's `least_squares` with `lsmr` stops far from the minimum on them: the lengths are stiff beside the placements.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.spatial.transform import Rotation
+
+from estimator.data.rigs.lengths import SegmentLengths
+
+_LENGTH = 0.02  # m: by how much keypoints are off the joints, along a segment
+_SIDES = 0.02  # m: between left and right ones, as a detector marks them
+_TAIL = 1.5  # standard deviations from which a residual counts less
+_NEAREST = 0.05  # m: least depth of a point
+_MOST_DAMPING, _LEAST_DAMPING = 1e6, 1e-9
+_LEAST_GAIN = 1e-5  # of the cost
+_TINY = 1e-9
+_SIZE_KNOWN = 1e8  # precision of the logarithm of the person's size, for covariances that are of the rig's shape
+_BIAS = 0.5  # of a ray's deviation: what a detector marks elsewhere from every side
+
+
+@dataclass(frozen=True)
+class RigState:
+    """What is adjusted. The world is the first camera's frame, and in it the body's size is that of the subject.
+
+    R (C, 3, 3), t (C, 3) [m]: x_camera = R x + t. late (C,) [s]: how much later than told each camera's clock is read,
+    since the rays were read. focal (C,): factors on the focal lengths. lengths (S,) [m]: of the segments. points (T, J,
+    3) [m]: NaN where fewer than two cameras see one.
+    """
+
+    R: np.ndarray
+    t: np.ndarray
+    late: np.ndarray
+    focal: np.ndarray
+    lengths: np.ndarray
+    points: np.ndarray
+
+
+@dataclass(frozen=True)
+class RigRays:
+    """What C cameras see of J joints at T instants, free of the lenses' distortion.
+
+    rays (C, T, J, 2): places in the plane z = 1 by the focal lengths that were told, NaN where missing. slope (C, T, J,
+    2) [1/s]: how they move. std (C, J): of each place. focal_std (C,): of the logarithms of the focal lengths; late_std
+    (C,) [s]: of the clocks; 0 of what is known.
+    """
+
+    rays: np.ndarray
+    slope: np.ndarray
+    std: np.ndarray
+    focal_std: np.ndarray
+    late_std: np.ndarray
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """state: of least cost. cost: half the sum of robust squares. covariance (C, 6, 6): of each camera's turn [rad] and
+    shift [m] in its own frame, the person's size held, the first one's 0. of_bias: what it has besides of a detector
+    that marks a joint elsewhere in each camera. focal_std (C,): of the logarithms. late_std (C,) [s]. chi: root mean
+    square of the residuals, weighted by their tails, 1 where they are as large as was told.
+    """
+
+    state: RigState
+    cost: float
+    covariance: np.ndarray
+    focal_std: np.ndarray
+    late_std: np.ndarray
+    of_bias: np.ndarray
+    chi: float
+
+
+def adjusted(state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40) -> Adjusted:
+    """The state of least robust cost near one; most: steps."""
+    problem = RigProblem(state, seen, lengths)
+    x = problem.start
+    r = problem.residuals(x)
+    cost, damping = _robust(r), 1e-4
+    for _ in range(most):
+        A, g = problem.normal_equations(x, r)
+        scale = A.diagonal()
+        while damping <= _MOST_DAMPING:
+            tried = x - _factors(A + diags(damping * scale + _TINY)).solve(g)
+            new = problem.residuals(tried)
+            gain = cost - _robust(new)
+            if gain > 0.0:
+                break
+            damping *= 6.0
+        else:
+            break
+        x, r, cost, damping = tried, new, cost - gain, max(damping / 6.0, _LEAST_DAMPING)
+        if gain < _LEAST_GAIN * cost:
+            break
+    return problem.result(x, r, cost)
+
+
+def _factors(A: csc_matrix) -> SuperLU:
+    """Of a symmetric definite matrix."""
+    return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _robust(r: np.ndarray) -> float:
+    return float(0.5 * _TAIL**2 * np.log1p(np.square(r / _TAIL)).sum())
+
+
+class RigProblem:
+    """Residuals and derivatives by one vector: turns and shifts of the cameras but the first (6 each), clocks of these,
+    logarithms of the focal lengths and of the segments' lengths, points. What is known has no column."""
+
+    def __init__(self, state: RigState, seen: RigRays, lengths: SegmentLengths) -> None:
+        self._base, self._seen, self._lengths = state, seen, lengths
+        cameras = len(seen.rays)
+        known = np.isfinite(seen.rays).all(axis=3) & np.isfinite(state.points).all(axis=2)
+        self._c, self._k, self._j = np.nonzero(known)
+        self._have = known.any(axis=0)
+        self._number = np.full(self._have.shape, -1)
+        self._number[self._have] = np.arange(np.count_nonzero(self._have))
+        self._free_late = np.flatnonzero(seen.late_std[1:] > 0.0) + 1
+        self._free_focal = np.flatnonzero(seen.focal_std > 0.0)
+        sizes = [6 * (cameras - 1), len(self._free_late), len(self._free_focal), len(lengths.mean)]
+        self._at = np.cumsum([0, *sizes])
+        self._size = int(self._at[-1]) + 3 * int(np.count_nonzero(self._have))
+        self._observed = seen.rays[self._c, self._k, self._j]
+        self._slope = np.nan_to_num(seen.slope[self._c, self._k, self._j])
+        self._std = seen.std[self._c, self._j]
+        self._segments()
+
+    def _segments(self) -> None:
+        """Which segments are known in which frames, and what a metre of each weighs."""
+        of = self._lengths
+        frame, segment = np.nonzero(self._have[:, of.first] & self._have[:, of.second])
+        self._ends = self._number[frame, of.first[segment]], self._number[frame, of.second[segment]]
+        self._segment = segment
+        self._stiff = (of.mean / np.hypot(_LENGTH, of.slack))[segment]
+        self._alike = 0.5 * (of.mean[of.left] + of.mean[of.right]) / _SIDES
+
+    @property
+    def start(self) -> np.ndarray:
+        """The vector of the state that it was made of."""
+        x = np.zeros(self._size)
+        x[self._at[1] : self._at[2]] = self._base.late[self._free_late]
+        x[self._at[2] : self._at[3]] = np.log(self._base.focal[self._free_focal])
+        x[self._at[3] : self._at[4]] = np.log(self._base.lengths)
+        x[self._at[4] :] = self._base.points[self._have].ravel()
+        return x
+
+    def state(self, x: np.ndarray) -> RigState:
+        """The state of a vector."""
+        moves = x[: self._at[1]].reshape(-1, 6)
+        R, t, late, focal = (array.copy() for array in (self._base.R, self._base.t, self._base.late, self._base.focal))
+        R[1:] = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ R[1:]
+        t[1:] += moves[:, 3:]
+        late[self._free_late] = x[self._at[1] : self._at[2]]
+        focal[self._free_focal] = np.exp(x[self._at[2] : self._at[3]])
+        points = np.full((*self._have.shape, 3), np.nan)
+        points[self._have] = x[self._at[4] :].reshape(-1, 3)
+        return RigState(R, t, late, focal, np.exp(x[self._at[3] : self._at[4]]), points)
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Of rays, two each, of segments, and of what is told of clocks, focal lengths and lengths."""
+        state = self.state(x)
+        seen, lengths, points = self._seen, self._lengths, x[self._at[4] :].reshape(-1, 3)
+        flat, _ = self._flat(state)
+        rays = flat - self._observed - self._slope * state.late[self._c, None]
+        apart = np.linalg.norm(points[self._ends[0]] - points[self._ends[1]], axis=1)
+        segments = (apart / state.lengths[self._segment] - 1.0) * self._stiff
+        return np.concatenate([
+            (rays / self._std[:, None]).ravel(), segments,
+            state.late[self._free_late] / seen.late_std[self._free_late],
+            np.log(state.focal[self._free_focal]) / seen.focal_std[self._free_focal],
+            np.log(state.lengths / lengths.mean) / lengths.std,
+            np.log(state.lengths[lengths.left] / state.lengths[lengths.right]) * self._alike,
+        ])  # fmt: skip
+
+    def _flat(self, state: RigState) -> tuple[np.ndarray, np.ndarray]:
+        """Where points are seen (N, 2), and in the cameras (N, 3)."""
+        at = np.einsum("nij,nj->ni", state.R[self._c], state.points[self._k, self._j]) + state.t[self._c]
+        depth = np.maximum(at[:, 2:], _NEAREST)
+        return at[:, :2] / depth * state.focal[self._c, None], at
+
+    def jacobian(self, x: np.ndarray) -> csr_matrix:
+        """Derivatives of the residuals by the vector."""
+        state, entries = self.state(x), _Entries()
+        self._ray_entries(x, state, entries)
+        rows = 2 * len(self._c)
+        points = x[self._at[4] :].reshape(-1, 3)
+        way = points[self._ends[0]] - points[self._ends[1]]
+        apart = np.maximum(np.linalg.norm(way, axis=1), _TINY)
+        stiff = self._stiff / state.lengths[self._segment]
+        at = rows + np.arange(len(apart))
+        slope = way * (stiff / apart)[:, None]
+        for end, sign in zip(self._ends, (1.0, -1.0), strict=True):
+            entries.add(at[:, None], self._at[4] + 3 * end[:, None] + np.arange(3), sign * slope)
+        entries.add(at, self._at[3] + self._segment, -apart * stiff)
+        rows += len(apart)
+        told = (
+            self._seen.late_std[self._free_late], self._seen.focal_std[self._free_focal], self._lengths.std
+        )  # fmt: skip
+        std = np.concatenate(told)
+        entries.add(rows + np.arange(len(std)), self._at[1] + np.arange(len(std)), 1.0 / std)
+        rows += len(std)
+        for side, sign in ((self._lengths.left, 1.0), (self._lengths.right, -1.0)):
+            entries.add(rows + np.arange(len(side)), self._at[3] + side, sign * self._alike)
+        return entries.matrix(rows + len(self._alike), self._size)
+
+    def _ray_entries(self, x: np.ndarray, state: RigState, entries: _Entries) -> None:
+        flat, at = self._flat(state)
+        c, rows = self._c, 2 * np.arange(len(self._c))[:, None] + np.arange(2)
+        depth = np.maximum(at[:, 2], _NEAREST)
+        by_place = np.zeros((len(c), 2, 3))
+        by_place[:, 0, 0] = by_place[:, 1, 1] = state.focal[c] / depth
+        by_place[:, :, 2] = np.where(at[:, 2:] < _NEAREST, 0.0, -flat / depth[:, None])
+        by_place /= self._std[:, None, None]
+        first = self._at[4] + 3 * self._number[self._k, self._j]
+        entries.add(rows[:, :, None], first[:, None, None] + np.arange(3), by_place @ state.R[c])
+        some = np.flatnonzero(c > 0)
+        moves = x[: self._at[1]].reshape(-1, 6)
+        turned = at[some] - state.t[c[some]]
+        left = np.array([left_jacobian(move[:3]) for move in moves]).reshape(-1, 3, 3)[c[some] - 1]
+        by_turn = np.einsum("nxi,nij->nxj", np.cross(turned[:, None], by_place[some]), left)
+        place = 6 * (c[some] - 1)[:, None, None]
+        entries.add(rows[some][:, :, None], place + np.arange(3), by_turn)
+        entries.add(rows[some][:, :, None], place + 3 + np.arange(3), by_place[some])
+        for free, start, slope in (
+            (self._free_late, self._at[1], -self._slope), (self._free_focal, self._at[2], flat),
+        ):  # fmt: skip
+            own = np.flatnonzero(np.isin(c, free))
+            column = start + np.searchsorted(free, c[own])
+            entries.add(rows[own], column[:, None], slope[own] / self._std[own, None])
+
+    def normal_equations(self, x: np.ndarray, r: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
+        """Gauss and Newton's Hessian and gradient, residuals weighted by their tails."""
+        J = self.jacobian(x)
+        weight = 1.0 / (1.0 + np.square(r / _TAIL))
+        return (J.T @ J.multiply(weight[:, None])).tocsc(), np.asarray(J.T @ (weight * r))
+
+    def result(self, x: np.ndarray, r: np.ndarray, cost: float) -> Adjusted:
+        """The state of a vector, and how sure it is."""
+        count = int(self._at[3])
+        A, _ = self.normal_equations(x, r)
+        J, weight = self.jacobian(x), 1.0 / (1.0 + np.square(r / _TAIL))
+        unit = np.zeros((self._size, count))
+        unit[:count] = np.eye(count)
+        tall = np.zeros(self._size)
+        tall[self._at[3] : self._at[4]] = self._lengths.mean / self._lengths.mean.sum()
+        of_size = csr_matrix(tall)
+        A = A + _SIZE_KNOWN * (of_size.T @ of_size)
+        unit_covariance = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(unit)
+        covariance = unit_covariance[:count]
+        cameras = np.zeros((len(self._seen.rays), 6, 6))
+        biases = np.zeros_like(cameras)
+        moved = self._by_bias(unit_covariance[:, : self._at[1]], J, weight)
+        for i in range(len(cameras) - 1):
+            own = slice(6 * i, 6 * i + 6)
+            cameras[i + 1] = covariance[own, own]
+            biases[i + 1] = moved[own] @ moved[own].T
+        std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+        late, focal = np.zeros(len(cameras)), np.zeros(len(cameras))
+        late[self._free_late], focal[self._free_focal] = std[self._at[1] : self._at[2]], std[self._at[2] : count]
+        chi = float(np.sqrt((weight * r * r).sum() / max(1.0, weight.sum() - self._size)))
+        return Adjusted(self.state(x), cost, cameras, focal, late, biases, chi)
+
+    def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
+        """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""
+        joints, count = self._seen.std.shape[1], 2 * len(self._c)
+        pull = (J @ rows)[:count] * weight[:count, None]
+        bias = 2 * (self._c * joints + self._j)[:, None] + np.arange(2)
+        which = csr_matrix((np.ones(count), (bias.ravel(), np.arange(count))), shape=(2 * self._seen.std.size, count))
+        return np.asarray(_BIAS * (which @ pull).T)
+
+
+class _Entries:
+    """Of a sparse matrix."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def add(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
+        r, c, v = np.broadcast_arrays(rows, columns, values)
+        self._parts.append((r.ravel(), c.ravel(), v.ravel()))
+
+    def matrix(self, rows: int, columns: int) -> csr_matrix:
+        r, c, v = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        return csr_matrix((v, (r, c)), shape=(rows, columns))
+
+
+def left_jacobian(turn: np.ndarray) -> np.ndarray:
+    """J (3, 3) with exp(turn + d) = exp(J d) exp(turn) to first order, of rotation vectors (3,) [rad]."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-4:
+        return np.asarray(np.eye(3) + 0.5 * W + W @ W / 6.0)
+    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * W + (angle - np.sin(angle)) / angle**3 * W @ W)

@@ -1,0 +1,240 @@
+"""`calibrate` without a board: cameras from the keypoints of a person who moves before them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.media.threads import one_thread
+from estimator.data.rigs.clocks import clock_lags
+from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
+from estimator.data.rigs.views import PersonView
+from estimator.data.rigs.world import RigWorld, rig_world
+from estimator.data.synchronisation import synchronised
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+
+FEWEST = 100
+"""Points that two cameras have to see at once."""
+UNSURE_TURN, UNSURE_SHIFT = 1.5, 0.04  # degrees; of the distance to the person: deviations that are said
+_COMMON = 0.5  # of the shorter clip: what clips have in common at least
+_FRAMES = 1.5  # by which clocks that are told in two ways may differ
+_HOPELESS = 12.0  # degrees: what is less sure is no calibration
+_SWAPPED = 0.05  # share of the frames
+_FILM = "film a person who walks to and fro, across and along, turns, and lifts the arms, for 20 s or more"
+
+
+@dataclass(frozen=True)
+class PersonCalibration:
+    """Cameras that were found from a person.
+
+    cameras: by name, in a world whose z points up, in metres, with the floor at 0. offsets: when each camera's first
+    frame was taken after the first one's times [s]; offset_stds [s]: their deviations, 0 of what was known. turn_stds
+    [deg], shift_stds [m]: of each camera against the first. focal_stds: of the logarithms of the focal lengths, 0 of
+    those that were given. errors: how far keypoints are from where the points of all cameras are seen, root mean square
+    without outliers [px]. exchanged: share of each camera's frames whose sides were exchanged. names (J), points (T, J,
+    3) [m]: of the person, in the world, at times (T,) [s] of the first camera's clock.
+    notes: what the user should know.
+    """
+
+    cameras: dict[str, Camera]
+    offsets: dict[str, float]
+    offset_stds: dict[str, float]
+    turn_stds: dict[str, float]
+    shift_stds: dict[str, float]
+    focal_stds: dict[str, float]
+    errors: dict[str, float]
+    exchanged: dict[str, float]
+    names: tuple[str, ...]
+    times: np.ndarray
+    points: np.ndarray
+    notes: tuple[str, ...]
+
+    @property
+    def sure(self) -> bool:
+        """Whether every camera is placed to within what is said otherwise."""
+        distance = self.distance
+        return all(
+            self.turn_stds[name] <= UNSURE_TURN and self.shift_stds[name] <= UNSURE_SHIFT * distance
+            for name in self.cameras
+        )
+
+    @property
+    def distance(self) -> float:
+        """From the first camera to the person, the median [m]."""
+        first = next(iter(self.cameras.values()))
+        return float(np.nanmedian(np.linalg.norm(self.points - first.centre_world, axis=2)))
+
+
+@one_thread()
+def calibrate_by_person(
+    body: Body,
+    tracks: Mapping[str, KeypointTrack],
+    lenses: Mapping[str, Camera],
+    times: Mapping[str, np.ndarray],
+    *,
+    clocks_known: bool = False,
+    size: float = 1.0,
+) -> PersonCalibration:
+    """Cameras and clocks from one person's keypoints in each.
+
+    body: whose landmarks the keypoints are, a person of about these proportions. lenses: of each camera; where it
+    stands does not count, and its focal length is fitted where it has a deviation. times [s]: of the keypoints' frames,
+    by each camera's clock. clocks_known: whether these are one clock. size: of the person over the body.
+
+    Raises
+    ------
+    InputError: fewer than two cameras; too little that two cameras see at once; no motion that tells where they stand;
+    clocks that cannot be told.
+    """
+    names = list(tracks)
+    if len(names) < 2:
+        raise InputError("cameras", "there is one: two or more are placed by a person", remedy="give clips of all")
+    for name in names:
+        lenses[name].needs_centre()
+    lengths = SegmentLengths.of(body, _shared(tracks))
+    joints = [body.landmark_names[i] for i in lengths.landmark]
+    views = [_view(tracks[name], lenses[name], times[name], joints) for name in names]
+    lags = [np.zeros(len(names))] if clocks_known else clock_lags(views)
+    rays = RigViews.of(views, joints, clocks_known=clocks_known)
+    fit = fitted_rig(rays, lengths, lags) if len(joints) > 4 else None
+    if fit is None:
+        raise _nothing(names, tracks)
+    _check(fit)
+    found = _calibration(body, names, lenses, joints, fit, size)
+    if not clocks_known:
+        _check_clocks(found, views)
+    return found
+
+
+def _shared(tracks: Mapping[str, KeypointTrack]) -> list[str]:
+    """Names of the keypoints that all cameras have."""
+    sets = [{name for name in track.names if name is not None} for track in tracks.values()]
+    return sorted(set.intersection(*sets))
+
+
+def _view(track: KeypointTrack, lens: Camera, times: np.ndarray, joints: Sequence[str]) -> PersonView:
+    seen = np.where((track.confidence > 0.0)[..., None], track.pixels, np.nan)
+    columns = [track.names.index(name) for name in joints]
+    return PersonView(lens, seen[: len(times), columns], times[: len(seen)])
+
+
+def _nothing(names: Sequence[str], tracks: Mapping[str, KeypointTrack]) -> InputError:
+    unseen = [name for name in names if not np.any(tracks[name].confidence > 0.0)]
+    if unseen:
+        return InputError("cameras", f"nobody is seen by {', '.join(unseen)}", remedy=f"leave it out, or {_FILM}")
+    problem = f"no two of {', '.join(names)} see {FEWEST} points of a person at once"
+    return InputError("cameras", problem, remedy=f"the clips have to overlap in time: {_FILM}, in all of them at once")
+
+
+def _check(fit: RigFit) -> None:
+    """Raise InputError where the motion does not tell where the cameras stand."""
+    turns = _turn_stds(fit)
+    if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
+        problem = f"the person's motion does not tell where the cameras stand (to {turns.max():.0f} degrees)"
+        raise InputError("cameras", problem, remedy=_FILM)
+
+
+def _check_clocks(found: PersonCalibration, views: Sequence[PersonView]) -> None:
+    """Raise InputError unless rays that meet, and speeds, tell the same clocks, at which the clips overlap by half."""
+    clocks = [view.times + offset for view, offset in zip(views, found.offsets.values(), strict=True)]
+    told = synchronised(list(found.cameras.values()), [view.pixels for view in views], clocks)
+    most = _FRAMES * max(float(np.median(np.diff(view.times))) for view in views)
+    agree = told.sure & (np.abs(told.offsets) <= most)
+    first = clocks[0]
+    for c, own in enumerate(clocks):
+        common = min(first[-1], own[-1]) - max(first[0], own[0])
+        agree[c] &= common >= _COMMON * min(np.ptp(first), np.ptp(own))
+    if not agree.all():
+        names = [name for name, sure in zip(found.cameras, agree, strict=True) if not sure]
+        problem = f"when {', '.join(names)} started cannot be told for sure before the cameras are placed"
+        raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {_FILM}")
+
+
+def _turn_stds(fit: RigFit) -> np.ndarray:
+    """(C,) [deg]"""
+    return np.degrees(np.sqrt(np.trace(fit.adjusted.covariance[:, :3, :3], axis1=1, axis2=2)))
+
+
+def _calibration(
+    body: Body, names: Sequence[str], lenses: Mapping[str, Camera], joints: Sequence[str], fit: RigFit, size: float
+) -> PersonCalibration:
+    state = fit.adjusted.state
+    world = rig_world(body, joints, state, fit.instants, size)
+    cameras = {name: _placed(lenses[name], c, fit, world) for c, name in enumerate(names)}
+    turn, shift = _turn_stds(fit), np.zeros(len(names))
+    for c in range(1, len(names)):
+        arm = np.hstack([_cross(state.t[c]), np.eye(3)])  # what a turn and a shift do to the centre, in the camera
+        shift[c] = size * np.sqrt(np.trace(arm @ fit.adjusted.covariance[c] @ arm.T))
+    result = PersonCalibration(
+        cameras=cameras,
+        offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
+        offset_stds=_by_name(names, fit.adjusted.late_std),
+        turn_stds=_by_name(names, turn),
+        shift_stds=_by_name(names, shift),
+        focal_stds=_by_name(names, fit.adjusted.focal_std),
+        errors=_by_name(names, _errors(fit, [cameras[name] for name in names])),
+        exchanged=_by_name(names, _exchanged(fit.flips)),
+        names=tuple(joints),
+        times=fit.instants,
+        points=world.points(state.points),
+        notes=(),
+    )
+    return replace(result, notes=tuple(_notes(result, world)))
+
+
+def _by_name(names: Sequence[str], values: np.ndarray) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+def _cross(v: np.ndarray) -> np.ndarray:
+    """(3, 3): of the product with v from the left."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld) -> Camera:
+    R, t = world.camera(fit.adjusted.state.R[c], fit.adjusted.state.t[c])
+    K = lens.K.copy()
+    K[:2, :2] *= fit.adjusted.state.focal[c]
+    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=float(fit.adjusted.focal_std[c]))
+
+
+def _errors(fit: RigFit, cameras: Sequence[Camera]) -> np.ndarray:
+    """(C,) [px]: root mean square distances, of the normal distribution that has their median."""
+    state, errors = fit.adjusted.state, []
+    for c, camera in enumerate(cameras):
+        at = state.points @ state.R[c].T + state.t[c]
+        seen = fit.rays.rays[c] + fit.rays.slope[c] * state.late[c]
+        off = np.linalg.norm(state.focal[c] * at[..., :2] / at[..., 2:] - seen, axis=-1)
+        errors.append(float(camera.K[0, 0] / state.focal[c] * np.nanmedian(off) / 0.8326))
+    return np.array(errors)
+
+
+def _exchanged(flips: np.ndarray) -> np.ndarray:
+    """Shares (C,); which of two cameras is right nobody knows: the one that is so in fewer frames."""
+    share = flips.mean(axis=1)
+    return np.minimum(share, 1.0 - share)
+
+
+def _notes(found: PersonCalibration, world: RigWorld) -> list[str]:
+    notes = []
+    for name in found.cameras:
+        turn, shift = found.turn_stds[name], found.shift_stds[name]
+        if turn > UNSURE_TURN or shift > UNSURE_SHIFT * found.distance:
+            notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {_FILM}")
+    for name, share in found.exchanged.items():
+        if share > _SWAPPED:
+            notes.append(f"{name}: left and right are exchanged in {share:.0%} of the frames, beside the other cameras")
+    for name, camera in found.cameras.items():
+        if found.focal_stds[name] > 0.0:
+            length, std = camera.K[0, 0], found.focal_stds[name]
+            notes.append(f"{name}: a focal length of {length:.0f} px (+-{std:.0%}) is found from the person")
+    if world.up_from == "cameras":
+        notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")
+    return notes

@@ -1,0 +1,65 @@
+"""Distances between a person's joints that stay, or nearly, whatever the person does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import mirror_index
+
+_POSES = 12
+_TURN = 0.6  # rad: how far joints of the poses that tell are from rest, the standard deviation
+_MOST = 0.04  # m, and
+_SHARE = 0.12  # of the distance: what changes by more is none that stays
+_SHORTEST = 0.06  # m
+_STD = 0.06  # of the logarithm of a length, between people of one size
+JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "big_toe")
+"""What is looked at: where a detector puts the points of a face depends on the side that it sees it from."""
+
+
+class SegmentLengths(NamedTuple):
+    """Of the landmarks that are looked at.
+
+    landmark (J,): their numbers among the body's. mirror (J,): the other side of each. first, second (S,): ends of the
+    segments. mean, std (S,) [m]: of the lengths on the body as it is, and of their logarithms. slack (S,) [m]: by how
+    much poses change them. left, right (P,): segments that mirror each other, and are about as long.
+    """
+
+    landmark: np.ndarray
+    mirror: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    slack: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+    @staticmethod
+    def of(body: Body, seen: Sequence[str | None]) -> SegmentLengths:
+        """Of a body, whose limb joints are looked at, or all landmarks where it has none. seen: names of keypoints."""
+        known = [i for i, name in enumerate(body.landmark_names) if name in seen]
+        limbs = [i for i in known if body.landmark_names[i].endswith(JOINTS)]
+        landmark = np.array(limbs or known, dtype=np.int64)
+        mirror = mirror_index([body.landmark_names[i] for i in landmark])
+        rng, still = np.random.default_rng(0), pin.neutral(body.model)
+        turns = _TURN * rng.normal(size=(_POSES, body.nv))
+        poses = np.array([body.clamp(pin.integrate(body.model, still, turn)) for turn in turns])
+        points = body.landmarks_of(body.placed(poses))[:, landmark]
+        apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
+        mean, slack = apart.mean(axis=0), apart.std(axis=0)
+        stays = (slack < np.minimum(_MOST, _SHARE * mean)) & (mean > _SHORTEST)
+        stays &= stays[np.ix_(mirror, mirror)]
+        first, second = np.nonzero(np.triu(stays, 1))
+        place = {pair: i for i, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True))}
+        mirrored = (sorted((int(mirror[a]), int(mirror[b]))) for a, b in place)
+        other = [place[a, b] for a, b in mirrored]
+        pairs = np.array([(i, k) for i, k in enumerate(other) if i < k], dtype=np.int64).reshape(-1, 2)
+        std = np.full(len(first), _STD)
+        return SegmentLengths(
+            landmark, mirror, first, second, mean[first, second], std, slack[first, second], *pairs.T
+        )  # fmt: skip

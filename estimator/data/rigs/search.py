@@ -1,0 +1,131 @@
+"""The rig that fits what all cameras see: several beginnings, each adjusted on few instants, the best on many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.data.rigs.bundle import Adjusted, RigRays, RigState, adjusted
+from estimator.data.rigs.first import PairPose, best_pairs, state_of_pair, triangulated
+from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.readings import exchanged, with_exchanged
+from estimator.data.rigs.views import PersonView, ViewRays, common_instants, read
+from humanoid.subject.landmarks import relative_spread
+
+_LATE = 0.1  # s: of a clock that was found from speeds
+_NOISE = 0.008  # of the person's size in the picture: what a detector is off
+_FEW, _MANY = 40, 120  # instants
+_BEGINNINGS = 4
+_ROUNDS = 5
+_STEPS, _STEPS_AT_THE_END = 15, 40  # of the adjustment of a beginning, and of what was chosen
+_TIMES = 3
+_LASTING = 0.5  # s: frames nearer than that err alike
+_ALIKE = 3.0  # joints that err alike, as near ones do
+
+
+@dataclass(frozen=True)
+class RigViews:
+    """views (C). std (C, J): of rays. focal_std (C,), late_std (C,) [s]: see `RigRays`."""
+
+    views: Sequence[ViewRays]
+    std: np.ndarray
+    focal_std: np.ndarray
+    late_std: np.ndarray
+
+    @staticmethod
+    def of(views: Sequence[PersonView], names: Sequence[str], *, clocks_known: bool) -> RigViews:
+        """names (J): of the joints."""
+        rays = [ViewRays(view) for view in views]
+        std = np.array([_NOISE * ray.extent * relative_spread(names) for ray in rays])
+        focal_std = np.array([view.camera.focal_std for view in views])
+        late_std = np.zeros(len(views)) if clocks_known else np.full(len(views), _LATE)
+        return RigViews(rays, std, focal_std, late_std)
+
+
+@dataclass(frozen=True)
+class RigFit:
+    """adjusted: the rig, its deviations with the time in mind that errors last. late (C,) [s]: how much later each
+    clock is read. flips (C, T): frames whose sides are exchanged. rays: at the T instants [s] of the first clock."""
+
+    adjusted: Adjusted
+    late: np.ndarray
+    flips: np.ndarray
+    rays: RigRays
+    instants: np.ndarray
+
+
+def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarray]) -> RigFit | None:
+    """The rig of least cost; None where no two cameras have enough points in common. lags: how much later the clocks
+    may be read (C,) [s], of which the one is taken that fits best."""
+    best: tuple[float, RigFit] | None = None
+    for late in lags:
+        instants = common_instants(views.views, late, _FEW)
+        if not len(instants):
+            continue
+        rays, slope = read(views.views, instants, late)
+        for pose, other in best_pairs(rays, lengths.mirror, views.std, _BEGINNINGS):
+            begun = _begun(views, lengths, rays, slope, pose, other)
+            if begun is None:
+                continue
+            fit = RigFit(begun[0], late, begun[1], begun[2], instants)
+            mean = fit.adjusted.cost / max(1, int(np.count_nonzero(np.isfinite(fit.rays.rays))))
+            if best is None or mean < best[0]:
+                best = mean, fit
+    return None if best is None else _finished(views, lengths, best[1])
+
+
+def _begun(
+    views: RigViews, lengths: SegmentLengths, rays: np.ndarray, slope: np.ndarray, pose: PairPose, other: bool
+) -> tuple[Adjusted, np.ndarray, RigRays] | None:
+    flips = np.zeros(rays.shape[:2], dtype=bool)
+    flips[pose.b] = other
+    state = state_of_pair(with_exchanged(rays, flips, lengths.mirror), pose, views.std, lengths)
+    if state is None:
+        return None
+    flips = exchanged(state, rays, views.std, lengths.mirror)
+    return _settled(views, lengths, rays, slope, state, flips, _STEPS)
+
+
+def _settled(
+    views: RigViews, lengths: SegmentLengths, rays: np.ndarray, slope: np.ndarray, state: RigState,
+    flips: np.ndarray, steps: int,
+) -> tuple[Adjusted, np.ndarray, RigRays]:  # fmt: skip
+    """Adjusted, and sides exchanged, in turn until these stay."""
+    cameras = range(len(rays))
+    for _ in range(_ROUNDS):
+        seen = RigRays(
+            with_exchanged(rays, flips, lengths.mirror), with_exchanged(slope, flips, lengths.mirror), views.std,
+            views.focal_std, views.late_std,
+        )  # fmt: skip
+        points = triangulated(seen.rays / state.focal[:, None, None, None], state.R, state.t, cameras)
+        result = adjusted(replace(state, points=points), seen, lengths, most=steps)
+        state = result.state
+        new = exchanged(state, rays, views.std, lengths.mirror)
+        if np.array_equal(new, flips):
+            break
+        flips = new
+    return result, flips, seen
+
+
+def _finished(views: RigViews, lengths: SegmentLengths, few: RigFit) -> RigFit:
+    """On many instants, with the noise that the residuals show, and clocks read where they were found."""
+    late, state = few.late.copy(), few.adjusted.state
+    for k in range(_TIMES):
+        late = late + state.late
+        state = replace(state, late=np.zeros_like(late))
+        instants = common_instants(views.views, late, _MANY)
+        rays, slope = read(views.views, instants, late)
+        flips = exchanged(state, rays, views.std, lengths.mirror)
+        result, flips, seen = _settled(views, lengths, rays, slope, state, flips, _STEPS_AT_THE_END)
+        state = result.state
+        if k == 0:
+            views = replace(views, std=views.std * np.clip(result.chi, 0.5, 3.0))
+    span = float(instants[-1] - instants[0])
+    fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
+    result = replace(
+        result, covariance=fewer * result.covariance + result.of_bias, focal_std=np.sqrt(fewer) * result.focal_std,
+        late_std=np.sqrt(fewer) * result.late_std,
+    )  # fmt: skip
+    return RigFit(result, late + state.late, flips, seen, instants)

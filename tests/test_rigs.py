@@ -1,0 +1,230 @@
+"""Cameras from the person who moves before them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import body_of
+from scipy.spatial.transform import Rotation
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted, left_jacobian
+from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
+from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
+from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.readings import exchanged, with_exchanged
+from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
+from estimator.synthesis.motion import authored_motion
+from estimator.synthesis.motion_keys import motion_named
+from humanoid.kinematics.body import ROOT_PLACE_Q, Body
+from humanoid.support.errors import InputError
+
+FPS = 15.0
+QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.02)
+
+
+def walked(body: Body, seconds: float = 6.0) -> np.ndarray:
+    """(T, nq) of somebody who reaches out and meanwhile goes to and fro."""
+    times = np.arange(round(FPS * seconds)) / FPS
+    keyed = motion_named("turn_reach")
+    q = authored_motion(body, times * keyed.seconds / seconds, keyed)  # nothing comes twice, so that clocks are told
+    q[:, ROOT_PLACE_Q.start] += 0.8 * np.sin(1.1 * times)
+    q[:, ROOT_PLACE_Q.start + 1] += 0.6 * np.sin(0.7 * times + 1.0)
+    return q
+
+
+class Filmed:
+    """A person before three cameras."""
+
+    def __init__(self, errors: DetectorSettings = QUIET) -> None:
+        self.body = body_of("human34")
+        self.q = walked(self.body)
+        self.points = self.body.landmarks_of(self.body.placed(self.q))
+        view = ViewSettings(count=3, azimuth=20.0, fill=0.6, image_size=(1280, 720))
+        self.cameras = {camera.name: camera for camera in framing_cameras(self.points, view)}
+        rng = np.random.default_rng(1)
+        tracks = keypoints(self.body, self.q, list(self.cameras.values()), rng, errors, fps=FPS)
+        self.tracks = dict(zip(self.cameras, tracks, strict=True))
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        return {name: np.arange(track.frame_count) / FPS for name, track in self.tracks.items()}
+
+    def lost(self) -> dict[str, Camera]:
+        """The cameras' lenses, with all of them at the origin."""
+        return {n: replace(c, R_camera_world=np.eye(3), t_camera_world=np.zeros(3)) for n, c in self.cameras.items()}
+
+
+@pytest.fixture(scope="module")
+def filmed() -> Filmed:
+    return Filmed()
+
+
+def turns_off(found: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
+    """By how much cameras are turned wrongly to the first [deg]."""
+    first, true_first = next(iter(found.cameras.values())), next(iter(truth.values()))
+    off = []
+    for name, camera in found.cameras.items():
+        R, R_true = camera.R_camera_world @ first.R_camera_world.T, None
+        R_true = truth[name].R_camera_world @ true_first.R_camera_world.T
+        off.append(np.degrees(np.arccos(np.clip((np.trace(R @ R_true.T) - 1.0) / 2.0, -1.0, 1.0))))
+    return np.array(off)
+
+
+def places_off(found: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
+    """How far cameras are from their true places seen from the first, scale removed, of the distance to the person."""
+    ours, theirs = (
+        np.array([next(iter(of.values())).R_camera_world @ (c.centre_world - next(iter(of.values())).centre_world)
+                  for c in of.values()])
+        for of in (found.cameras, truth)
+    )  # fmt: skip
+    scale = (ours * theirs).sum() / np.square(ours).sum()
+    return np.asarray(np.linalg.norm(scale * ours - theirs, axis=1) / found.distance)
+
+
+def rays_of(filmed: Filmed, lengths: SegmentLengths) -> np.ndarray:
+    """Exact rays (C, T, J, 2)."""
+    points = filmed.points[:, lengths.landmark]
+    return np.stack([c.directions(c.project(points))[..., :2] for c in filmed.cameras.values()])
+
+
+def lengths_of(filmed: Filmed) -> SegmentLengths:
+    return SegmentLengths.of(filmed.body, next(iter(filmed.tracks.values())).names)
+
+
+def test_segments_keep_their_lengths_and_mirror_each_other(filmed: Filmed) -> None:
+    lengths = lengths_of(filmed)
+    names = [filmed.body.landmark_names[i] for i in lengths.landmark]
+    pairs = {(names[a], names[b]) for a, b in zip(lengths.first, lengths.second, strict=True)}
+    assert {("left_hip", "left_knee"), ("right_knee", "right_ankle"), ("left_elbow", "left_wrist")} <= pairs
+    assert not any({"nose", "left_eye"} & set(pair) for pair in pairs)
+    points = filmed.points[:, lengths.landmark]
+    apart = np.linalg.norm(points[:, lengths.first] - points[:, lengths.second], axis=2)
+    assert np.all(np.abs(apart.mean(axis=0) - lengths.mean) < 0.02 + 2.0 * lengths.slack)
+    for a, b in zip(lengths.left, lengths.right, strict=True):
+        mirrored = sorted(lengths.mirror[[lengths.first[a], lengths.second[a]]].tolist())
+        assert mirrored == [lengths.first[b], lengths.second[b]]
+
+
+def test_left_jacobian_is_that_of_turns() -> None:
+    turn, step = np.array([0.3, -0.5, 0.2]), 1e-6
+    for small in (turn, 1e-6 * turn):
+        for i in range(3):
+            d = step * np.eye(3)[i]
+            moved = Rotation.from_rotvec(small + d) * Rotation.from_rotvec(small).inv()
+            np.testing.assert_allclose(moved.as_rotvec() / step, left_jacobian(small)[:, i], atol=1e-5)
+
+
+def test_derivatives_are_those_of_the_residuals(filmed: Filmed) -> None:
+    lengths = lengths_of(filmed)
+    rays = rays_of(filmed, lengths)[:, ::10]
+    std = np.full((len(rays), rays.shape[2]), 0.01)
+    pose, _ = best_pairs(rays, lengths.mirror, std, 1)[0]
+    state = state_of_pair(rays, pose, std, lengths)
+    assert state is not None
+    seen = RigRays(rays, np.full(rays.shape, 0.1), std, np.array([0.0, 0.1, 0.1]), np.array([0.0, 0.05, 0.0]))
+    problem = RigProblem(state, seen, lengths)
+    rng = np.random.default_rng(0)
+    x = problem.start + 0.02 * rng.normal(size=len(problem.start))
+    J, step = problem.jacobian(x).toarray(), 1e-6
+    for i in rng.choice(len(x), 60, replace=False).tolist() + list(range(18)):
+        d = step * np.eye(len(x))[i]
+        slope = (problem.residuals(x + d) - problem.residuals(x - d)) / (2.0 * step)
+        np.testing.assert_allclose(J[:, i], slope, atol=1e-5 * max(1.0, np.abs(slope).max()))
+
+
+def test_exact_rays_give_the_rig_back(filmed: Filmed) -> None:
+    lengths = lengths_of(filmed)
+    rays = rays_of(filmed, lengths)[:, ::3]
+    std = np.full((len(rays), rays.shape[2]), 0.002)
+    pose, other = best_pairs(rays, lengths.mirror, std, 1)[0]
+    assert not other
+    state = state_of_pair(rays, pose, std, lengths)
+    assert state is not None
+    cameras = list(filmed.cameras.values())
+    for c, camera in enumerate(cameras):
+        R = camera.R_camera_world @ cameras[0].R_camera_world.T
+        np.testing.assert_allclose(state.R[c], R, atol=2e-3)
+    points = triangulated(rays, state.R, state.t, range(3))
+    assert np.isfinite(points).all()
+    seen = RigRays(rays, np.zeros_like(rays), std, np.zeros(3), np.zeros(3))
+    result = adjusted(state, seen, lengths)
+    assert result.cost <= adjusted(state, seen, lengths, most=1).cost
+    for c, camera in enumerate(cameras):
+        R = camera.R_camera_world @ cameras[0].R_camera_world.T
+        np.testing.assert_allclose(result.state.R[c], R, atol=5e-3)
+
+
+def test_frames_with_exchanged_sides_are_found(filmed: Filmed) -> None:
+    lengths = lengths_of(filmed)
+    rays = rays_of(filmed, lengths)
+    std = np.full((len(rays), rays.shape[2]), 0.004)
+    flips = np.zeros(rays.shape[:2], dtype=bool)
+    flips[1, 10:30] = True
+    pose, _ = best_pairs(rays, lengths.mirror, std, 1)[0]
+    state = state_of_pair(rays, pose, std, lengths)
+    assert state is not None
+    wrong = with_exchanged(rays, flips, lengths.mirror)
+    np.testing.assert_array_equal(exchanged(state, wrong, std, lengths.mirror), flips)
+
+
+def test_a_person_places_the_cameras(filmed: Filmed) -> None:
+    found = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True)
+    assert turns_off(found, filmed.cameras).max() < 1.0
+    assert places_off(found, filmed.cameras).max() < 0.03
+    assert max(found.turn_stds.values()) < 3.0
+    assert found.turn_stds["cam01"] == 0.0
+    assert found.offsets == dict.fromkeys(filmed.cameras, 0.0)
+    upright = next(iter(found.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
+    true = next(iter(filmed.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
+    assert np.degrees(np.arccos(upright @ true)) < 6.0
+    assert all(camera.centre_world[2] > 0.5 for camera in found.cameras.values())
+    larger = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True, size=1.1)
+    assert larger.distance == pytest.approx(1.1 * found.distance)
+
+
+def test_clocks_are_found_with_the_cameras(filmed: Filmed) -> None:
+    late = {"cam01": 0, "cam02": 9, "cam03": 4}
+    tracks = {
+        name: replace(track, pixels=track.pixels[late[name] :], confidence=track.confidence[late[name] :])
+        for name, track in filmed.tracks.items()
+    }
+    times = {name: np.arange(track.frame_count) / FPS for name, track in tracks.items()}
+    found = calibrate_by_person(filmed.body, tracks, filmed.lost(), times)
+    for name, frames in late.items():
+        assert found.offsets[name] * FPS == pytest.approx(frames, abs=0.6)
+    assert turns_off(found, filmed.cameras).max() < 1.5
+
+
+def test_focal_lengths_are_found_where_they_are_guessed(filmed: Filmed) -> None:
+    lenses = {}
+    for name, lens in filmed.lost().items():
+        K = lens.K.copy()
+        K[:2, :2] *= 0.9
+        lenses[name] = replace(lens, K=K, focal_std=0.1)
+    found = calibrate_by_person(filmed.body, filmed.tracks, lenses, filmed.times, clocks_known=True)
+    for name, camera in found.cameras.items():
+        assert camera.K[0, 0] == pytest.approx(filmed.cameras[name].K[0, 0], rel=0.06)
+        assert any(name in note and "focal length" in note for note in found.notes)
+
+
+def hidden(track: KeypointTrack) -> KeypointTrack:
+    return replace(track, pixels=np.full_like(track.pixels, np.nan), confidence=np.zeros_like(track.confidence))
+
+
+def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
+    one = {"cam01": filmed.tracks["cam01"]}
+    with pytest.raises(InputError, match="there is one"):
+        calibrate_by_person(filmed.body, one, filmed.lost(), filmed.times, clocks_known=True)
+    unseen = {**filmed.tracks, "cam02": hidden(filmed.tracks["cam02"])}
+    with pytest.raises(InputError, match="nobody is seen by cam02"):
+        calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
+    still = {
+        name: replace(track, pixels=np.tile(track.pixels[:1], (len(track.pixels), 1, 1)))
+        for name, track in filmed.tracks.items()
+    }
+    with pytest.raises(InputError, match=r"started cannot be told|does not tell"):
+        calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
