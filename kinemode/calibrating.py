@@ -1,4 +1,4 @@
-"""The work behind `calibrate`: pictures in, a camera file and a picture out."""
+"""The work behind `calibrate`: pictures, or a person's keypoints, in, a camera file and a picture out."""
 
 from __future__ import annotations
 
@@ -10,6 +10,12 @@ from estimator.data.boards.board import Board
 from estimator.data.boards.calibrate import BoardCalibration, calibrate
 from estimator.data.boards.shots import Shots
 from estimator.data.formats.cameras import write_cameras
+from estimator.data.rigs.calibrate import PersonCalibration
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Subject
+from kinemode.inputs.files import InputFiles
+from kinemode.inputs.load import calibration_by_person
+from kinemode.jobs import check_stature
 from kinemode.terminal.progress import Reporter
 
 
@@ -38,4 +44,13 @@ def calibrated(
     finally:
         for s in shots:
             s.close()
+    return calibration
+
+
+def calibrated_by_person(subject: Subject, files: InputFiles, out: Path | None) -> PersonCalibration:
+    """Find cameras from the person in files, and write them where that is asked for."""
+    check_stature(files.declared.height)
+    calibration = calibration_by_person(Body(subject), files)
+    if out is not None:
+        write_cameras(out, calibration.cameras.values())
     return calibration

@@ -190,7 +190,7 @@ def fit_subject(
 ) -> Fit:
     """What `kinemode.fit` does once its arguments are known to be of the right kinds, and its files to be there."""
     choice = cue_choice(cues)
-    _check_stature(height)
+    check_stature(height)
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
@@ -219,13 +219,14 @@ def check_height(height: float | None, subject: Subject) -> None:
     """Raise InputError for a height that no person has, or of a subject that is taken as measured."""
     if height is None:
         return
-    _check_stature(height)
+    check_stature(height)
     if not is_built_in(subject):
         raise InputError("height", f"{subject.source} is taken as measured", remedy="leave it out")
     stature(subject)
 
 
-def _check_stature(height: float | None) -> None:
+def check_stature(height: float | None) -> None:
+    """Raise InputError for a height [m] that no person has."""
     if height is not None and not HEIGHTS[0] <= height <= HEIGHTS[1]:
         raise InputError("height", "must be {:g} to {:g} m, got {:g}".format(*HEIGHTS, height))
 

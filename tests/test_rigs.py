@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from builders import body_of
 from scipy.spatial.transform import Rotation
 
+import kinemode as km
+import kinemode.__main__ as front
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted, left_jacobian
 from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.readings import exchanged, with_exchanged
+from estimator.data.rigs.world import RigWorld
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.support.errors import InputError
+from kinemode.inputs.declared import Declared
+from kinemode.inputs.files import InputFiles
+from kinemode.inputs.load import load_inputs
 
 FPS = 15.0
 QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.02)
@@ -63,26 +70,26 @@ def filmed() -> Filmed:
     return Filmed()
 
 
-def turns_off(found: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
+def turns_off(rig: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
     """By how much cameras are turned wrongly to the first [deg]."""
-    first, true_first = next(iter(found.cameras.values())), next(iter(truth.values()))
+    first, true_first = next(iter(rig.cameras.values())), next(iter(truth.values()))
     off = []
-    for name, camera in found.cameras.items():
+    for name, camera in rig.cameras.items():
         R, R_true = camera.R_camera_world @ first.R_camera_world.T, None
         R_true = truth[name].R_camera_world @ true_first.R_camera_world.T
         off.append(np.degrees(np.arccos(np.clip((np.trace(R @ R_true.T) - 1.0) / 2.0, -1.0, 1.0))))
     return np.array(off)
 
 
-def places_off(found: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
+def places_off(rig: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
     """How far cameras are from their true places seen from the first, scale removed, of the distance to the person."""
     ours, theirs = (
         np.array([next(iter(of.values())).R_camera_world @ (c.centre_world - next(iter(of.values())).centre_world)
                   for c in of.values()])
-        for of in (found.cameras, truth)
+        for of in (rig.cameras, truth)
     )  # fmt: skip
     scale = (ours * theirs).sum() / np.square(ours).sum()
-    return np.asarray(np.linalg.norm(scale * ours - theirs, axis=1) / found.distance)
+    return np.asarray(np.linalg.norm(scale * ours - theirs, axis=1) / rig.distance)
 
 
 def rays_of(filmed: Filmed, lengths: SegmentLengths) -> np.ndarray:
@@ -172,18 +179,25 @@ def test_frames_with_exchanged_sides_are_found(filmed: Filmed) -> None:
 
 
 def test_a_person_places_the_cameras(filmed: Filmed) -> None:
-    found = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True)
-    assert turns_off(found, filmed.cameras).max() < 1.0
-    assert places_off(found, filmed.cameras).max() < 0.03
-    assert max(found.turn_stds.values()) < 3.0
-    assert found.turn_stds["cam01"] == 0.0
-    assert found.offsets == dict.fromkeys(filmed.cameras, 0.0)
-    upright = next(iter(found.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
+    rig = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True)
+    assert turns_off(rig, filmed.cameras).max() < 1.0
+    assert places_off(rig, filmed.cameras).max() < 0.03
+    assert max(rig.turn_stds.values()) < 3.0
+    assert rig.turn_stds["cam01"] == 0.0
+    assert rig.offsets == dict.fromkeys(filmed.cameras, 0.0)
+    upright = next(iter(rig.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
     true = next(iter(filmed.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
     assert np.degrees(np.arccos(upright @ true)) < 6.0
-    assert all(camera.centre_world[2] > 0.5 for camera in found.cameras.values())
-    larger = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True, size=1.1)
-    assert larger.distance == pytest.approx(1.1 * found.distance)
+    assert all(camera.centre_world[2] > 0.5 for camera in rig.cameras.values())
+
+
+def test_the_world_shows_what_the_rig_shows() -> None:
+    rng = np.random.default_rng(3)
+    R, R_world = Rotation.random(2, random_state=3).as_matrix()
+    t, points = rng.normal(size=3), rng.normal(size=(5, 3))
+    world = RigWorld(R_world, rng.normal(size=3), 1.2, "person")
+    R_camera, t_camera = world.camera(R, t)
+    np.testing.assert_allclose(world.points(points) @ R_camera.T + t_camera, 1.2 * (points @ R.T + t))
 
 
 def test_clocks_are_found_with_the_cameras(filmed: Filmed) -> None:
@@ -193,10 +207,10 @@ def test_clocks_are_found_with_the_cameras(filmed: Filmed) -> None:
         for name, track in filmed.tracks.items()
     }
     times = {name: np.arange(track.frame_count) / FPS for name, track in tracks.items()}
-    found = calibrate_by_person(filmed.body, tracks, filmed.lost(), times)
+    rig = calibrate_by_person(filmed.body, tracks, filmed.lost(), times)
     for name, frames in late.items():
-        assert found.offsets[name] * FPS == pytest.approx(frames, abs=0.6)
-    assert turns_off(found, filmed.cameras).max() < 1.5
+        assert rig.offsets[name] * FPS == pytest.approx(frames, abs=0.6)
+    assert turns_off(rig, filmed.cameras).max() < 1.5
 
 
 def test_focal_lengths_are_found_where_they_are_guessed(filmed: Filmed) -> None:
@@ -205,10 +219,10 @@ def test_focal_lengths_are_found_where_they_are_guessed(filmed: Filmed) -> None:
         K = lens.K.copy()
         K[:2, :2] *= 0.9
         lenses[name] = replace(lens, K=K, focal_std=0.1)
-    found = calibrate_by_person(filmed.body, filmed.tracks, lenses, filmed.times, clocks_known=True)
-    for name, camera in found.cameras.items():
+    rig = calibrate_by_person(filmed.body, filmed.tracks, lenses, filmed.times, clocks_known=True)
+    for name, camera in rig.cameras.items():
         assert camera.K[0, 0] == pytest.approx(filmed.cameras[name].K[0, 0], rel=0.06)
-        assert any(name in note and "focal length" in note for note in found.notes)
+        assert any(name in note and "focal length" in note for note in rig.notes)
 
 
 def hidden(track: KeypointTrack) -> KeypointTrack:
@@ -216,9 +230,9 @@ def hidden(track: KeypointTrack) -> KeypointTrack:
 
 
 def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
-    one = {"cam01": filmed.tracks["cam01"]}
+    alone = {"cam01": filmed.tracks["cam01"]}
     with pytest.raises(InputError, match="there is one"):
-        calibrate_by_person(filmed.body, one, filmed.lost(), filmed.times, clocks_known=True)
+        calibrate_by_person(filmed.body, alone, filmed.lost(), filmed.times, clocks_known=True)
     unseen = {**filmed.tracks, "cam02": hidden(filmed.tracks["cam02"])}
     with pytest.raises(InputError, match="nobody is seen by cam02"):
         calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
@@ -228,3 +242,51 @@ def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
     }
     with pytest.raises(InputError, match=r"started cannot be told|does not tell"):
         calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
+
+
+@pytest.fixture(scope="module")
+def keypoint_files(filmed: Filmed, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("keypoints")
+    files = {name: folder / f"{name}.json" for name in filmed.tracks}
+    for name, path in files.items():
+        write_keypoints(path, filmed.tracks[name])
+    return files
+
+
+def test_cameras_are_found_from_keypoint_files(
+    filmed: Filmed, keypoint_files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the function, the command and as the cameras of a track: the same."""
+    out, again = tmp_path / "cameras.json", tmp_path / "again.json"
+    offset = [f"{name}=0" for name in keypoint_files]
+    rig = km.calibrate_from_person(keypoints=keypoint_files, height=1.8, offset=offset, out=out)
+    assert turns_off(rig, filmed.cameras).max() < 3.0
+    written = km.load_cameras(out)
+    for name, camera in rig.cameras.items():
+        np.testing.assert_allclose(written[name].R_camera_world, camera.R_camera_world, atol=1e-6)
+        np.testing.assert_allclose(written[name].K, camera.K, rtol=1e-6)
+    files = [f"{name}={path}" for name, path in keypoint_files.items()]
+    line = ["calibrate", "--from-person", "--keypoints", *files, "--height", "1.8", "--offset", *offset]
+    assert front.main([*line, "--out", str(again)]) == 0
+    assert again.read_text(encoding="utf-8") == out.read_text(encoding="utf-8")
+    assert f"--cameras {again}" in capsys.readouterr().out.replace("\n", "")
+    told = InputFiles(None, keypoint_files, Path("auto"), declared=Declared(offset=offset, height=1.8))
+    inputs = load_inputs(filmed.body, told.checked())
+    for camera in inputs.observations[0].cameras:
+        np.testing.assert_allclose(camera.R_camera_world, rig.cameras[camera.name].R_camera_world)
+    assert any("found from the person" in note for note in inputs.notes)
+    assert inputs.R_upright_given is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"keypoints": None}, "are needed"),
+        ({"height": -1.0}, "height"),
+        ({"phone": "nothing"}, "not known"),
+    ],
+)
+def test_bad_arguments_are_named(keypoint_files: dict[str, Path], changes: dict[str, object], message: str) -> None:
+    given: dict[str, object] = {"keypoints": keypoint_files, **changes}
+    with pytest.raises(InputError, match=message):
+        km.calibrate_from_person(**given)  # type: ignore[arg-type]

@@ -53,12 +53,12 @@ def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, lat
     q = _motion(body, [own[i] for i in rng.permutation(len(own))], seconds)
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     azimuths = _azimuths(count, rng)
-    cameras = tuple(_drawn(f"cam{i + 1}", points, a, rng) for i, a in enumerate(azimuths))
+    cameras = tuple(_camera(f"cam{i + 1}", points, a, rng) for i, a in enumerate(azimuths))
     tall = np.mean([np.median(np.ptp(camera.project(points)[..., 1], axis=1)) for camera in cameras])
     errors = DetectorSettings(_NOISE * float(tall), 0.01, 0.02, **LASTING)
     lags = np.concatenate([[0], np.round(FPS * rng.uniform(-late, late, count - 1)).astype(int)])
     tracks = [
-        _begun(track, lag - int(lags.min()))
+        _without_first(track, lag - int(lags.min()))
         for track, lag in zip(synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS), lags.tolist(), strict=True)
     ]
     name = f"person {who[seed % len(who)]}, {len(q) / FPS:.1f} s, {count} cameras"
@@ -76,7 +76,7 @@ def _motion(body: Body, files: Sequence[Path], seconds: float) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _begun(track: KeypointTrack, frames: int) -> KeypointTrack:
+def _without_first(track: KeypointTrack, frames: int) -> KeypointTrack:
     """The track of a camera that began so many frames later."""
     return replace(track, pixels=track.pixels[frames:], confidence=track.confidence[frames:])
 
@@ -86,7 +86,7 @@ def _azimuths(count: int, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(rng.uniform(0.0, 360.0) + np.cumsum([0.0, *rng.uniform(*_APART, count - 1)]))
 
 
-def _drawn(name: str, points: np.ndarray, azimuth: float, rng: np.random.Generator) -> Camera:
+def _camera(name: str, points: np.ndarray, azimuth: float, rng: np.random.Generator) -> Camera:
     """A camera that sees all points (T, N, 3) [m] from an azimuth [deg]."""
     size = _SIZES[int(rng.integers(2))]
     focal = float(rng.uniform(*_FOCAL)) * max(size)

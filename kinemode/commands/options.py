@@ -61,7 +61,7 @@ class InputOptions:
     cameras
         Calibration of each camera: kinemode's JSON (K, distortion, R, t; `calibrate` writes it), Pose2Sim, Anipose or
         Caliscope TOML, OpenCV YAML, JSON or XML, Kalibr's or EasyMocap's YAML, CMU Panoptic JSON, Qualisys .qca.txt or
-        .xml; one camera without it is guessed.
+        .xml; one camera without it is guessed. auto: several are found from the person, with their clocks.
     keypoints
         2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
         AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv and h5, SLEAP analysis h5, npy and npz. Names that the
@@ -150,6 +150,52 @@ class InputOptions:
 
 
 NO_INPUT = InputOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class FromPersonOptions:
+    """What cameras are found from, with --from-person.
+
+    Parameters
+    ----------
+    keypoints
+        2D keypoint files of the cameras, as `track` takes them.
+    detect
+        Find the keypoints of clips without a keypoint file first, into OUT.keypoints beside the result.
+    height
+        The person's height [m], which makes the metres right; without it an average person is taken.
+    focal
+        Of all lenses: 26mm (on 35 mm film, as phones state it), 1400px, or 0.72 of the longer side; without it, and
+        without tags in the clips, they are found from the person around those of most phones.
+    phone
+        In place of --focal the phone that took all clips: "iPhone 12 Pro" or iPhone13,3.
+    offset
+        NAME=SECONDS that a camera's first frame was taken after moment 0; clocks are found unless all but one are said.
+    person
+        Which of several people, see `track`.
+    keypoint_size
+        [NAME=]WxH: size of the pictures that the detector saw, where the files do not say it.
+    fps
+        [NAME=]RATE: frames per second of keypoint files that declare none.
+    """
+
+    keypoints: Files = None
+    detect: Flag = False
+    height: float | None = None
+    focal: str | None = None
+    phone: str | None = None
+    offset: Files = None
+    person: Ids = ("auto",)
+    keypoint_size: Files = None
+    fps: Files = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.calibrate_from_person` takes them."""
+        return dict(vars(self))
+
+
+NO_PERSON = FromPersonOptions()
 
 
 @Parameter(name="*")

@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import NO_INPUT, ClipArgument, Flag, InputOptions, SubjectOption
+from kinemode.commands.options import (
+    NO_INPUT,
+    NO_PERSON,
+    ClipArgument,
+    Flag,
+    FromPersonOptions,
+    InputOptions,
+    SubjectOption,
+)
 
 
 def fit(
@@ -69,15 +77,18 @@ def calibrate(
     *pictures: PicturesArgument,
     board: Literal["chessboard", "charuco"] = "chessboard",
     size: str = "9x6",
-    square: float,
+    square: float | None = None,
     marker: float | None = None,
     dictionary: str = "4X4_50",
     lens: Literal["brown", "rational", "fisheye"] = "brown",
     origin: int | None = None,
     out: Path,
     picture: Path | None = None,
+    from_person: Flag = False,
+    by: FromPersonOptions = NO_PERSON,
 ) -> None:
     """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
+    Or find several from a person who moves before them, without a board.
 
     Examples:
 
@@ -87,6 +98,8 @@ def calibrate(
 
     kinemode calibrate a=a.mp4 b=b.mp4 --board charuco --size 8x6 --square 0.03 --marker 0.022 --out cameras.json
 
+    kinemode calibrate a.mp4 b.mp4 --from-person --detect --height 1.78 --out cameras.json
+
     Parameters
     ----------
     board
@@ -94,7 +107,7 @@ def calibrate(
     size
         Columns by rows: inner corners of a chessboard, squares of a ChArUco board.
     square
-        Side of a square in metres.
+        Side of a square in metres, needed of a board.
     marker
         Side of a ChArUco marker in metres; three quarters of the square unless given.
     dictionary
@@ -109,9 +122,22 @@ def calibrate(
         The camera file to write.
     picture
         Also write a PNG with the corners and how far they are from where they should be.
+    from_person
+        Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
+        and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
     """
     import kinemode as km
 
+    if from_person:
+        rig = km.calibrate_from_person(pictures, **by.arguments(), out=out, progress=km.reported)
+        from kinemode.terminal import report
+
+        report.print_rig(rig, out)
+        return
+    if by != NO_PERSON:
+        raise km.InputError("--keypoints, --height", "and their like are for --from-person", remedy="add --from-person")
+    if square is None:
+        raise km.InputError("--square", "is needed: the side of a square in metres", remedy="or --from-person")
     calibration = km.calibrate(
         pictures,
         board=board,
@@ -125,8 +151,6 @@ def calibrate(
         picture=picture,
         progress=km.reported,
     )
-    from kinemode.terminal import report
-
     report.print_calibration(calibration, out, picture)
 
 

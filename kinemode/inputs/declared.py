@@ -46,6 +46,7 @@ class Declared:
         tells it, or nobody. phone: the model that took it, in place of focal, see `kinemode.inputs.phones.phone`.
     floor: its height in the cameras' world, along the axis that points up [m]; "off" where there is none; "auto" takes
         the camera file's word, or finds it from the feet.
+    height: of the person [m], None where it is not known.
     """
 
     keypoint_size: Sizes = None
@@ -59,6 +60,7 @@ class Declared:
     focal: str | None = None
     phone: str | None = None
     floor: float | str = AUTO
+    height: float | None = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

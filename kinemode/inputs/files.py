@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
+from kinemode.inputs.declared import AUTO, Declared
 from kinemode.inputs.named import Named, PathLike, kept, named_paths
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ class InputFiles:
     """Clips, keypoint files, cameras, masks, backgrounds and depth, and what the files do not say themselves.
 
     clips, keypoints, masks, backgrounds: paths, `[NAME=]PATH` texts or mappings by name, None for none; iterators are
-    read once, here. cameras: the path of a camera file, or cameras by name. person: see
+    read once, here. cameras: the path of a camera file, cameras by name,
+    or "auto": they are found from the person. person: see
     `kinemode.inputs.persons.persons_of`. depths: folders of depth pictures, given as masks are. stereo: see
     `kinemode.inputs.depth.pairs_of`.
     """
@@ -44,6 +45,8 @@ class InputFiles:
     def __post_init__(self) -> None:
         for name in ("clips", "keypoints", "masks", "backgrounds", "depths", "stereo"):
             object.__setattr__(self, name, kept(getattr(self, name)))
+        if isinstance(self.cameras, (str, Path)) and str(self.cameras) == AUTO:
+            object.__setattr__(self, "cameras", AUTO)
 
     def checked(self) -> InputFiles:
         """The same; raises InputError where a file does not exist: no library has to be loaded to say so."""
@@ -55,7 +58,7 @@ class InputFiles:
             (self.depths, DEPTH),
         ):
             named_paths(given, what)
-        if isinstance(self.cameras, (str, Path)):
+        if isinstance(self.cameras, (str, Path)) and self.cameras != AUTO:
             check_exists(self.cameras)
         return self
 

@@ -37,11 +37,13 @@ from kinemode.inputs.lens import described, lens_of
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.inputs.placing import before_subject
+from kinemode.inputs.rigs import BY_PERSON, rig_by_person, rig_notes, with_offsets
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.inputs.upright import turned, upright_turn
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
+    from estimator.data.rigs.calibrate import PersonCalibration
     from kinemode.inputs.files import Cameras
 
 
@@ -116,6 +118,18 @@ def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[s
     return _upright(body, read, inputs), notes
 
 
+def calibration_by_person(body: Body, files: InputFiles) -> PersonCalibration:
+    """Cameras from the person in several clips or keypoint files, as `load_inputs` finds them; its notes are all that
+    the user should know.
+
+    Raises InputError: as `load_inputs` does.
+    """
+    read = _read(body, replace(files, cameras=BY_PERSON), persons_of(files.person, _names(files)), lambda: True)
+    assert read.rig is not None  # cameras by the person are found, or refused
+    others = [note for note in read.notes if note not in rig_notes(read.rig)]
+    return replace(read.rig, notes=(*others, *read.clock_notes, *read.rig.notes))
+
+
 def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
     """The same in a world whose z points up, one for all people: as the one who is seen longest tells."""
     longest = max(inputs, key=lambda each: len(each.observations)).observations
@@ -153,6 +167,7 @@ class _Read:
     """What was read of the files: people is empty, and outlines have no points, where there are no keypoints.
 
     detectors: the cameras of pictures of the size that the detectors saw. times: of each file's frames, on one clock.
+    rig: where the cameras are found from the person.
     """
 
     told: Declared
@@ -171,6 +186,7 @@ class _Read:
     clocks: Mapping[str, CameraClock]
     notes: tuple[str, ...]
     clock_notes: tuple[str, ...]
+    rig: PersonCalibration | None = None
 
     @property
     def times(self) -> dict[str, np.ndarray]:
@@ -213,12 +229,17 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
         _, used, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
     detectors = _as_detected(outlines, used, told)
-    if told.sync == SYNC:
+    rig = rig_by_person(body, people, persons, detectors, clocks, told) if known.by_person else None
+    if rig is not None:
+        known = known.placed(rig.cameras)
+        detectors, clocks = rig.cameras, with_offsets(clocks, rig)
+        notes += rig_notes(rig)
+    elif told.sync == SYNC:
         clocks, of_motion = synchronised_clocks(body.landmark_names, people, detectors, clocks, persons, told)
         clock_notes += of_motion
     return _Read(
         told, known, named, clip_files, mask_files, background_files, depth_files, pairs, people, persons, outlines,
-        sizes, detectors, clocks, tuple(notes), tuple(clock_notes),
+        sizes, detectors, clocks, tuple(notes), tuple(clock_notes), rig,
     )  # fmt: skip
 
 
@@ -287,7 +308,7 @@ class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
     clips' pixels, by name, where they are known. up, floor: the axis that the file says points up, and how high along
     it the floor is [m]; None where it says none. clips: by name, which may tell the lens. focal, phone: what the user
-    says of it."""
+    says of it. by_person: whether they are found from the person."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
@@ -297,12 +318,19 @@ class _KnownCameras(NamedTuple):
     clips: Mapping[str, Path] = MappingProxyType({})
     focal: str | None = None
     phone: str | None = None
+    by_person: bool = False
 
     @staticmethod
     def of(given: Cameras) -> _KnownCameras:
+        if given == BY_PERSON:
+            return _KnownCameras(None, by_person=True)
         if given is None or isinstance(given, Mapping):
             return _KnownCameras(given)
         return _KnownCameras(load_cameras(given), str(given), up=declared_up(given), floor=declared_floor(given))
+
+    def placed(self, cameras: Mapping[str, Camera]) -> _KnownCameras:
+        """The cameras that were found from a person, in a world whose z points up."""
+        return self._replace(cameras=cameras, source="the person", up="z", focal=None, phone=None, by_person=False)
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
@@ -390,11 +418,16 @@ def _cameras(
             if name not in known.cameras
         ]
         return chosen, notes
-    if len(tracks) > 1:
+    if len(tracks) > 1 and not known.by_person:
         problem = f"several views ({', '.join(tracks)}) need their placements"
-        raise InputError("cameras", problem, remedy="give a camera file; `kinemode calibrate` makes one")
-    ((name, track),) = tracks.items()
-    size = sizes[name]
+        remedy = "give a camera file (`kinemode calibrate` makes one), or --cameras auto to find them from the person"
+        raise InputError("cameras", problem, remedy=remedy)
+    guesses = [_guessed(track, name, sizes[name], known) for name, track in tracks.items()]
+    return {guess.name: guess for guess, _ in guesses}, [note for _, note in guesses]
+
+
+def _guessed(track: KeypointTrack, name: str, size: Size | None, known: _KnownCameras) -> tuple[Camera, str]:
+    """A camera that no file describes, and a note on its lens."""
     if size is None:
         remedy = "give the clip, a camera file or --keypoint-size WxH"
         raise InputError(track.source, "does not say the size of the image", remedy=remedy)
@@ -403,7 +436,7 @@ def _cameras(
     guess = guessed_camera(name, size, aspect, lens.focal, lens.std)
     wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
     pixels = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
-    return {name: guess}, [described(lens, pixels, name)]
+    return guess, described(lens, pixels, name)
 
 
 def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:

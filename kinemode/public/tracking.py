@@ -155,7 +155,7 @@ def track(
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_files(settings, index)
     loaded = loaded_subject(subject)
@@ -211,7 +211,7 @@ def fit(
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor)
+    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     if out is not None:
         check_folder(Path(out))
@@ -284,7 +284,7 @@ def compare(
     check_as("folder", out=out)
     seed, begin, start_by = _beginning(fit, seed, start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
     _check_files(settings, index, reference)
     loaded = loaded_subject(subject)

@@ -28,6 +28,7 @@ from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
     from estimator.data.boards.calibrate import BoardCalibration
+    from estimator.data.rigs.calibrate import PersonCalibration
 
 
 _FEW = 16  # numbers that are printed of what a tracker tells
@@ -300,6 +301,22 @@ def millimetres(metres: float) -> str:
 
 
 _MOST_VIEWS = 10  # of a camera that are listed
+
+
+def print_rig(rig: PersonCalibration, out: Path) -> None:
+    """Where cameras stand that were found from a person, how sure that is, and what was written."""
+    columns = ["camera", "began [s]", "focal length [px]", "turn +- [deg]", "place +- [cm]", "error [px]"]
+    made = table("cameras from the person", *columns)
+    for name, camera in rig.cameras.items():
+        began = f"{rig.offsets[name]:.3f} +- {rig.offset_stds[name]:.3f}"
+        focal = f"{camera.K[0, 0]:.0f} +- {rig.focal_stds[name]:.0%}"
+        turn, place = f"{rig.turn_stds[name]:.1f}", f"{100.0 * rig.shift_stds[name]:.0f}"
+        made.add_row(name, began, focal, turn, place, f"{rig.errors[name]:.1f}")
+    console().print(made)
+    print_lines([f"note: {note}" for note in rig.notes])
+    late = " ".join(f"{name}={offset:.4f}" for name, offset in rig.offsets.items() if offset)
+    offsets = f" --offset {late}" if late else ""
+    print_lines([f"cameras written to {out}", f"to track with them: --cameras {out}{offsets}"])
 
 
 def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:

@@ -13,9 +13,9 @@ from estimator.data.media.threads import one_thread
 from estimator.data.rigs.clocks import clock_lags
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
-from estimator.data.rigs.views import PersonView
+from estimator.data.rigs.views import JointView
 from estimator.data.rigs.world import RigWorld, rig_world
-from estimator.data.synchronisation import synchronised
+from estimator.data.synchronisation import SURE_MARGIN, synchronised
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -106,10 +106,10 @@ def calibrate_by_person(
     if fit is None:
         raise _nothing(names, tracks)
     _check(fit)
-    found = _calibration(body, names, lenses, joints, fit, size)
+    rig = _calibration(body, names, lenses, joints, fit, size)
     if not clocks_known:
-        _check_clocks(found, views)
-    return found
+        _check_clocks(rig, views, fit, lengths.mirror)
+    return rig
 
 
 def _shared(tracks: Mapping[str, KeypointTrack]) -> list[str]:
@@ -118,10 +118,10 @@ def _shared(tracks: Mapping[str, KeypointTrack]) -> list[str]:
     return sorted(set.intersection(*sets))
 
 
-def _view(track: KeypointTrack, lens: Camera, times: np.ndarray, joints: Sequence[str]) -> PersonView:
+def _view(track: KeypointTrack, lens: Camera, times: np.ndarray, joints: Sequence[str]) -> JointView:
     seen = np.where((track.confidence > 0.0)[..., None], track.pixels, np.nan)
     columns = [track.names.index(name) for name in joints]
-    return PersonView(lens, seen[: len(times), columns], times[: len(seen)])
+    return JointView(lens, seen[: len(times), columns], times[: len(seen)])
 
 
 def _nothing(names: Sequence[str], tracks: Mapping[str, KeypointTrack]) -> InputError:
@@ -140,20 +140,33 @@ def _check(fit: RigFit) -> None:
         raise InputError("cameras", problem, remedy=_FILM)
 
 
-def _check_clocks(found: PersonCalibration, views: Sequence[PersonView]) -> None:
+def _check_clocks(
+    rig: PersonCalibration, views: Sequence[JointView], fit: RigFit, mirror: np.ndarray
+) -> None:  # fmt: skip
     """Raise InputError unless rays that meet, and speeds, tell the same clocks, at which the clips overlap by half."""
-    clocks = [view.times + offset for view, offset in zip(views, found.offsets.values(), strict=True)]
-    told = synchronised(list(found.cameras.values()), [view.pixels for view in views], clocks)
+    clocks = [view.times + offset for view, offset in zip(views, rig.offsets.values(), strict=True)]
+    right = [
+        _right_way(v.pixels, own, flips, fit, mirror) for v, own, flips in zip(views, clocks, fit.flips, strict=True)
+    ]
+    told = synchronised(list(rig.cameras.values()), right, clocks)
     most = _FRAMES * max(float(np.median(np.diff(view.times))) for view in views)
-    agree = told.sure & (np.abs(told.offsets) <= most)
+    agree = (told.margin >= SURE_MARGIN) & (np.abs(told.offsets) <= most) & (fit.adjusted.late_std <= most)
     first = clocks[0]
     for c, own in enumerate(clocks):
         common = min(first[-1], own[-1]) - max(first[0], own[0])
         agree[c] &= common >= _COMMON * min(np.ptp(first), np.ptp(own))
     if not agree.all():
-        names = [name for name, sure in zip(found.cameras, agree, strict=True) if not sure]
+        names = [name for name, sure in zip(rig.cameras, agree, strict=True) if not sure]
         problem = f"when {', '.join(names)} started cannot be told for sure before the cameras are placed"
         raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {_FILM}")
+
+
+def _right_way(
+    pixels: np.ndarray, times: np.ndarray, flips: np.ndarray, fit: RigFit, mirror: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Pixels (N, J, 2) at times (N,) [s] whose sides are exchanged where they are at the nearest instant."""
+    middles = 0.5 * (fit.instants[1:] + fit.instants[:-1])
+    return np.where(flips[np.searchsorted(middles, times), None, None], pixels[:, mirror], pixels)
 
 
 def _turn_stds(fit: RigFit) -> np.ndarray:
@@ -222,18 +235,18 @@ def _exchanged(flips: np.ndarray) -> np.ndarray:
     return np.minimum(share, 1.0 - share)
 
 
-def _notes(found: PersonCalibration, world: RigWorld) -> list[str]:
+def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
     notes = []
-    for name in found.cameras:
-        turn, shift = found.turn_stds[name], found.shift_stds[name]
-        if turn > UNSURE_TURN or shift > UNSURE_SHIFT * found.distance:
+    for name in rig.cameras:
+        turn, shift = rig.turn_stds[name], rig.shift_stds[name]
+        if turn > UNSURE_TURN or shift > UNSURE_SHIFT * rig.distance:
             notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {_FILM}")
-    for name, share in found.exchanged.items():
+    for name, share in rig.exchanged.items():
         if share > _SWAPPED:
             notes.append(f"{name}: left and right are exchanged in {share:.0%} of the frames, beside the other cameras")
-    for name, camera in found.cameras.items():
-        if found.focal_stds[name] > 0.0:
-            length, std = camera.K[0, 0], found.focal_stds[name]
+    for name, camera in rig.cameras.items():
+        if rig.focal_stds[name] > 0.0:
+            length, std = camera.K[0, 0], rig.focal_stds[name]
             notes.append(f"{name}: a focal length of {length:.0f} px (+-{std:.0%}) is found from the person")
     if world.up_from == "cameras":
         notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.data.lags import Lags
 from estimator.data.moving_rays import MovingRays
-from estimator.data.rigs.views import PersonView
+from estimator.data.rigs.views import JointView
 
 LONGEST = 10.0  # s: offsets looked for
 _STEP = 1.0 / 30.0  # s: of the instants, at least
@@ -23,7 +23,7 @@ _PEAK = 0.15  # s: what is nearer is the same lag
 _OTHERS = 3
 
 
-def clock_lags(views: Sequence[PersonView]) -> list[np.ndarray]:
+def clock_lags(views: Sequence[JointView]) -> list[np.ndarray]:
     """How much later each clock is read (C,) [s], the first one's 0, for the speeds of all to agree: the best, then
     others in which one clock has another lag that is better than its neighbours, as walking looks alike a stride later.
     None where nobody moves, or no two cameras have a time in common."""
@@ -44,15 +44,15 @@ def clock_lags(views: Sequence[PersonView]) -> list[np.ndarray]:
 
 def _others(lags: Lags, best: np.ndarray, step: float) -> list[np.ndarray]:
     """The next best, in which one clock is read otherwise."""
-    found: list[tuple[float, np.ndarray]] = []
+    others: list[tuple[float, np.ndarray]] = []
     for c in range(1, len(best)):
         options = np.repeat(best[None], 2 * lags.most + 1, axis=0)
         options[:, c] = np.arange(-lags.most, lags.most + 1)
         costs = np.array([lags.of(option) for option in options])
         inner = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
         inner = inner[np.abs(options[inner, c] - best[c]) * step > _PEAK]
-        found += [(costs[i], options[i]) for i in inner[np.argsort(costs[inner])][:_OTHERS]]
-    return [option for _, option in sorted(found, key=lambda pair: pair[0])[:_OTHERS]]
+        others += [(costs[i], options[i]) for i in inner[np.argsort(costs[inner])][:_OTHERS]]
+    return [option for _, option in sorted(others, key=lambda pair: pair[0])[:_OTHERS]]
 
 
 def _table(first: np.ndarray, second: np.ndarray, most: int, step: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from estimator.data.rigs.bundle import Adjusted, RigRays, RigState, adjusted
 from estimator.data.rigs.first import PairPose, best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.readings import exchanged, with_exchanged
-from estimator.data.rigs.views import PersonView, ViewRays, common_instants, read
+from estimator.data.rigs.views import JointRays, JointView, common_instants, read
 from humanoid.subject.landmarks import relative_spread
 
 _LATE = 0.1  # s: of a clock that was found from speeds
@@ -29,15 +29,15 @@ _ALIKE = 3.0  # joints that err alike, as near ones do
 class RigViews:
     """views (C). std (C, J): of rays. focal_std (C,), late_std (C,) [s]: see `RigRays`."""
 
-    views: Sequence[ViewRays]
+    views: Sequence[JointRays]
     std: np.ndarray
     focal_std: np.ndarray
     late_std: np.ndarray
 
     @staticmethod
-    def of(views: Sequence[PersonView], names: Sequence[str], *, clocks_known: bool) -> RigViews:
+    def of(views: Sequence[JointView], names: Sequence[str], *, clocks_known: bool) -> RigViews:
         """names (J): of the joints."""
-        rays = [ViewRays(view) for view in views]
+        rays = [JointRays(view) for view in views]
         std = np.array([_NOISE * ray.extent * relative_spread(names) for ray in rays])
         focal_std = np.array([view.camera.focal_std for view in views])
         late_std = np.zeros(len(views)) if clocks_known else np.full(len(views), _LATE)
@@ -66,7 +66,7 @@ def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarr
             continue
         rays, slope = read(views.views, instants, late)
         for pose, other in best_pairs(rays, lengths.mirror, views.std, _BEGINNINGS):
-            begun = _begun(views, lengths, rays, slope, pose, other)
+            begun = _beginning(views, lengths, rays, slope, pose, other)
             if begun is None:
                 continue
             fit = RigFit(begun[0], late, begun[1], begun[2], instants)
@@ -76,7 +76,7 @@ def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarr
     return None if best is None else _finished(views, lengths, best[1])
 
 
-def _begun(
+def _beginning(
     views: RigViews, lengths: SegmentLengths, rays: np.ndarray, slope: np.ndarray, pose: PairPose, other: bool
 ) -> tuple[Adjusted, np.ndarray, RigRays] | None:
     flips = np.zeros(rays.shape[:2], dtype=bool)
@@ -85,10 +85,10 @@ def _begun(
     if state is None:
         return None
     flips = exchanged(state, rays, views.std, lengths.mirror)
-    return _settled(views, lengths, rays, slope, state, flips, _STEPS)
+    return _alternated(views, lengths, rays, slope, state, flips, _STEPS)
 
 
-def _settled(
+def _alternated(
     views: RigViews, lengths: SegmentLengths, rays: np.ndarray, slope: np.ndarray, state: RigState,
     flips: np.ndarray, steps: int,
 ) -> tuple[Adjusted, np.ndarray, RigRays]:  # fmt: skip
@@ -118,7 +118,7 @@ def _finished(views: RigViews, lengths: SegmentLengths, few: RigFit) -> RigFit:
         instants = common_instants(views.views, late, _MANY)
         rays, slope = read(views.views, instants, late)
         flips = exchanged(state, rays, views.std, lengths.mirror)
-        result, flips, seen = _settled(views, lengths, rays, slope, state, flips, _STEPS_AT_THE_END)
+        result, flips, seen = _alternated(views, lengths, rays, slope, state, flips, _STEPS_AT_THE_END)
         state = result.state
         if k == 0:
             views = replace(views, std=views.std * np.clip(result.chi, 0.5, 3.0))

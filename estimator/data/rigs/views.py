@@ -13,7 +13,7 @@ from estimator.data.moving_rays import at_times, averaged
 _SLOPE = 0.03  # s, to either side, over which a slope is told
 
 
-class PersonView(NamedTuple):
+class JointView(NamedTuple):
     """camera: its lens; where it stands does not count. pixels (N, J, 2): of the joints, NaN where missing. times (N,)
     [s], rising, by its own clock."""
 
@@ -22,10 +22,10 @@ class PersonView(NamedTuple):
     times: np.ndarray
 
 
-class ViewRays:
+class JointRays:
     """Rays of a view, free of the lens, and averaged over 0.02 s."""
 
-    def __init__(self, view: PersonView) -> None:
+    def __init__(self, view: JointView) -> None:
         self.times = view.times
         self._rays = averaged(view.camera.directions(view.pixels)[..., :2], view.times)
 
@@ -45,14 +45,14 @@ class ViewRays:
         return (self.at(instants + _SLOPE) - self.at(instants - _SLOPE)) / (2.0 * _SLOPE)
 
 
-def read(views: Sequence[ViewRays], instants: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def read(views: Sequence[JointRays], instants: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays and slopes (C, T, J, 2) where each clock is read so much later, late (C,) [s]."""
     rays = np.stack([view.at(instants + lag) for view, lag in zip(views, late, strict=True)])
     slope = np.stack([view.slope(instants + lag) for view, lag in zip(views, late, strict=True)])
     return rays, slope
 
 
-def common_instants(views: Sequence[ViewRays], late: np.ndarray, most: int) -> np.ndarray:
+def common_instants(views: Sequence[JointRays], late: np.ndarray, most: int) -> np.ndarray:
     """At most so many instants, evenly over the time that all clocks have in common; none where they have none."""
     begin = max(float(view.times[0] - lag) for view, lag in zip(views, late, strict=True))
     end = min(float(view.times[-1] - lag) for view, lag in zip(views, late, strict=True))

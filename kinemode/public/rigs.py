@@ -1,0 +1,85 @@
+"""`calibrate_from_person`: cameras from a person who moves before them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kinemode.inputs.arrays import Spool
+from kinemode.inputs.declared import AUTO, Declared, Offsets, Rates, Sizes
+from kinemode.inputs.files import InputFiles
+from kinemode.inputs.named import PathLike
+from kinemode.public.arguments import check_arguments
+from kinemode.public.detection import with_detected
+from kinemode.public.tracking import loaded_subject
+from kinemode.target import check_folder
+from kinemode.terminal.progress import Reporter
+
+if TYPE_CHECKING:
+    from estimator.data.rigs.calibrate import PersonCalibration
+    from kinemode.inputs.arrays import Clips, Keypoints
+    from kinemode.inputs.persons import Persons
+    from kinemode.public.detection import Detect
+    from kinemode.public.tracking import SubjectLike
+
+
+def calibrate_from_person(
+    clips: Clips = None,
+    *,
+    keypoints: Keypoints = None,
+    detect: Detect = False,
+    height: float | None = None,
+    focal: str | None = None,
+    phone: str | None = None,
+    offset: Offsets = None,
+    layout: str | Sequence[str] = "auto",
+    person: Persons = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    subject: SubjectLike = "human34",
+    out: PathLike | None = None,
+    progress: Reporter | None = None,
+) -> PersonCalibration:
+    """Find two or more cameras from a person who moves before them: where they stand, when they began, how long their
+    lenses are.
+
+    The cameras stand still. Their joints are found in each; what places the cameras is that the rays to a joint meet,
+    and that the person's limbs keep their lengths. Twenty seconds of somebody who walks to and fro, turns and lifts the
+    arms place them to about a degree.
+
+    Parameters
+    ----------
+    clips, keypoints, detect, layout, person, keypoint_size, fps: as of `kinemode.track`.
+    height: of the person [m], which makes the metres right; without it an average person is taken.
+    focal, phone: of the lenses, see `kinemode.track`; without them they are found from the person as well, around those
+        of most phones.
+    offset: when each camera began, by name [s]. Clocks are found as well unless all but one are said.
+    subject: whose landmarks and lengths the person has.
+    out: camera file to write; its world has z up and the floor about 0.
+    progress: of the detection, see `kinemode.reported`; none by default.
+
+    Returns the cameras, clocks, deviations, and notes (`estimator.data.rigs.calibrate.PersonCalibration`).
+
+    Raises
+    ------
+    InputError: as `kinemode.track`; fewer than two cameras; too little that two cameras see at once; motion that does
+    not tell where they stand, or when they began.
+    """
+    check_arguments(
+        subject=subject, clips=clips, keypoints=keypoints, layout=layout, person=person, out=out, detect=detect,
+        height=height, focal=focal, phone=phone, progress=progress,
+    )  # fmt: skip
+    spool = Spool(clips, keypoints, layout)
+    told = Declared(
+        keypoint_size, fps, offset, layout=spool.file_layout, focal=focal, phone=phone, height=height
+    )  # fmt: skip
+    told.check_lens()
+    files = InputFiles(spool.clips, spool.keypoints, AUTO, person=person, declared=told).checked()
+    if out is not None:
+        check_folder(Path(out))
+    loaded = loaded_subject(subject)
+    from kinemode.calibrating import calibrated_by_person
+
+    with spool.telling(), with_detected(files, detect, out, progress) as seen:
+        return calibrated_by_person(loaded, seen, None if out is None else Path(out))
