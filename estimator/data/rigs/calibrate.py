@@ -250,4 +250,8 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
             notes.append(f"{name}: a focal length of {length:.0f} px (+-{std:.0%}) is found from the person")
     if world.up_from == "cameras":
         notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")
+    elif not world.up_sure:
+        notes.append(
+            "which way is up is told by the person's balance, but not to two degrees; joint angles are the same"
+        )
     return notes

@@ -20,12 +20,14 @@ _SEEN = 50  # ankles
 @dataclass(frozen=True)
 class RigWorld:
     """R_world_rig (3, 3), t_world_rig (3,) [m]: x_world = R size x_rig + t, of the world from the first camera's frame.
-    size: metres in a unit of that frame. up_from: who says which way is up, "person" or "cameras"."""
+    size: metres in a unit of that frame. up_from: who says which way is up, "person" or "cameras"; up_sure: whether the
+    person's balance and the floor tell it to about two degrees."""
 
     R_world_rig: np.ndarray
     t_world_rig: np.ndarray
     size: float
     up_from: str
+    up_sure: bool = False
 
     def camera(self, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """R_camera_world and t_camera_world of a camera R, t in the rig's frame."""
@@ -53,7 +55,8 @@ def rig_world(
     places = size * state.points @ R.T
     middle = np.nanmedian(places.reshape(-1, 3), axis=0)
     middle[2] = _floor(body, names, places, size)
-    return RigWorld(R, -middle, size, "person" if by_person else "cameras")
+    sure = by_person and told is not None and told.sure
+    return RigWorld(R, -middle, size, "person" if by_person else "cameras", sure)
 
 
 def _floor(body: Body, names: Sequence[str], places: np.ndarray, size: float) -> float:
