@@ -13,10 +13,9 @@ from functools import partial
 from itertools import combinations
 from pathlib import Path
 from time import process_time
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy.rig_clips import FPS, SECONDS, drawn_rig
@@ -231,7 +230,7 @@ def main(
     *,
     beam4cam: bool = False,
     clocks: bool = False,
-    rigs: Annotated[int, Parameter(name="--drawn")] = 0,
+    count: int = 0,
     late: bool = False,
     time: bool = False,
     data: Data = None,
@@ -246,7 +245,7 @@ def main(
         Its six pairs and all four cameras, placements hidden: K given, and K guessed.
     clocks
         Two to four cameras of beam4cam whose told times are wrong, but the first one's: ten trials.
-    rigs
+    count
         So many random rigs around captured people, K given; 40 with --late unless given.
     late
         Of random rigs: their clocks are off by up to 1.5 s, and nobody knows them.
@@ -255,9 +254,9 @@ def main(
     jobs
         Random rigs at a time, each in a process of its own.
     """
-    if rigs < 0:
-        raise InputError("--drawn", f"is {rigs}", remedy=f"1 or more, {RIGS} for the target")
-    count = rigs or (RIGS if late else 0)
+    if count < 0:
+        raise InputError("--count", f"is {count}", remedy=f"1 or more, {RIGS} for the target")
+    count = count or (RIGS if late else 0)
     chosen = beam4cam or clocks or count > 0 or time
     files = captured_files(data) if count or time else []
     how = {"rigs": count, "trials": TRIALS, "seconds": SECONDS, "long": LONG}

@@ -151,6 +151,8 @@ def calibrate(
         picture=picture,
         progress=km.reported,
     )
+    from kinemode.terminal import report
+
     report.print_calibration(calibration, out, picture)
 
 
