@@ -236,6 +236,14 @@ def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
     unseen = {**filmed.tracks, "cam02": hidden(filmed.tracks["cam02"])}
     with pytest.raises(InputError, match="nobody is seen by cam02"):
         calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
+    clicked = {n: replace(t, pixels=t.pixels[:1], confidence=t.confidence[:1]) for n, t in filmed.tracks.items()}
+    instant = dict.fromkeys(clicked, np.zeros(1))
+    for known in (True, False):
+        with pytest.raises(InputError, match="no two of cam01"):
+            calibrate_by_person(filmed.body, clicked, filmed.lost(), instant, clocks_known=known)
+    few = {name: replace(track, names=(None,) * 14 + track.names[14:]) for name, track in filmed.tracks.items()}
+    with pytest.raises(InputError, match="no two of cam01"):
+        calibrate_by_person(filmed.body, few, filmed.lost(), filmed.times, clocks_known=True)
     still = {
         name: replace(track, pixels=np.tile(track.pixels[:1], (len(track.pixels), 1, 1)))
         for name, track in filmed.tracks.items()

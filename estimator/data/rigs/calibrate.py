@@ -11,6 +11,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.threads import one_thread
 from estimator.data.rigs.clocks import clock_lags
+from estimator.data.rigs.first import FEWEST
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
 from estimator.data.rigs.views import JointView
@@ -19,9 +20,8 @@ from estimator.data.synchronisation import SURE_MARGIN, synchronised
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
-FEWEST = 100
-"""Points that two cameras have to see at once."""
 UNSURE_TURN, UNSURE_SHIFT = 1.5, 0.04  # degrees; of the distance to the person: deviations that are said
+_FEWEST_JOINTS = 5  # that all cameras see
 _COMMON = 0.5  # of the shorter clip: what clips have in common at least
 _FRAMES = 1.5  # by which clocks that are told in two ways may differ
 _HOPELESS = 12.0  # degrees: what is less sure is no calibration
@@ -100,9 +100,11 @@ def calibrate_by_person(
     lengths = SegmentLengths.of(body, _shared(tracks))
     joints = [body.landmark_names[i] for i in lengths.landmark]
     views = [_view(tracks[name], lenses[name], times[name], joints) for name in names]
+    if len(joints) < _FEWEST_JOINTS or min(len(view.times) for view in views) < 2:
+        raise _nothing(names, tracks)
     lags = [np.zeros(len(names))] if clocks_known else clock_lags(views)
     rays = RigViews.of(views, joints, clocks_known=clocks_known)
-    fit = fitted_rig(rays, lengths, lags) if len(joints) > 4 else None
+    fit = fitted_rig(rays, lengths, lags)
     if fit is None:
         raise _nothing(names, tracks)
     _check(fit)

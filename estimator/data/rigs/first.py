@@ -46,7 +46,10 @@ def pair_poses(rays: np.ndarray, std: np.ndarray, a: int, b: int, seeds: Sequenc
     x, y = np.ascontiguousarray(x[both]), np.ascontiguousarray(y[both])
     poses = []
     for seed in seeds:
-        E, agree = cv2.findEssentialMat(x, y, _I, _I, None, None, _sampling(_THRESHOLD * float(np.mean(std)), seed))
+        try:
+            E, agree = cv2.findEssentialMat(x, y, _I, _I, None, None, _sampling(_THRESHOLD * float(np.mean(std)), seed))
+        except cv2.error:  # points that tell nothing, as all in one place
+            continue
         if E is None or E.shape[0] < 3:
             continue
         count, R, t, _ = cv2.recoverPose(E[:3], x, y, _I, mask=agree.copy())
