@@ -14,7 +14,7 @@ import kinemode as km
 import kinemode.__main__ as front
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted, left_jacobian
+from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
 from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
@@ -116,15 +116,6 @@ def test_segments_keep_their_lengths_and_mirror_each_other(filmed: Filmed) -> No
         assert mirrored == [lengths.first[b], lengths.second[b]]
 
 
-def test_left_jacobian_is_that_of_turns() -> None:
-    turn, step = np.array([0.3, -0.5, 0.2]), 1e-6
-    for small in (turn, 1e-6 * turn):
-        for i in range(3):
-            d = step * np.eye(3)[i]
-            moved = Rotation.from_rotvec(small + d) * Rotation.from_rotvec(small).inv()
-            np.testing.assert_allclose(moved.as_rotvec() / step, left_jacobian(small)[:, i], atol=1e-5)
-
-
 def test_derivatives_are_those_of_the_residuals(filmed: Filmed) -> None:
     lengths = lengths_of(filmed)
     rays = rays_of(filmed, lengths)[:, ::10]
@@ -136,6 +127,7 @@ def test_derivatives_are_those_of_the_residuals(filmed: Filmed) -> None:
     problem = RigProblem(state, seen, lengths)
     rng = np.random.default_rng(0)
     x = problem.start + 0.02 * rng.normal(size=len(problem.start))
+    x[[0, 1, 2, 6, 7, 8]] += 0.2 * rng.normal(size=6)  # turns that are not small
     J, step = problem.jacobian(x).toarray(), 1e-6
     for i in rng.choice(len(x), 60, replace=False).tolist() + list(range(18)):
         d = step * np.eye(len(x))[i]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.support.pose_prior_clips import subject_of
 from benchmarks.training.calibration_clips import LASTING, person
 from estimator import synthesis
-from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.synthesis import DetectorSettings
 from estimator.synthesis.mocap import load_mocap
@@ -89,8 +89,7 @@ def _azimuths(count: int, rng: np.random.Generator) -> np.ndarray:
 def _camera(name: str, points: np.ndarray, azimuth: float, rng: np.random.Generator) -> Camera:
     """A camera that sees all points (T, N, 3) [m] from an azimuth [deg]."""
     size = _SIZES[int(rng.integers(2))]
-    focal = float(rng.uniform(*_FOCAL)) * max(size)
-    K = np.array([[focal, 0.0, (size[0] - 1) / 2.0], [0.0, focal, (size[1] - 1) / 2.0], [0.0, 0.0, 1.0]])
+    lens = guessed_camera(name, size, focal=float(rng.uniform(*_FOCAL)))
     a, e = np.radians(azimuth), np.radians(rng.uniform(*_ELEVATION))
     away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.cross(-away, [0.0, 0.0, 1.0])
@@ -100,7 +99,7 @@ def _camera(name: str, points: np.ndarray, azimuth: float, rng: np.random.Genera
     flat = points.reshape(-1, 3)
     aim = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
     near, far = _NEAREST, _FARTHEST
-    base = Camera(name, size, K, np.zeros(5), R, np.zeros(3))
+    base = replace(lens, R_camera_world=R)
     while far - near > 1e-2:
         middle = 0.5 * (near + far)
         near, far = (near, middle) if _inside(_at(base, aim + middle * away), points) else (middle, far)

@@ -21,18 +21,18 @@ from scipy.spatial.transform import Rotation
 from benchmarks.accuracy.rig_clips import FPS, SECONDS, drawn_rig
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, beam_folder, in_processes, save, tell
 from benchmarks.support.pose_prior_clips import captured_files
-from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
+from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.terminal import report
 
 NAMES = ("cam01", "cam02", "cam03", "cam04")
 LIMITS = {"K given": (1.5, 4.0), "K guessed": (3.0, 8.0), "random": (2.0, 4.0)}  # degrees; % of the distance
-FOCAL, FOCAL_STD = 0.74, 0.09  # of the longer side, as guessed where no calibration tells it
 SHIFTS = (0.1, 1.5)  # [s]
 FRAME = 1.0 / 60.0  # of beam4cam [s]
 RIGS, TRIALS, LONG, LONG_SEED = 40, 10, 60.0, 9  # a seed of two cameras and a person of so many seconds
@@ -112,13 +112,6 @@ def hidden(camera: Camera) -> Camera:
     return replace(camera, R_camera_world=np.eye(3), t_camera_world=np.zeros(3))
 
 
-def guessed(camera: Camera) -> Camera:
-    """The camera with a lens as it is guessed for a phone."""
-    (width, height), focal = camera.image_size, FOCAL * max(camera.image_size)
-    K = np.array([[focal, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
-    return replace(camera, K=K, distortion=np.zeros(5), focal_std=FOCAL_STD)
-
-
 def seen_from_first(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
     """Rotations (C - 1, 3, 3) from the first camera to each other, and their centres (C - 1, 3) in the first [m]."""
     first, *others = cameras
@@ -139,7 +132,7 @@ def of_beam(folder: Path, names: Sequence[str], *, guess: bool = False, shifts: 
     tracks = [load_keypoints(folder / "keypoints" / f"{name}.json") for name in names]
     points, off = np.load(folder / "reference3d.npz")["points"], np.zeros(len(names)) if shifts is None else shifts
     times = [frame_times(track, 1.0 / FRAME) + by for track, by in zip(tracks, off, strict=True)]
-    lenses = [guessed(camera) for camera in cameras] if guess else cameras
+    lenses = [guessed_camera(c.name, c.image_size, 1.0, PHONES, PHONES_STD) if guess else c for c in cameras]
     return RigTrial(" ".join(names), cameras, lenses, tracks, times, points, -off, clocks_known=shifts is None)
 
 

@@ -13,7 +13,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.cameras.epipolar import essential_matrix
+from estimator.data.cameras.epipolar import essential_matrix, sampson
 
 SIMPLE_FACTORS = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 8 / 3, 3.0, 4.0)
 _MOST_FRAMES = 300
@@ -83,10 +83,7 @@ class Pair:
         both = np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1)
         if not self.usable or np.count_nonzero(both) < _FEWEST:
             return float("nan")
-        x, y = first[both], second[both]
-        line, back = x @ self.E.T, y @ self.E
-        slope = np.sqrt((line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1))
-        return self.focal * float(np.median(np.abs((y * line).sum(axis=1)) / np.maximum(slope, 1e-12)))
+        return self.focal * float(np.median(sampson(self.E, first[both], second[both])))
 
 
 def pairs_of(cameras: Sequence[Camera]) -> list[Pair]:

@@ -10,6 +10,7 @@ from estimator.data.cameras.camera import Camera
 
 _SMOOTHED = 0.02  # standard deviation of the window that rays are averaged over [s]
 _APART = 0.03  # time over which a speed is measured, to each side [s]
+_SLOW = 0.02  # of the distance, per second: what is slower does not move
 _BRIDGE = 0.1  # frames further apart are not interpolated [s]
 
 
@@ -19,6 +20,11 @@ class MovingRays:
 
     rays: np.ndarray
     speed: np.ndarray
+
+    @property
+    def log_speed(self) -> np.ndarray:
+        """(T, L): logarithms of the speeds, of what hardly moves alike."""
+        return np.asarray(np.log(self.speed + _SLOW))
 
     @staticmethod
     def of(camera: Camera, pixels: np.ndarray, times: np.ndarray, grid: np.ndarray) -> MovingRays:
@@ -31,6 +37,17 @@ class MovingRays:
         if len(grid) > 2 * reach:
             speed[reach:-reach] = np.linalg.norm(rays[2 * reach :] - rays[: -2 * reach], axis=-1) / (2 * reach * step)
         return MovingRays(rays, speed)
+
+
+def speed_disagreement(first: np.ndarray, second: np.ndarray, seen: np.ndarray) -> float:
+    """Half the logarithm of what the one's `log_speed` (T, L) leaves of the variance of the other's, where both are
+    seen (T, L); 0 where they disagree."""
+    count = np.maximum(seen.sum(axis=0), 1)
+    a, b = (np.where(seen, x, 0.0) for x in (first, second))
+    a, b = (np.where(seen, x - x.sum(axis=0) / count, 0.0) for x in (a, b))
+    size = float(np.sqrt(np.square(a).sum() * np.square(b).sum()))
+    alike = float((a * b).sum()) / size if size > 0.0 else 0.0
+    return 0.5 * float(np.log(1.0 - np.clip(alike, 0.0, 0.99) ** 2))
 
 
 def averaged(values: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from estimator.data.agreement import Pair, pairs_of
 from estimator.data.cameras.camera import Camera
 from estimator.data.lags import Lags
-from estimator.data.moving_rays import MovingRays
+from estimator.data.moving_rays import MovingRays, speed_disagreement
 
 LONGEST = 10.0  # offsets looked for [s]
 _FINEST = 1.0 / 120.0  # instants are not closer than this [s]
@@ -28,8 +28,7 @@ _NEAR = 3  # steps around the best lag in which the end is looked for
 _SHORTEST = 0.15  # time that two cameras must have in common at a lag [s]
 _TRUSTED = 0.5  # time in common at which half of what a lag says is believed [s]
 _FLOOR = 0.003  # of the picture's longer side: keypoints are not better than this
-_SLOW = 0.02  # of the distance, per second: what is slower does not move
-_PEAK = 0.15  # other clocks are those that are further off [s]
+PEAK = 0.15  # other clocks are those that are further off [s]
 _BLOCKS = 8  # parts of the clip, and of the body, that are left out in turn
 _INDEPENDENT = 30.0  # observations in a second whose errors have nothing to do with each other
 
@@ -114,7 +113,7 @@ class _Course:
         self._line, back, self._ray = first.rays @ pair.E.T, second.rays @ pair.E, second.rays
         self._slopes = tuple(np.square(line[..., :2]).sum(axis=-1) for line in (self._line, back))
         self._speeds = first.speed, second.speed
-        self._logs = tuple(np.log(speed + _SLOW) for speed in self._speeds)
+        self._logs = first.log_speed, second.log_speed
 
     def instants(self, lag: int, stride: int) -> np.ndarray:
         """The first camera's instants that have a partner."""
@@ -132,12 +131,8 @@ class _Course:
 
     def speeds(self, lag: int, i: np.ndarray, seen: np.ndarray) -> float:
         """Half the logarithm of what the one's speeds leave of the variance of the other's; 0 where they disagree."""
-        a, b = (np.where(seen, log[k], 0.0) for log, k in zip(self._logs, (i, i + lag), strict=True))
-        count = np.maximum(seen.sum(axis=0), 1)
-        a, b = (np.where(seen, of - of.sum(axis=0) / count, 0.0) for of in (a, b))
-        size = float(np.sqrt(np.square(a).sum() * np.square(b).sum()))
-        alike = float((a * b).sum()) / size if size > 0.0 else 0.0
-        return 0.5 * float(np.log(1.0 - np.clip(alike, 0.0, 0.99) ** 2))
+        first, second = self._logs
+        return speed_disagreement(first[i], second[i + lag], seen)
 
 
 @dataclass(frozen=True)
@@ -156,7 +151,7 @@ class _Coarse:
         apart = np.clip(lags[self.lags.b] - lags[self.lags.a], -self.lags.most, self.lags.most) + self.lags.most
         places = np.arange(self.rays.shape[1])
         for p, at in enumerate(apart.tolist()):
-            near, other = np.abs(places - at) <= 2, np.abs(places - at) * self.step > _PEAK
+            near, other = np.abs(places - at) <= 2, np.abs(places - at) * self.step > PEAK
             if np.isfinite(self.rays[p, at]) and np.isfinite(self.rays[p, other]).any():
                 table = self.lags.table[p]
                 margins[p] = max(0.0, float(table[other].min() - table[near].min()))

@@ -101,7 +101,7 @@ def compare_trackers(
     if truth is not None:
         truth = truth.in_world_of(runs[names[0]].header.R_upright_given)
     with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
-        by_name = courses(runs, compared_by, truth, files.cameras is not None, looked)
+        by_name = courses(runs, compared_by, truth, files.world_given, looked)
     scores = tuple(scored(name, runs[name], by_name[name], times.of(name), truth) for name in names)
     return Comparison(scores, by_name, runs, *write_comparison(out, scores, by_name))
 

@@ -48,6 +48,11 @@ class InputFiles:
         if isinstance(self.cameras, (str, Path)) and str(self.cameras) == AUTO:
             object.__setattr__(self, "cameras", AUTO)
 
+    @property
+    def world_given(self) -> bool:
+        """Whether cameras are given that stand in a world which others, as a reference, may share."""
+        return self.cameras is not None and self.cameras != AUTO
+
     def checked(self) -> InputFiles:
         """The same; raises InputError where a file does not exist: no library has to be loaded to say so."""
         for given, what in (

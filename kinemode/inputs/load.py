@@ -126,8 +126,7 @@ def calibration_by_person(body: Body, files: InputFiles) -> PersonCalibration:
     """
     read = _read(body, replace(files, cameras=BY_PERSON), persons_of(files.person, _names(files)), lambda: True)
     assert read.rig is not None  # cameras by the person are found, or refused
-    others = [note for note in read.notes if note not in rig_notes(read.rig)]
-    return replace(read.rig, notes=(*others, *read.clock_notes, *read.rig.notes))
+    return replace(read.rig, notes=(*read.notes, *read.clock_notes, *read.rig.notes))
 
 
 def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
@@ -233,7 +232,6 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
     if rig is not None:
         known = known.placed(rig.cameras)
         detectors, clocks = rig.cameras, with_offsets(clocks, rig)
-        notes += rig_notes(rig)
     elif told.sync == SYNC:
         clocks, of_motion = synchronised_clocks(body.landmark_names, people, detectors, clocks, persons, told)
         clock_notes += of_motion
@@ -254,7 +252,7 @@ def _inputs(
     told, clocks, pairs = read.told, read.clocks, read.pairs
     tracks, used, size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
     line = timeline(clocks).cut(*(told.part() if part is None else part))
-    notes = [*read.notes, *choice_notes]
+    notes = [*read.notes, *([] if read.rig is None else rig_notes(read.rig)), *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
     notes += [*size_notes, *read.clock_notes, *notes_on_time(clocks, line)]
     if read.known.cameras is None and not body.has_free_root:

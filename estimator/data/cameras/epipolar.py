@@ -45,19 +45,38 @@ def essential_matrix(a: Camera, b: Camera) -> np.ndarray:
     for camera in (a, b):
         camera.needs_centre()
     R_b_a = b.R_camera_world @ a.R_camera_world.T
-    x, y, z = b.t_camera_world - R_b_a @ a.t_camera_world
+    return essential_of(R_b_a, b.t_camera_world - R_b_a @ a.t_camera_world)
+
+
+def essential_of(R_b_a: np.ndarray, t_b_a: np.ndarray) -> np.ndarray:
+    """The essential matrix (3, 3) of camera b from camera a: x_b = R_b_a x_a + t_b_a."""
+    x, y, z = t_b_a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R_b_a
+
+
+def sampson(E: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Sampson's distances (...) in the plane z = 1 of directions x in one camera and y in the other (..., 3): to first
+    order, to the nearest pair whose rays meet (Hartley and Zisserman, Multiple View Geometry, 2nd edition, 11.4.3)."""
+    line, back = x @ E.T, y @ E
+    slope = np.sqrt((line[..., :2] ** 2).sum(axis=-1) + (back[..., :2] ** 2).sum(axis=-1))
+    return np.asarray(np.abs((y * line).sum(axis=-1)) / np.maximum(slope, 1e-12))
 
 
 def meeting_points(cameras: Sequence[Camera], directions: np.ndarray) -> np.ndarray:
     """World points (L, 3) [m] nearest to the rays (C, L, 3) of each landmark; NaN where fewer than two saw it."""
     world = np.stack([d @ camera.R_camera_world for camera, d in zip(cameras, directions, strict=True)])
-    world /= np.linalg.norm(world, axis=-1, keepdims=True)
-    seen = np.isfinite(world).all(axis=-1)
-    across = np.where(seen[..., None, None], np.eye(3) - world[..., :, None] * world[..., None, :], 0.0)
-    target = np.einsum("clij,cj->li", across, np.stack([camera.centre_world for camera in cameras]))
+    return nearest_points(np.stack([camera.centre_world for camera in cameras]), world)
+
+
+def nearest_points(centres: np.ndarray, ways: np.ndarray, parallel: float = 1e-9) -> np.ndarray:
+    """Points (L, 3) nearest to the rays from centres (C, 3) along ways (C, L, 3), NaN where missing; NaN where there
+    are fewer than two, or they are parallel: the determinant of the equations is below `parallel`."""
+    ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+    seen = np.isfinite(ways).all(axis=-1)
+    across = np.where(seen[..., None, None], np.eye(3) - ways[..., :, None] * ways[..., None, :], 0.0)
+    target = np.einsum("clij,cj->li", across, centres)
     matrix = across.sum(axis=0)
-    usable = (seen.sum(axis=0) > 1) & (np.linalg.det(matrix) > 1e-9)
+    usable = (seen.sum(axis=0) > 1) & (np.linalg.det(matrix) > parallel)
     points = np.full(target.shape, np.nan)
     points[usable] = np.linalg.solve(matrix[usable], target[usable][..., None])[..., 0]
     return points

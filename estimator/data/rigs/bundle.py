@@ -9,8 +9,10 @@ Marquardt's, on normal equations that SuperLU factorises: points are tied within
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
@@ -61,21 +63,25 @@ class RigRays:
     late_std: np.ndarray
 
 
-@dataclass(frozen=True)
-class Adjusted:
-    """state: of least cost. cost: half the sum of robust squares. covariance (C, 6, 6): of each camera's turn [rad] and
-    shift [m] in its own frame, the person's size held, the first one's 0. of_bias: what it has besides of a detector
-    that marks a joint elsewhere in each camera. focal_std (C,): of the logarithms. late_std (C,) [s]. chi: root mean
-    square of the residuals, weighted by their tails, 1 where they are as large as was told.
-    """
+class Adjusted(NamedTuple):
+    """state: of least cost. cost: half the sum of robust squares. chi: root mean square of the residuals, weighted by
+    their tails, 1 where they are as large as was told."""
 
     state: RigState
     cost: float
+    chi: float
+
+
+@dataclass(frozen=True)
+class RigUncertainty:
+    """How sure a rig is where all residuals are independent. covariance (C, 6, 6): of each camera's turn [rad] and
+    shift [m] in its own frame, the person's size held, the first one's 0. of_bias (C, 6, 6): what it has besides of a
+    detector that marks a joint elsewhere in each camera. focal_std (C,): of the logarithms. late_std (C,) [s]."""
+
     covariance: np.ndarray
+    of_bias: np.ndarray
     focal_std: np.ndarray
     late_std: np.ndarray
-    of_bias: np.ndarray
-    chi: float
 
 
 def adjusted(state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40) -> Adjusted:
@@ -99,12 +105,22 @@ def adjusted(state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: i
         x, r, cost, damping = tried, new, cost - gain, max(damping / 6.0, _LEAST_DAMPING)
         if gain < _LEAST_GAIN * cost:
             break
-    return problem.result(x, r, cost)
+    return Adjusted(problem.state(x), cost, problem.chi(r))
+
+
+def uncertainty(state: RigState, seen: RigRays, lengths: SegmentLengths) -> RigUncertainty:
+    """Of a state that is adjusted."""
+    return RigProblem(state, seen, lengths).uncertainty()
 
 
 def _factors(A: csc_matrix) -> SuperLU:
     """Of a symmetric definite matrix."""
     return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _weights(r: np.ndarray) -> np.ndarray:
+    """Of residuals, by their tails."""
+    return np.asarray(1.0 / (1.0 + np.square(r / _TAIL)))
 
 
 def _robust(r: np.ndarray) -> float:
@@ -224,7 +240,7 @@ class RigProblem:
         some = np.flatnonzero(c > 0)
         moves = x[: self._at[1]].reshape(-1, 6)
         turned = at[some] - state.t[c[some]]
-        left = np.array([left_jacobian(move[:3]) for move in moves]).reshape(-1, 3, 3)[c[some] - 1]
+        left = np.array([pin.Jexp3(-move[:3]) for move in moves]).reshape(-1, 3, 3)[c[some] - 1]
         by_turn = np.einsum("nxi,nij->nxj", np.cross(turned[:, None], by_place[some]), left)
         place = 6 * (c[some] - 1)[:, None, None]
         entries.add(rows[some][:, :, None], place + np.arange(3), by_turn)
@@ -238,35 +254,31 @@ class RigProblem:
 
     def normal_equations(self, x: np.ndarray, r: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
         """Gauss and Newton's Hessian and gradient, residuals weighted by their tails."""
-        J = self.jacobian(x)
-        weight = 1.0 / (1.0 + np.square(r / _TAIL))
+        J, weight = self.jacobian(x), _weights(r)
         return (J.T @ J.multiply(weight[:, None])).tocsc(), np.asarray(J.T @ (weight * r))
 
-    def result(self, x: np.ndarray, r: np.ndarray, cost: float) -> Adjusted:
-        """The state of a vector, and how sure it is."""
-        count = int(self._at[3])
-        A, _ = self.normal_equations(x, r)
-        J, weight = self.jacobian(x), 1.0 / (1.0 + np.square(r / _TAIL))
-        unit = np.zeros((self._size, count))
-        unit[:count] = np.eye(count)
+    def chi(self, r: np.ndarray) -> float:
+        """See `Adjusted`."""
+        weight = _weights(r)
+        return float(np.sqrt((weight * r * r).sum() / max(1.0, weight.sum() - self._size)))
+
+    def uncertainty(self) -> RigUncertainty:
+        """At the state that it was made of."""
+        count, J, weight = int(self._at[3]), self.jacobian(self.start), _weights(self.residuals(self.start))
         tall = np.zeros(self._size)
         tall[self._at[3] : self._at[4]] = self._lengths.mean / self._lengths.mean.sum()
         of_size = csr_matrix(tall)
-        A = A + _SIZE_KNOWN * (of_size.T @ of_size)
-        unit_covariance = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(unit)
-        covariance = unit_covariance[:count]
-        cameras = np.zeros((len(self._seen.rays), 6, 6))
-        biases = np.zeros_like(cameras)
-        moved = self._by_bias(unit_covariance[:, : self._at[1]], J, weight)
-        for i in range(len(cameras) - 1):
+        A = J.T @ J.multiply(weight[:, None]) + _SIZE_KNOWN * (of_size.T @ of_size)
+        columns = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(np.eye(self._size, count))
+        moved = self._by_bias(columns[:, : self._at[1]], J, weight)
+        covariance, of_bias = np.zeros((2, len(self._seen.rays), 6, 6))
+        for i in range(len(covariance) - 1):
             own = slice(6 * i, 6 * i + 6)
-            cameras[i + 1] = covariance[own, own]
-            biases[i + 1] = moved[own] @ moved[own].T
-        std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-        late, focal = np.zeros(len(cameras)), np.zeros(len(cameras))
+            covariance[i + 1], of_bias[i + 1] = columns[own, own], moved[own] @ moved[own].T
+        std = np.sqrt(np.maximum(np.diagonal(columns), 0.0))
+        late, focal = np.zeros((2, len(covariance)))
         late[self._free_late], focal[self._free_focal] = std[self._at[1] : self._at[2]], std[self._at[2] : count]
-        chi = float(np.sqrt((weight * r * r).sum() / max(1.0, weight.sum() - self._size)))
-        return Adjusted(self.state(x), cost, cameras, focal, late, biases, chi)
+        return RigUncertainty(covariance, of_bias, focal, late)
 
     def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
         """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""
@@ -290,13 +302,3 @@ class _Entries:
     def matrix(self, rows: int, columns: int) -> csr_matrix:
         r, c, v = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         return csr_matrix((v, (r, c)), shape=(rows, columns))
-
-
-def left_jacobian(turn: np.ndarray) -> np.ndarray:
-    """J (3, 3) with exp(turn + d) = exp(J d) exp(turn) to first order, of rotation vectors (3,) [rad]."""
-    angle = float(np.linalg.norm(turn))
-    x, y, z = turn
-    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-4:
-        return np.asarray(np.eye(3) + 0.5 * W + W @ W / 6.0)
-    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * W + (angle - np.sin(angle)) / angle**3 * W @ W)

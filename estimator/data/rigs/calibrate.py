@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
@@ -56,13 +57,15 @@ class PersonCalibration:
     notes: tuple[str, ...]
 
     @property
+    def unsure(self) -> tuple[str, ...]:
+        """The cameras whose deviations are large enough to be said."""
+        most = UNSURE_SHIFT * self.distance
+        return tuple(n for n in self.cameras if self.turn_stds[n] > UNSURE_TURN or self.shift_stds[n] > most)
+
+    @property
     def sure(self) -> bool:
-        """Whether every camera is placed to within what is said otherwise."""
-        distance = self.distance
-        return all(
-            self.turn_stds[name] <= UNSURE_TURN and self.shift_stds[name] <= UNSURE_SHIFT * distance
-            for name in self.cameras
-        )
+        """Whether no camera is unsure."""
+        return not self.unsure
 
     @property
     def distance(self) -> float:
@@ -152,7 +155,7 @@ def _check_clocks(
     ]
     told = synchronised(list(rig.cameras.values()), right, clocks)
     most = _FRAMES * max(float(np.median(np.diff(view.times))) for view in views)
-    agree = (told.margin >= SURE_MARGIN) & (np.abs(told.offsets) <= most) & (fit.adjusted.late_std <= most)
+    agree = (told.margin >= SURE_MARGIN) & (np.abs(told.offsets) <= most) & (fit.unsure.late_std <= most)
     first = clocks[0]
     for c, own in enumerate(clocks):
         common = min(first[-1], own[-1]) - max(first[0], own[0])
@@ -173,26 +176,26 @@ def _right_way(
 
 def _turn_stds(fit: RigFit) -> np.ndarray:
     """(C,) [deg]"""
-    return np.degrees(np.sqrt(np.trace(fit.adjusted.covariance[:, :3, :3], axis1=1, axis2=2)))
+    return np.degrees(np.sqrt(np.trace(fit.unsure.covariance[:, :3, :3], axis1=1, axis2=2)))
 
 
 def _calibration(
     body: Body, names: Sequence[str], lenses: Mapping[str, Camera], joints: Sequence[str], fit: RigFit, size: float
 ) -> PersonCalibration:
-    state = fit.adjusted.state
+    state = fit.state
     world = rig_world(body, joints, state, fit.instants, size)
     cameras = {name: _placed(lenses[name], c, fit, world) for c, name in enumerate(names)}
     turn, shift = _turn_stds(fit), np.zeros(len(names))
     for c in range(1, len(names)):
-        arm = np.hstack([_cross(state.t[c]), np.eye(3)])  # what a turn and a shift do to the centre, in the camera
-        shift[c] = size * np.sqrt(np.trace(arm @ fit.adjusted.covariance[c] @ arm.T))
+        arm = np.hstack([pin.skew(state.t[c]), np.eye(3)])  # what a turn and a shift do to the centre, in the camera
+        shift[c] = size * np.sqrt(np.trace(arm @ fit.unsure.covariance[c] @ arm.T))
     result = PersonCalibration(
         cameras=cameras,
         offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
-        offset_stds=_by_name(names, fit.adjusted.late_std),
+        offset_stds=_by_name(names, fit.unsure.late_std),
         turn_stds=_by_name(names, turn),
         shift_stds=_by_name(names, shift),
-        focal_stds=_by_name(names, fit.adjusted.focal_std),
+        focal_stds=_by_name(names, fit.unsure.focal_std),
         errors=_by_name(names, _errors(fit, [cameras[name] for name in names])),
         exchanged=_by_name(names, _exchanged(fit.flips)),
         names=tuple(joints),
@@ -207,22 +210,16 @@ def _by_name(names: Sequence[str], values: np.ndarray) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
-def _cross(v: np.ndarray) -> np.ndarray:
-    """(3, 3): of the product with v from the left."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld) -> Camera:
-    R, t = world.camera(fit.adjusted.state.R[c], fit.adjusted.state.t[c])
+    R, t = world.camera(fit.state.R[c], fit.state.t[c])
     K = lens.K.copy()
-    K[:2, :2] *= fit.adjusted.state.focal[c]
-    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=float(fit.adjusted.focal_std[c]))
+    K[:2, :2] *= fit.state.focal[c]
+    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=float(fit.unsure.focal_std[c]))
 
 
 def _errors(fit: RigFit, cameras: Sequence[Camera]) -> np.ndarray:
     """(C,) [px]: root mean square distances, of the normal distribution that has their median."""
-    state, errors = fit.adjusted.state, []
+    state, errors = fit.state, []
     for c, camera in enumerate(cameras):
         at = state.points @ state.R[c].T + state.t[c]
         seen = fit.rays.rays[c] + fit.rays.slope[c] * state.late[c]
@@ -239,10 +236,9 @@ def _exchanged(flips: np.ndarray) -> np.ndarray:
 
 def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
     notes = []
-    for name in rig.cameras:
+    for name in rig.unsure:
         turn, shift = rig.turn_stds[name], rig.shift_stds[name]
-        if turn > UNSURE_TURN or shift > UNSURE_SHIFT * rig.distance:
-            notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {_FILM}")
+        notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {_FILM}")
     for name, share in rig.exchanged.items():
         if share > _SWAPPED:
             notes.append(f"{name}: left and right are exchanged in {share:.0%} of the frames, beside the other cameras")

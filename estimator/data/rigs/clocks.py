@@ -11,15 +11,13 @@ from itertools import combinations
 import numpy as np
 
 from estimator.data.lags import Lags
-from estimator.data.moving_rays import MovingRays
+from estimator.data.moving_rays import MovingRays, speed_disagreement
 from estimator.data.rigs.views import JointView
+from estimator.data.synchronisation import LONGEST, PEAK
 
-LONGEST = 10.0  # s: offsets looked for
 _STEP = 1.0 / 30.0  # s: of the instants, at least
-_SLOW = 0.02  # of the distance, per second: what is slower does not move
 _TRUSTED = 1.0  # s in common at which half of what a lag says is believed
 _SHORTEST = 0.3  # s in common
-_PEAK = 0.15  # s: what is nearer is the same lag
 _OTHERS = 3
 
 
@@ -30,7 +28,7 @@ def clock_lags(views: Sequence[JointView]) -> list[np.ndarray]:
     step = max(_STEP, *(float(np.median(np.diff(view.times))) for view in views))
     begin, end = min(view.times[0] for view in views), max(view.times[-1] for view in views)
     grid = np.arange(begin, end + 1.5 * step, step)
-    logs = [np.log(MovingRays.of(v.camera, v.pixels, v.times, grid).speed + _SLOW) for v in views]
+    logs = [MovingRays.of(v.camera, v.pixels, v.times, grid).log_speed for v in views]
     most = min(round(LONGEST / step), len(grid) - 1)
     pairs = list(combinations(range(len(views)), 2))
     table = np.array([_table(logs[a], logs[b], most, step) for a, b in pairs])
@@ -50,7 +48,7 @@ def _others(lags: Lags, best: np.ndarray, step: float) -> list[np.ndarray]:
         options[:, c] = np.arange(-lags.most, lags.most + 1)
         costs = np.array([lags.of(option) for option in options])
         inner = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
-        inner = inner[np.abs(options[inner, c] - best[c]) * step > _PEAK]
+        inner = inner[np.abs(options[inner, c] - best[c]) * step > PEAK]
         others += [(costs[i], options[i]) for i in inner[np.argsort(costs[inner])][:_OTHERS]]
     return [option for _, option in sorted(others, key=lambda pair: pair[0])[:_OTHERS]]
 
@@ -66,10 +64,5 @@ def _table(first: np.ndarray, second: np.ndarray, most: int, step: float) -> np.
         common = step * float(np.count_nonzero(seen.any(axis=1)))
         if common < _SHORTEST:
             continue
-        count = np.maximum(seen.sum(axis=0), 1)
-        a, b = (np.where(seen, x, 0.0) for x in (a, b))
-        a, b = (np.where(seen, x - x.sum(axis=0) / count, 0.0) for x in (a, b))
-        size = float(np.sqrt(np.square(a).sum() * np.square(b).sum()))
-        alike = float((a * b).sum()) / size if size > 0.0 else 0.0
-        values[lag + most] = 0.5 * np.log(1.0 - np.clip(alike, 0.0, 0.99) ** 2) * common / (common + _TRUSTED)
+        values[lag + most] = speed_disagreement(a, b, seen) * common / (common + _TRUSTED)
     return values

@@ -13,14 +13,17 @@ from itertools import combinations
 import cv2
 import numpy as np
 
+from estimator.data.cameras.epipolar import nearest_points
 from estimator.data.rigs.bundle import RigState
 from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.views import with_depth
 
 _THRESHOLD = 2.0  # standard deviations of a ray
 _ITERATIONS = 3000
 FEWEST = 100
 """Points that two cameras have to have in common."""
 _PARALLAX = 0.3  # sine of the angle between two cameras' rays, from which more adds nothing
+_PARALLEL = 1e-6  # see `nearest_points`
 _I = np.eye(3)
 
 
@@ -67,7 +70,7 @@ def _sampling(threshold: float, seed: int) -> cv2.UsacParams:
 
 def _angle(R: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     """Sine of the angle between rays x, y (N, 2) of two cameras, the median."""
-    first, second = (np.concatenate([v, np.ones((len(v), 1))], axis=1) for v in (x, y))
+    first, second = with_depth(x), with_depth(y)
     across = np.linalg.norm(np.cross(first @ R.T, second), axis=1)
     return float(np.median(across / np.linalg.norm(first, axis=1) / np.linalg.norm(second, axis=1)))
 
@@ -108,17 +111,9 @@ def triangulated(rays: np.ndarray, R: np.ndarray, t: np.ndarray, some: Sequence[
     """Points (T, J, 3) nearest to the rays (C, T, J, 2) of some cameras; NaN where fewer than two see one, or its rays
     are parallel."""
     some = list(some)
-    way = np.concatenate([rays[some], np.ones((*rays[some].shape[:-1], 1))], axis=-1)
-    way /= np.linalg.norm(way, axis=-1, keepdims=True)
-    way = np.einsum("ctjx,cxy->ctjy", way, R[some])
-    centre = -np.einsum("cyx,cy->cx", R[some], t[some])
-    seen = np.isfinite(way).all(axis=-1)
-    across = np.where(seen[..., None, None], np.eye(3) - way[..., :, None] * way[..., None, :], 0.0)
-    matrix, target = across.sum(axis=0), np.einsum("ctjxy,cy->tjx", across, centre)
-    usable = (seen.sum(axis=0) > 1) & (np.linalg.det(matrix) > 1e-6)
-    points = np.full(target.shape, np.nan)
-    points[usable] = np.linalg.solve(matrix[usable], target[usable][..., None])[..., 0]
-    return points
+    ways = np.einsum("cnx,cxy->cny", with_depth(rays[some].reshape(len(some), -1, 2)), R[some])
+    centres = -np.einsum("cyx,cy->cx", R[some], t[some])
+    return nearest_points(centres, ways, _PARALLEL).reshape(*rays.shape[1:3], 3)
 
 
 def _scaled(rays: np.ndarray, R: np.ndarray, t: np.ndarray, lengths: SegmentLengths) -> RigState:

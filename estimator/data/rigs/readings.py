@@ -6,7 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
+from estimator.data.cameras.epipolar import essential_of, sampson
 from estimator.data.rigs.bundle import RigState
+from estimator.data.rigs.views import with_depth
 
 _FAR = 4.0  # standard deviations, beyond which a distance counts no more
 _SURE = 0.8  # of the distances of a frame as it is, below which its sides are exchanged
@@ -14,18 +16,10 @@ _ROUNDS = 4
 
 
 def _distances(state: RigState, first: np.ndarray, second: np.ndarray, a: int, b: int) -> np.ndarray:
-    """Sampson's distances (T, J) of rays (T, J, 2) of cameras a and b in the plane z = 1 (Hartley and Zisserman,
-    Multiple View Geometry, 2nd edition, 11.4.3)."""
+    """Sampson's distances (T, J) of rays (T, J, 2) of cameras a and b in the plane z = 1."""
     R = state.R[b] @ state.R[a].T
-    x, y, z = state.t[b] - R @ state.t[a]
-    E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
-    x, y = (
-        np.concatenate([rays / state.focal[c], np.ones((*rays.shape[:-1], 1))], axis=-1)
-        for rays, c in ((first, a), (second, b))
-    )
-    line, back = x @ E.T, y @ E
-    slope = np.square(line[..., :2]).sum(axis=-1) + np.square(back[..., :2]).sum(axis=-1)
-    return np.asarray(np.abs((y * line).sum(axis=-1)) / np.sqrt(np.maximum(slope, 1e-12)))
+    E = essential_of(R, state.t[b] - R @ state.t[a])
+    return sampson(E, with_depth(first / state.focal[a]), with_depth(second / state.focal[b]))
 
 
 def exchanged(state: RigState, rays: np.ndarray, std: np.ndarray, mirror: np.ndarray) -> np.ndarray:

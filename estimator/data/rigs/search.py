@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.data.rigs.bundle import Adjusted, RigRays, RigState, adjusted
+from estimator.data.rigs.bundle import Adjusted, RigRays, RigState, RigUncertainty, adjusted, uncertainty
 from estimator.data.rigs.first import PairPose, best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.readings import exchanged, with_exchanged
@@ -46,10 +46,12 @@ class RigViews:
 
 @dataclass(frozen=True)
 class RigFit:
-    """adjusted: the rig, its deviations with the time in mind that errors last. late (C,) [s]: how much later each
-    clock is read. flips (C, T): frames whose sides are exchanged. rays: at the T instants [s] of the first clock."""
+    """state: the rig. unsure: its deviations with the time in mind that errors last, of_bias in the covariance. late
+    (C,) [s]: how much later each clock is read. flips (C, T): frames whose sides are exchanged. rays: at the T instants
+    [s] of the first clock."""
 
-    adjusted: Adjusted
+    state: RigState
+    unsure: RigUncertainty
     late: np.ndarray
     flips: np.ndarray
     rays: RigRays
@@ -59,7 +61,7 @@ class RigFit:
 def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarray]) -> RigFit | None:
     """The rig of least cost; None where no two cameras have enough points in common. lags: how much later the clocks
     may be read (C,) [s], of which the one is taken that fits best."""
-    best: tuple[float, RigFit] | None = None
+    best: tuple[float, np.ndarray, RigState] | None = None
     for late in lags:
         instants = common_instants(views.views, late, _FEW)
         if not len(instants):
@@ -67,25 +69,23 @@ def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarr
         rays, slope = read(views.views, instants, late)
         for pose, other in best_pairs(rays, lengths.mirror, views.std, _BEGINNINGS):
             begun = _beginning(views, lengths, rays, slope, pose, other)
-            if begun is None:
-                continue
-            fit = RigFit(begun[0], late, begun[1], begun[2], instants)
-            mean = fit.adjusted.cost / max(1, int(np.count_nonzero(np.isfinite(fit.rays.rays))))
-            if best is None or mean < best[0]:
-                best = mean, fit
-    return None if best is None else _finished(views, lengths, best[1])
+            if begun is not None:
+                mean = begun.cost / max(1, int(np.count_nonzero(np.isfinite(rays))))
+                if best is None or mean < best[0]:
+                    best = mean, late, begun.state
+    return None if best is None else _finished(views, lengths, best[1], best[2])
 
 
 def _beginning(
     views: RigViews, lengths: SegmentLengths, rays: np.ndarray, slope: np.ndarray, pose: PairPose, other: bool
-) -> tuple[Adjusted, np.ndarray, RigRays] | None:
+) -> Adjusted | None:
     flips = np.zeros(rays.shape[:2], dtype=bool)
     flips[pose.b] = other
     state = state_of_pair(with_exchanged(rays, flips, lengths.mirror), pose, views.std, lengths)
     if state is None:
         return None
     flips = exchanged(state, rays, views.std, lengths.mirror)
-    return _alternated(views, lengths, rays, slope, state, flips, _STEPS)
+    return _alternated(views, lengths, rays, slope, state, flips, _STEPS)[0]
 
 
 def _alternated(
@@ -109,9 +109,8 @@ def _alternated(
     return result, flips, seen
 
 
-def _finished(views: RigViews, lengths: SegmentLengths, few: RigFit) -> RigFit:
+def _finished(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: RigState) -> RigFit:
     """On many instants, with the noise that the residuals show, and clocks read where they were found."""
-    late, state = few.late.copy(), few.adjusted.state
     for k in range(_TIMES):
         late = late + state.late
         state = replace(state, late=np.zeros_like(late))
@@ -124,8 +123,9 @@ def _finished(views: RigViews, lengths: SegmentLengths, few: RigFit) -> RigFit:
             views = replace(views, std=views.std * np.clip(result.chi, 0.5, 3.0))
     span = float(instants[-1] - instants[0])
     fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
-    result = replace(
-        result, covariance=fewer * result.covariance + result.of_bias, focal_std=np.sqrt(fewer) * result.focal_std,
-        late_std=np.sqrt(fewer) * result.late_std,
+    alone = uncertainty(state, seen, lengths)
+    unsure = replace(
+        alone, covariance=fewer * alone.covariance + alone.of_bias, focal_std=np.sqrt(fewer) * alone.focal_std,
+        late_std=np.sqrt(fewer) * alone.late_std,
     )  # fmt: skip
-    return RigFit(result, late + state.late, flips, seen, instants)
+    return RigFit(state, unsure, late + state.late, flips, seen, instants)

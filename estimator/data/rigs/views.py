@@ -45,6 +45,11 @@ class JointRays:
         return (self.at(instants + _SLOPE) - self.at(instants - _SLOPE)) / (2.0 * _SLOPE)
 
 
+def with_depth(rays: np.ndarray) -> np.ndarray:
+    """Places (..., 2) in the plane z = 1 as directions (..., 3)."""
+    return np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1)
+
+
 def read(views: Sequence[JointRays], instants: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays and slopes (C, T, J, 2) where each clock is read so much later, late (C,) [s]."""
     rays = np.stack([view.at(instants + lag) for view, lag in zip(views, late, strict=True)])
@@ -58,10 +63,5 @@ def common_instants(views: Sequence[JointRays], late: np.ndarray, most: int) -> 
     end = min(float(view.times[-1] - lag) for view, lag in zip(views, late, strict=True))
     step = max(float(np.median(np.diff(view.times))) for view in views)
     count = int(np.floor((end - begin) / step + 1e-6)) + 1 if end >= begin else 0
-    return (
-        np.linspace(begin, begin + (count - 1) * step, count)[
-            np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
-        ]
-        if count > 0
-        else np.zeros(0)
-    )
+    frames = np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round())
+    return begin + step * frames
