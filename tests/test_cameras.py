@@ -43,11 +43,12 @@ def test_round_trip_is_exact(tmp_path: Path) -> None:
         cameras["b"].R_camera_world,
         rng.random(3),
         focal_std=1 / 7,
+        deviations=rng.random((7, 3)) / 7,
     )
     write_cameras(tmp_path / "out.json", [*cameras.values(), odd])
     again = load_cameras(tmp_path / "out.json")
     assert list(again) == ["a", "b", "c"]
-    for name in ("K", "distortion", "R_camera_world", "t_camera_world", "image_size", "focal_std"):
+    for name in ("K", "distortion", "R_camera_world", "t_camera_world", "image_size", "focal_std", "deviations"):
         np.testing.assert_array_equal(getattr(again["c"], name), getattr(odd, name))
 
 
@@ -89,6 +90,8 @@ def test_short_forms(tmp_path: Path) -> None:
         ("t", [0.0, 0.0]),
         ("focal_std", 1.5),
         ("focal_std", [0.1]),
+        ("deviations", [[0.0]] * 6),
+        ("deviations", [0.0] * 7),
     ],
 )
 def test_faults_name_their_place(tmp_path: Path, key: str, value: Any) -> None:
@@ -98,7 +101,7 @@ def test_faults_name_their_place(tmp_path: Path, key: str, value: Any) -> None:
     assert caught.value.place == f"cameras[1].{key}"
     assert caught.value.source.endswith("cameras.json")
     del wrong[key]
-    if key not in ("distortion", "focal_std"):
+    if key not in ("distortion", "focal_std", "deviations"):
         with pytest.raises(InputError, match=rf"cameras\[1\]\.{key}: is missing"):
             load(tmp_path, entry("a"), wrong)
 

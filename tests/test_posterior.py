@@ -14,6 +14,7 @@ from benchmarks.training import credible_levels
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.camera_spread import _moves
 from estimator.runs.marginals import Marginals, _cut_gaussian
 from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
@@ -239,11 +240,59 @@ def test_a_body_of_unknown_size_may_be_nearer_or_farther_but_looks_alike() -> No
     body = body_of("human34")
     centre, certain = np.array([4.0, 1.0, 1.5]), 1e-12 * np.eye(body.nv)
     camera = replace(guessed_camera("c", (640, 480)), t_camera_world=-SIDEWAYS @ centre, R_camera_world=SIDEWAYS)
-    posterior = Posterior.of(body, frame([body.neutral], [certain]), replace(AS_IT_IS, size_std=0.05), camera)
+    posterior = Posterior.of(body, frame([body.neutral], [certain]), replace(AS_IT_IS, size_std=0.05), [camera])
     drawn = posterior.sample(np.random.default_rng(10), 500)[:, :3] - centre
     distance = np.linalg.norm(drawn, axis=1)
     assert distance.std() / distance.mean() == pytest.approx(0.05, rel=0.1)
     assert np.allclose(drawn / distance[:, None], drawn[0] / distance[0], atol=1e-4)
+
+
+def rig_around(body: Body, rng: np.random.Generator) -> list[Camera]:
+    """Three cameras, 4 m from the body, that look at it."""
+    cameras, middle = [], body.landmarks(body.at(body.neutral)).mean(axis=0)
+    for k in range(3):
+        turn = pin.exp3(np.array([0.0, 0.0, 1.2 * k])) @ pin.exp3(0.1 * rng.normal(size=3))
+        R = guessed_camera("c", (640, 480)).R_camera_world @ turn
+        t = -R @ middle + [0.0, 0.0, 4.0]
+        cameras.append(replace(guessed_camera(f"c{k}", (640, 480)), R_camera_world=R, t_camera_world=t))
+    return cameras
+
+
+def _moved_with_world(camera: Camera, turn: np.ndarray, shift: np.ndarray) -> Camera:
+    """A camera that is off as if the world were turned and shifted before it."""
+    R = camera.R_camera_world
+    cause = np.concatenate([R @ turn, R @ (shift + np.cross(turn, camera.centre_world)), [0.0]])
+    return replace(camera, deviations=cause[:, None])
+
+
+def test_cameras_that_are_all_off_by_one_motion_of_the_world_leave_that_motion_open() -> None:
+    body, rng = body_of("human34"), np.random.default_rng(3)
+    cameras, (turn, shift) = rig_around(body, rng), 0.01 * rng.normal(size=(2, 3))
+    off = [_moved_with_world(camera, turn, shift) for camera in cameras]
+    q = random_pose(body, rng, share=0.6)
+    certain = 1e-14 * np.eye(body.nv)
+    covariance = Posterior.of(body, frame([q], [certain]), AS_IT_IS, off).covariance[0]
+    R_world_root = body.at(q).rotations[1]
+    root = np.concatenate([R_world_root.T @ (shift + np.cross(turn, q[:3])), R_world_root.T @ turn])
+    expected = np.zeros((body.nv, body.nv))
+    expected[:6, :6] = np.outer(root, root)
+    assert np.allclose(covariance, expected, atol=3e-3 * root @ root)
+    assert np.allclose(Posterior.of(body, frame([q], [certain]), AS_IT_IS, cameras).covariance[0], certain)
+
+
+def test_deviations_of_a_camera_move_what_it_sees_as_another_camera_would_see_it() -> None:
+    rng = np.random.default_rng(4)
+    camera = rig_around(body_of("human34"), rng)[0]
+    points, step = rng.normal(size=(5, 3)), 1e-5 * rng.normal(size=7)
+    turn = pin.exp3(step[:3])
+    other = replace(
+        camera, R_camera_world=turn @ camera.R_camera_world, t_camera_world=turn @ camera.t_camera_world + step[3:6],
+        K=np.diag([1.0 + step[6], 1.0 + step[6], 1.0]) @ (camera.K - CENTRE) + CENTRE,
+    )  # fmt: skip
+    place = points @ camera.R_camera_world.T + camera.t_camera_world
+    moved = (place + _moves(place) @ step - camera.t_camera_world) @ camera.R_camera_world
+    at = camera.project(points)
+    assert np.allclose(other.project(points) - at, camera.project(moved) - at, atol=1e-6)
 
 
 def test_a_body_by_another_focal_length_may_be_farther_and_turned_but_looks_alike() -> None:
@@ -252,7 +301,7 @@ def test_a_body_by_another_focal_length_may_be_farther_and_turned_but_looks_alik
     away = body.neutral.copy()
     away[:3] = camera.R_camera_world.T @ np.array([4.0, -3.0, 12.0])
     certain = 1e-15 * np.eye(body.nv)
-    covariance = Posterior.of(body, frame([away], [certain]), AS_IT_IS, camera, size_known=True).covariance[0]
+    covariance = Posterior.of(body, frame([away], [certain]), AS_IT_IS, [camera], size_known=True).covariance[0]
     variances, ways = np.linalg.eigh(covariance)
     assert variances[-2] < 1e-6 * variances[-1]
     step = np.sqrt(variances[-1]) * ways[:, -1]

@@ -173,7 +173,7 @@ def _levels(run: Run, ours: Sequence[int], true: np.ndarray) -> np.ndarray:
         result = run.result(t)
         if not len(result.weight) or not np.isfinite(true[t]).all():
             continue
-        posterior = Posterior.of(run.body, result, PosteriorCalibration(), camera)
+        posterior = Posterior.of(run.body, result, PosteriorCalibration(), [camera])
         places = np.full((len(run.body.landmark_names), 3), np.nan)
         places[ours] = true[t]
         levels[t] = posterior.landmark_credible_levels(rng, places[None])[0][ours]

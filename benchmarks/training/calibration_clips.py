@@ -111,7 +111,8 @@ class Tracked:
     """A tracked clip, N of its frames: what the tracker said of them, and the true configurations (N, nq).
 
     smoothed: the trajectory in these frames; None where that is not asked for. urdf: of the tracked
-    body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera.
+    body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera, where the body's
+    size is not known.
     """
 
     motion: str
@@ -121,7 +122,7 @@ class Tracked:
     smoothed: Smoothed | None
     truth: np.ndarray
     truth_landmarks: np.ndarray
-    seen_by: Camera | None
+    seen_by: Sequence[Camera]
 
     def posterior(self, body: Body, i: int, calibration: PosteriorCalibration) -> Posterior:
         """Of the i-th frame looked at: around the smoothed trajectory where there is one."""
@@ -166,7 +167,7 @@ def tracked(task: Task) -> Tracked:
     tracker = make_tracker(task.tracker, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, task.seed)]
     chosen = [t for t in range(task.every // 2, len(q), task.every) if len(results[t].weight)]
-    seen_by = cameras[0] if len(cameras) == 1 and not task.known_body else None
+    seen_by = cameras if len(cameras) == 1 and not task.known_body else []
     kept = tuple(results[t] for t in chosen)
     smoothed, energy = None, capabilities_of(tracker).energy
     if task.smooth and energy is not None:

@@ -7,6 +7,7 @@ of the calibration (`estimator.runs.calibration`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +17,15 @@ from scipy.special import logsumexp
 from estimator.data.cameras.camera import Camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
+from estimator.runs.camera_spread import LEAST_PRECISION, camera_covariances
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing import Smoothed
-from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body, PosedBody
+from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.landmarks import landmark_name, relative_spread
 from humanoid.support.errors import InputError
 
-_LEAST = 1e-6  # precision of what neither landmarks nor rest positions hold
 _FAINT = 1e-3  # modes with less weight than this are left out
 _NODES = np.array(np.polynomial.hermite_e.hermegauss(7)).T / (1.0, np.sqrt(2.0 * np.pi))  # of a standard normal
 
@@ -49,14 +50,14 @@ class Posterior:
         body: Body,
         result: FrameResult,
         calibration: PosteriorCalibration | None = None,
-        seen_by: Camera | None = None,
+        seen_by: Sequence[Camera] = (),
         *,
         size_known: bool = False,
     ) -> Posterior:
         """The posterior of a frame.
 
-        seen_by: the only camera; None where several see the body, or it is parallel. size_known: whether the body is as
-        large as it is modelled, which one camera does not see.
+        seen_by: the cameras, for what these leave open. size_known: whether the body is as large as it is modelled,
+        which one camera does not see.
 
         Raises
         ------
@@ -77,7 +78,7 @@ class Posterior:
         smoothed: Smoothed,
         row: int,
         calibration: PosteriorCalibration | None = None,
-        seen_by: Camera | None = None,
+        seen_by: Sequence[Camera] = (),
         *,
         size_known: bool = False,
     ) -> Posterior:
@@ -111,7 +112,7 @@ class Posterior:
         weight: np.ndarray,
         covariance: np.ndarray,
         c: PosteriorCalibration,
-        seen_by: Camera | None,
+        seen_by: Sequence[Camera],
         size_known: bool,
     ) -> Posterior:
         """Of modes q (K, nq) with weights (K,) that sum to one and covariances (K, nv, nv)."""
@@ -124,9 +125,8 @@ class Posterior:
             modes = zip(posed, priors, covariance, strict=True)
             covariance += [_bias_covariance(body, *mode, c.landmark_std) for mode in modes]
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
-        if seen_by is not None and body.has_free_root:
-            size_std = 0.0 if size_known else c.size_std
-            covariance = covariance + np.array([_distance_covariance(body, mode, seen_by, size_std) for mode in q])
+        size_std = 0.0 if size_known else c.size_std
+        covariance = covariance + camera_covariances(body, posed, priors, covariance, seen_by, size_std)
         return Posterior(body, q, weight, covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
@@ -284,7 +284,7 @@ def _bias_covariance(body: Body, posed: PosedBody, prior: np.ndarray, covariance
         J = body.landmark_jacobians(posed, known)[:, :, free] / deviation[:, None, None]
         seen = np.einsum("lia,lib->ab", J, J)
         block = np.ix_(free, free)
-        gain = np.linalg.solve(seen + prior[block] + _LEAST * np.eye(len(free)), J.reshape(-1, len(free)).T)
+        gain = np.linalg.solve(seen + prior[block] + LEAST_PRECISION * np.eye(len(free)), J.reshape(-1, len(free)).T)
         moved[block] = gain @ gain.T
     return moved
 
@@ -297,21 +297,3 @@ def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float)
     lean = np.zeros(body.nv)
     lean[v] = np.where(held, inward * np.minimum(distance, body.upper[i] - body.lower[i]), 0.0)
     return lean
-
-
-def _distance_covariance(body: Body, q: np.ndarray, camera: Camera, size_std: float) -> np.ndarray:
-    """Covariance (nv, nv) of the root by what one camera cannot see.
-
-    A body of another size, as much farther away, looks alike. So does one by a longer focal length, farther away along
-    the optical axis and turned with the ray that it is seen along, as far as perspective within the body is small.
-    """
-    posed = body.at(q)
-    R_camera_root = camera.R_camera_world @ posed.rotations[1]
-    place = camera.R_camera_world @ posed.translations[1] + camera.t_camera_world
-    farther = np.array([0.0, 0.0, place[2]])  # by the focal length's own share of itself
-    turn = np.cross(place, farther) / (place @ place)  # of the ray to it
-    modes = np.zeros((2, body.nv))
-    modes[0, ROOT_PLACE_V] = size_std * (R_camera_root.T @ place)
-    modes[1, ROOT_PLACE_V] = camera.focal_std * (R_camera_root.T @ farther)
-    modes[1, ROOT_TURN_V] = camera.focal_std * (R_camera_root.T @ turn)
-    return np.asarray(modes.T @ modes)

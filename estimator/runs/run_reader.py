@@ -366,12 +366,11 @@ class Run(Summarised):
         hypotheses.
         """
         cameras = self.header.cameras
-        alone = cameras[0] if len(cameras) == 1 and not cameras[0].parallel else None  # a parallel one tells the size
         size_known = self.header.subject_source not in BUILT_IN or "height" in self.header.settings
         result, smoothed = self.result(i), None if filtered else self.smoothed
         if smoothed is None or smoothed.covariance is None or not len(result.weight):
-            return Posterior.of(self.body, result, calibration, alone, size_known=size_known)
-        return Posterior.of_trajectory(self.body, result, smoothed, i, calibration, alone, size_known=size_known)
+            return Posterior.of(self.body, result, calibration, cameras, size_known=size_known)
+        return Posterior.of_trajectory(self.body, result, smoothed, i, calibration, cameras, size_known=size_known)
 
     @cached_property
     def spread(self) -> Spread:

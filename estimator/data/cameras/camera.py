@@ -30,6 +30,9 @@ class Camera(Summarised):
         place in the camera, K's scale is in px/m, and the depth z says only what hides what: it may be negative too. It
         has no lens and no centre: all its rays are along its axis, R_camera_world[2].
     focal_std: relative standard deviation of the focal length, zero where a calibration tells it.
+    deviations (7, K): by how much the camera is off for each of K independent standard normal causes, which the cameras
+        of a rig share: a turn [rad] (3) and a shift [m] (3) about its centre, in its own frame, and the logarithm of
+        the focal length. None where nothing is said of it.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Camera(Summarised):
     fisheye: bool = False
     parallel: bool = False
     focal_std: float = 0.0
+    deviations: np.ndarray | None = None
 
     def _called(self) -> str:
         return self.name
@@ -73,6 +77,16 @@ class Camera(Summarised):
         """Origin of the camera's frame in the world [m], (3,): the optical centre, or of a parallel camera where its
         axis meets the plane of depth zero. For pictures of the camera; rays are those of `rays` and `sight_lines`."""
         return -self.R_camera_world.T @ self.t_camera_world
+
+    @property
+    def turn_std(self) -> float:
+        """Standard deviation of its rotation, about all axes together [rad]; 0 where nothing is said of it."""
+        return 0.0 if self.deviations is None else float(np.linalg.norm(self.deviations[:3]))
+
+    @property
+    def place_std(self) -> float:
+        """Standard deviation of its centre, in all directions together [m]; 0 where nothing is said of it."""
+        return 0.0 if self.deviations is None else float(np.linalg.norm(self.deviations[3:6]))
 
     def needs_centre(self) -> None:
         """Raise InputError if the camera is parallel: for what is made for rays that meet in one point."""

@@ -6,7 +6,8 @@
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates. The
 coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
 the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre. "focal_std" is how far
-the focal length is off in the mean, as a share of it, where it is a guess.
+the focal length is off in the mean, as a share of it, where it is a guess. "deviations" are those of a camera that was
+found from a person: 7 rows as `Camera.deviations` has them, as long for every camera of the file.
 Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
 Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there says which axis of
 the world points up, where that is known (else it is found from the person); `"floor": 0` how high along it the floor
@@ -41,7 +42,7 @@ _MOST_PIXELS = 16384  # on a side of an image
 _FOCAL = (1.0, 1e6)  # px
 _COEFFICIENT = 1e4
 _FOCAL_STD = (0.0, 1.0)
-_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "focal_std", "R", "t")
+_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "focal_std", "deviations", "R", "t")
 _DERIVED = ("centre_world",)  # follows from the others
 
 
@@ -56,7 +57,8 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
         "t": camera.t_camera_world.tolist(),
     }
     options = {"fisheye": camera.fisheye, "parallel": camera.parallel, "focal_std": camera.focal_std}
-    return entry | {key: value for key, value in options.items() if value}
+    entry |= {key: value for key, value in options.items() if value}
+    return entry if camera.deviations is None else entry | {"deviations": camera.deviations.tolist()}
 
 
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
@@ -66,6 +68,9 @@ def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camer
     cameras = [
         camera_from_json(entry, source, f"cameras[{i}]", alone=len(entries) == 1) for i, entry in enumerate(entries)
     ]
+    counts = {camera.deviations.shape[1] for camera in cameras if camera.deviations is not None}
+    if len(counts) > 1:
+        raise InputError(source, "has deviations of cameras that were not found together", place="cameras")
     placed = any(isinstance(entry, dict) and entry.get("t") is not None for entry in entries)
     return (
         in_metres(cameras, root.get("units"), source, "", 'write "units": "mm" beside "cameras"') if placed else cameras
@@ -109,9 +114,21 @@ def camera_from_json(
     else:
         R = _rotation(needed("R"), source, places["R"])
         t = shaped(needed("t"), (3,), source, places["t"])
+    deviations = None
+    if entry.get("deviations") is not None:
+        deviations = _deviations(entry["deviations"], source, places["deviations"])
     for array in (K, distortion, R, t):
         array.flags.writeable = False
-    return Camera(name, size, K, distortion, R, t, fisheye, parallel, focal_std)
+    return Camera(name, size, K, distortion, R, t, fisheye, parallel, focal_std, deviations)
+
+
+def _deviations(value: Any, source: str | Path, place: str) -> np.ndarray:
+    deviations = numbers(value, source, place)
+    if deviations.ndim != 2 or len(deviations) != 7:
+        shape = "x".join(map(str, deviations.shape)) or "a number"
+        remedy = "3 of a turn, 3 of a shift, 1 of the focal length; leave it out where nothing is known"
+        raise InputError(source, f"7 rows are needed, found {shape}", place=place, remedy=remedy)
+    return deviations
 
 
 def _flag(entry: Mapping[str, Any], key: str, source: str | Path, place: str) -> bool:

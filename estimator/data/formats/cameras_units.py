@@ -46,7 +46,15 @@ def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: s
         return list(cameras)
     if unit not in UNITS:
         raise InputError(source, f"the unit {shown(unit)} is unknown", place=place, remedy=f"one of {', '.join(UNITS)}")
-    return [replace(camera, t_camera_world=UNITS[unit] * camera.t_camera_world) for camera in cameras]
+    return [_scaled(camera, UNITS[unit]) for camera in cameras]
+
+
+def _scaled(camera: Camera, factor: float) -> Camera:
+    """In a world whose lengths are so many times as large."""
+    deviations = camera.deviations
+    if deviations is not None:
+        deviations = deviations * np.repeat([1.0, factor, 1.0], (3, 3, 1))[:, None]
+    return replace(camera, t_camera_world=factor * camera.t_camera_world, deviations=deviations)
 
 
 def check_apart(cameras: Sequence[Camera], source: str | Path, place: str) -> None:

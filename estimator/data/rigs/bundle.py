@@ -74,14 +74,18 @@ class Adjusted(NamedTuple):
 
 @dataclass(frozen=True)
 class RigUncertainty:
-    """How sure a rig is where all residuals are independent. covariance (C, 6, 6): of each camera's turn [rad] and
-    shift [m] in its own frame, the person's size held, the first one's 0. of_bias (C, 6, 6): what it has besides of a
-    detector that marks a joint elsewhere in each camera. focal_std (C,): of the logarithms. late_std (C,) [s]."""
+    """How sure a rig is where all residuals are independent. covariance (C, 7, C, 7): of all cameras' turns [rad] and
+    shifts [m], each in its own frame, and logarithms of focal lengths; the person's size is held, the first camera's
+    place has 0. of_bias (C, 7, C, 7): what it has besides of a detector that marks a joint elsewhere in each camera.
+    late_std (C,) [s]."""
 
     covariance: np.ndarray
     of_bias: np.ndarray
-    focal_std: np.ndarray
     late_std: np.ndarray
+
+    def own(self, c: int) -> np.ndarray:
+        """Covariance (7, 7) of one camera."""
+        return np.asarray(self.covariance[c, :, c])
 
 
 def adjusted(state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40) -> Adjusted:
@@ -270,15 +274,19 @@ class RigProblem:
         of_size = csr_matrix(tall)
         A = J.T @ J.multiply(weight[:, None]) + _SIZE_KNOWN * (of_size.T @ of_size)
         columns = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(np.eye(self._size, count))
-        moved = self._by_bias(columns[:, : self._at[1]], J, weight)
-        covariance, of_bias = np.zeros((2, len(self._seen.rays), 6, 6))
-        for i in range(len(covariance) - 1):
-            own = slice(6 * i, 6 * i + 6)
-            covariance[i + 1], of_bias[i + 1] = columns[own, own], moved[own] @ moved[own].T
-        std = np.sqrt(np.maximum(np.diagonal(columns), 0.0))
-        late, focal = np.zeros((2, len(covariance)))
-        late[self._free_late], focal[self._free_focal] = std[self._at[1] : self._at[2]], std[self._at[2] : count]
-        return RigUncertainty(covariance, of_bias, focal, late)
+        cameras = len(self._seen.rays)
+        column = np.full((cameras, 7), -1)
+        column[1:, :6] = np.arange(self._at[1]).reshape(-1, 6)
+        column[self._free_focal, 6] = np.arange(self._at[2], count)
+        free = np.flatnonzero(column.ravel() >= 0)
+        of = column.ravel()[free]
+        moved = self._by_bias(columns[:, of], J, weight)
+        covariance, of_bias = np.zeros((2, column.size, column.size))
+        covariance[np.ix_(free, free)], of_bias[np.ix_(free, free)] = columns[np.ix_(of, of)], moved @ moved.T
+        late = np.zeros(cameras)
+        late[self._free_late] = np.sqrt(np.maximum(np.diagonal(columns), 0.0))[self._at[1] : self._at[2]]
+        shape = (cameras, 7, cameras, 7)
+        return RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), late)
 
     def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
         """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""

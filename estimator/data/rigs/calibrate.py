@@ -34,27 +34,38 @@ _FILM = "film a person who walks to and fro, across and along, turns, and lifts 
 class PersonCalibration:
     """Cameras that were found from a person.
 
-    cameras: by name, in a world whose z points up, in metres, with the floor at 0. offsets: when each camera's first
-    frame was taken after the first one's times [s]; offset_stds [s]: their deviations, 0 of what was known. turn_stds
-    [deg], shift_stds [m]: of each camera against the first. focal_stds: of the logarithms of the focal lengths, 0 of
-    those that were given. errors: how far keypoints are from where the points of all cameras are seen, root mean square
-    without outliers [px]. exchanged: share of each camera's frames whose sides were exchanged. names (J), points (T, J,
-    3) [m]: of the person, in the world, at times (T,) [s] of the first camera's clock.
+    cameras: by name, in a world whose z points up, in metres, with the floor at 0; each with its `deviations` against
+    the first. offsets: when each camera's first frame was taken after the first one's times [s]; offset_stds [s]: their
+    deviations, 0 of what was known. errors: how far keypoints are from where the points of all cameras are seen, root
+    mean square without outliers [px]. exchanged: share of each camera's frames whose sides were exchanged. names (J),
+    points (T, J, 3) [m]: of the person, in the world, at times (T,) [s] of the first camera's clock.
     notes: what the user should know.
     """
 
     cameras: dict[str, Camera]
     offsets: dict[str, float]
     offset_stds: dict[str, float]
-    turn_stds: dict[str, float]
-    shift_stds: dict[str, float]
-    focal_stds: dict[str, float]
     errors: dict[str, float]
     exchanged: dict[str, float]
     names: tuple[str, ...]
     times: np.ndarray
     points: np.ndarray
     notes: tuple[str, ...]
+
+    @property
+    def turn_stds(self) -> dict[str, float]:
+        """Deviations of each camera's rotation against the first [deg]."""
+        return {name: float(np.degrees(camera.turn_std)) for name, camera in self.cameras.items()}
+
+    @property
+    def shift_stds(self) -> dict[str, float]:
+        """Deviations of each camera's place against the first [m]."""
+        return {name: camera.place_std for name, camera in self.cameras.items()}
+
+    @property
+    def focal_stds(self) -> dict[str, float]:
+        """Deviations of the logarithms of the focal lengths, 0 of those that were given."""
+        return {name: camera.focal_std for name, camera in self.cameras.items()}
 
     @property
     def unsure(self) -> tuple[str, ...]:
@@ -139,7 +150,7 @@ def _nothing(names: Sequence[str], tracks: Mapping[str, KeypointTrack]) -> Input
 
 def _check(fit: RigFit) -> None:
     """Raise InputError where the motion does not tell where the cameras stand."""
-    turns = _turn_stds(fit)
+    turns = np.array([np.degrees(np.sqrt(np.trace(fit.unsure.own(c)[:3, :3]))) for c in range(len(fit.late))])
     if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
         problem = f"the person's motion does not tell where the cameras stand (to {turns.max():.0f} degrees)"
         raise InputError("cameras", problem, remedy=_FILM)
@@ -174,9 +185,17 @@ def _right_way(
     return np.where(flips[np.searchsorted(middles, times), None, None], pixels[:, mirror], pixels)
 
 
-def _turn_stds(fit: RigFit) -> np.ndarray:
-    """(C,) [deg]"""
-    return np.degrees(np.sqrt(np.trace(fit.unsure.covariance[:, :3, :3], axis1=1, axis2=2)))
+def _deviations(fit: RigFit, size: float) -> np.ndarray:
+    """(C, 7, K): see `Camera.deviations`; size: metres in a unit of the rig's frame."""
+    cameras = len(fit.late)
+    covariance = fit.unsure.covariance.reshape(7 * cameras, 7 * cameras)
+    free = np.flatnonzero(np.diagonal(covariance) > 0.0)
+    variance, causes = np.linalg.eigh(covariance[np.ix_(free, free)])
+    deviations = np.zeros((cameras, 7, len(free)))
+    deviations.reshape(7 * cameras, -1)[free] = causes * np.sqrt(np.maximum(variance, 0.0))
+    for own, t in zip(deviations, fit.state.t, strict=True):
+        own[3:6] = size * (pin.skew(t) @ own[:3] + own[3:6])  # the turn was about the rig's origin
+    return deviations
 
 
 def _calibration(
@@ -184,18 +203,12 @@ def _calibration(
 ) -> PersonCalibration:
     state = fit.state
     world = rig_world(body, joints, state, fit.instants, size)
-    cameras = {name: _placed(lenses[name], c, fit, world) for c, name in enumerate(names)}
-    turn, shift = _turn_stds(fit), np.zeros(len(names))
-    for c in range(1, len(names)):
-        arm = np.hstack([pin.skew(state.t[c]), np.eye(3)])  # what a turn and a shift do to the centre, in the camera
-        shift[c] = size * np.sqrt(np.trace(arm @ fit.unsure.covariance[c] @ arm.T))
+    deviations = _deviations(fit, size)
+    cameras = {name: _placed(lenses[name], c, fit, world, deviations[c]) for c, name in enumerate(names)}
     result = PersonCalibration(
         cameras=cameras,
         offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
         offset_stds=_by_name(names, fit.unsure.late_std),
-        turn_stds=_by_name(names, turn),
-        shift_stds=_by_name(names, shift),
-        focal_stds=_by_name(names, fit.unsure.focal_std),
         errors=_by_name(names, _errors(fit, [cameras[name] for name in names])),
         exchanged=_by_name(names, _exchanged(fit.flips)),
         names=tuple(joints),
@@ -210,11 +223,12 @@ def _by_name(names: Sequence[str], values: np.ndarray) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
-def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld) -> Camera:
+def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld, deviations: np.ndarray) -> Camera:
     R, t = world.camera(fit.state.R[c], fit.state.t[c])
     K = lens.K.copy()
     K[:2, :2] *= fit.state.focal[c]
-    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=float(fit.unsure.focal_std[c]))
+    focal_std = float(np.linalg.norm(deviations[6]))
+    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=focal_std, deviations=deviations)
 
 
 def _errors(fit: RigFit, cameras: Sequence[Camera]) -> np.ndarray:

@@ -125,7 +125,6 @@ def _finished(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state:
     fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
     alone = uncertainty(state, seen, lengths)
     unsure = replace(
-        alone, covariance=fewer * alone.covariance + alone.of_bias, focal_std=np.sqrt(fewer) * alone.focal_std,
-        late_std=np.sqrt(fewer) * alone.late_std,
-    )  # fmt: skip
+        alone, covariance=fewer * alone.covariance + alone.of_bias, late_std=np.sqrt(fewer) * alone.late_std
+    )
     return RigFit(state, unsure, late + state.late, flips, seen, instants)
