@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import kinemode as km
 import kinemode.__main__ as front
 from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
 from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
@@ -23,10 +25,12 @@ from estimator.data.rigs.world import RigWorld
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
+from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
 from kinemode.inputs.files import InputFiles
+from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.inputs.load import load_inputs
 
 FPS = 15.0
@@ -276,6 +280,55 @@ def test_cameras_are_found_from_keypoint_files(
         np.testing.assert_allclose(camera.R_camera_world, rig.cameras[camera.name].R_camera_world)
     assert any("found from the person" in note for note in inputs.notes)
     assert inputs.R_upright_given is None
+
+
+@pytest.fixture(scope="module")
+def lens_files(filmed: Filmed, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Calibrations of pictures of half the size, all at the origin: of every camera, of two, and of one."""
+    folder = tmp_path_factory.mktemp("lenses")
+    lost = [scaled_camera(camera, 0.5) for camera in filmed.lost().values()]
+    assert np.ptp([camera.K for camera in lost], axis=0).max() == 0.0  # one lens is that of all
+    files = {"all": lost, "two": lost[:2], "one": [replace(lost[0], name="phone")]}
+    for name, cameras in files.items():
+        write_cameras(folder / f"{name}.json", cameras)
+    return {name: folder / f"{name}.json" for name in files}
+
+
+@pytest.mark.parametrize("given", ["all", "one"])
+def test_lenses_of_a_file_are_used_as_they_are(
+    filmed: Filmed, keypoint_files: dict[str, Path], lens_files: dict[str, Path], given: str
+) -> None:
+    offset = dict.fromkeys(keypoint_files, 0.0)
+    rig = km.calibrate_from_person(keypoints=keypoint_files, offset=offset, lenses=lens_files[given])
+    for name, camera in rig.cameras.items():
+        true = filmed.cameras[name]
+        assert abs(np.log(true.K[0, 0] / max(true.image_size) / PHONES)) > 3.0 * PHONES_STD  # no guess comes near
+        np.testing.assert_allclose(camera.K, true.K, rtol=1e-6)
+        assert (camera.name, camera.focal_std, rig.focal_stds[name]) == (name, 0.0, 0.0)
+    assert turns_off(rig, filmed.cameras).max() < 1.0
+    assert not any("focal length" in note for note in rig.notes)
+    assert sum(f"the lenses are those of {lens_files[given]}" in note for note in rig.notes) == 1
+    served = f"the camera 'phone' of {lens_files[given]} is taken for 'cam01', 'cam02', 'cam03'"
+    assert any(served in note for note in rig.notes) is (given == "one")
+
+
+@pytest.mark.parametrize(
+    ("given", "changes", "message"),
+    [
+        ("all", {"cameras": None}, "^--lenses: is for cameras that are found from a person .add --cameras auto"),
+        ("all", {"focal": "26mm"}, "^--lenses: says the focal length, as --focal does .leave one of them out"),
+        ("all", {"phone": "iPhone X"}, "^--lenses: says the focal length, as --phone does .leave one of them out"),
+        ("two", {}, "two.json: there is no camera 'cam03' .cameras: cam01, cam02"),
+        ("no", {}, "no.json: there is no such file"),
+    ],
+)
+def test_lenses_that_cannot_be_used_are_refused(
+    keypoint_files: dict[str, Path], lens_files: dict[str, Path], given: str, changes: dict[str, Any], message: str
+) -> None:
+    told: dict[str, Any] = {"cameras": "auto", "keypoints": keypoint_files, **changes}
+    lenses = lens_files["all"].with_name(f"{given}.json")
+    with pytest.raises(InputError, match=message):
+        km.track("human34", None, lenses=lenses, **told)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "track, no such subject": ("track", "--keypoints", FILE, "--subject", "absent.urdf", "--out", "a.run"),
     "fit, no such clip": ("fit", "absent.mp4", "--keypoints", FILE, "--out", "a.urdf"),
     "calibrate, no such pictures": ("calibrate", "absent.mp4", "--square", "0.03", "--out", "a.json"),
+    "calibrate, no such lenses": ("calibrate", "--from-person", "--keypoints", FILE, "--lenses", "no", "--out", "a"),
     "compare, no such clip": ("compare", "absent.mp4", "--keypoints", FILE, "--trackers", "css", "--out", "all"),
     "detect, no such clip": ("detect", "absent.mp4", "--out", "a.json"),
     "live, no such clip": ("live", "absent.mp4", "--keypoints", FILE),

@@ -98,6 +98,9 @@ class InputOptions:
     phone
         In place of --focal the phone that took it: "iPhone 12 Pro" or iPhone13,3. Its focal length is that of video
         which is neither zoomed nor cropped by stabilisation, as OpenCap has calibrated it.
+    lenses
+        With --cameras auto a calibration, in any format of --cameras, whose lenses the cameras have, by name; the one
+        camera in it serves all. Where they stand is not used.
     floor
         Its height [m] in the cameras' world, along the axis that points up; off where there is none; auto takes the
         camera file's word, or finds it from the feet that stand. Nothing goes below it; one that is given tells a
@@ -132,6 +135,7 @@ class InputOptions:
     layout: str = "auto"
     focal: str | None = None
     phone: str | None = None
+    lenses: Path | None = None
     floor: float | Literal["auto", "off"] = "auto"
     start: float | Literal["index"] | None = None
     end: float | None = None
@@ -170,6 +174,9 @@ class FromPersonOptions:
         without tags in the clips, they are found from the person around those of most phones.
     phone
         In place of --focal the phone that took all clips: "iPhone 12 Pro" or iPhone13,3.
+    lenses
+        A calibration, in any format of `track --cameras`, whose lenses the cameras have, by name; the one camera in it
+        serves all. Where they stand is not used.
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0; clocks are found unless all but one are said.
     person
@@ -185,6 +192,7 @@ class FromPersonOptions:
     height: float | None = None
     focal: str | None = None
     phone: str | None = None
+    lenses: Path | None = None
     offset: Files = None
     person: Ids = ("auto",)
     keypoint_size: Files = None

@@ -26,10 +26,10 @@ class InputFiles:
     """Clips, keypoint files, cameras, masks, backgrounds and depth, and what the files do not say themselves.
 
     clips, keypoints, masks, backgrounds: paths, `[NAME=]PATH` texts or mappings by name, None for none; iterators are
-    read once, here. cameras: the path of a camera file, cameras by name,
-    or "auto": they are found from the person. person: see
-    `kinemode.inputs.persons.persons_of`. depths: folders of depth pictures, given as masks are. stereo: see
-    `kinemode.inputs.depth.pairs_of`.
+    read once, here. cameras: the path of a camera file, cameras by name, or "auto": they are found from the person.
+    lenses: a camera file, or cameras by name, whose lenses the cameras that are found have; where they stand does not
+    count. person: see `kinemode.inputs.persons.persons_of`. depths: folders of depth pictures, given as masks are.
+    stereo: see `kinemode.inputs.depth.pairs_of`.
     """
 
     clips: Named = None
@@ -41,6 +41,7 @@ class InputFiles:
     declared: Declared = Declared()  # noqa: RUF009, it is frozen
     depths: Named = None
     stereo: Pairs = None
+    lenses: Cameras = None
 
     def __post_init__(self) -> None:
         for name in ("clips", "keypoints", "masks", "backgrounds", "depths", "stereo"):
@@ -63,9 +64,22 @@ class InputFiles:
             (self.depths, DEPTH),
         ):
             named_paths(given, what)
-        if isinstance(self.cameras, (str, Path)) and self.cameras != AUTO:
-            check_exists(self.cameras)
+        for path in (None if self.cameras == AUTO else self.cameras, self.lenses):
+            if isinstance(path, (str, Path)):
+                check_exists(path)
+        self._check_lenses()
         return self
+
+    def _check_lenses(self) -> None:
+        """Raise InputError for lenses of cameras that are not found from a person, and for two words on a lens."""
+        if self.lenses is None:
+            return
+        if self.cameras != AUTO:
+            problem = "is for cameras that are found from a person"
+            raise InputError("--lenses", problem, remedy="add --cameras auto, or give the file as --cameras")
+        for option, said in (("--focal", self.declared.focal), ("--phone", self.declared.phone)):
+            if said is not None:
+                raise InputError("--lenses", f"says the focal length, as {option} does", remedy="leave one of them out")
 
 
 def check_exists(path: PathLike) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -199,7 +200,7 @@ def _names(files: InputFiles) -> list[str]:
 
 
 def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
-    told, known = files.declared, _KnownCameras.of(files.cameras)
+    told, known = files.declared, _KnownCameras.of(files.cameras, files.lenses)
     clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
@@ -225,11 +226,12 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
-        _, used, _ = _one_size(outlines, sizes, known, named, told)
+        _, used, of_lenses, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
     detectors = _as_detected(outlines, used, told)
     rig = rig_by_person(body, people, persons, detectors, clocks, told) if known.by_person else None
     if rig is not None:
+        notes += [] if known.cameras is None else [_lens_note(known.source), *of_lenses]
         known = known.placed(rig.cameras)
         detectors, clocks = rig.cameras, with_offsets(clocks, rig)
     elif told.sync == SYNC:
@@ -250,11 +252,11 @@ def _inputs(
 ) -> Inputs:
     """What there is to track of one person, whose keypoints were chosen; part [s]: the user's unless given."""
     told, clocks, pairs = read.told, read.clocks, read.pairs
-    tracks, used, size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
+    tracks, used, *size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
     line = timeline(clocks).cut(*(told.part() if part is None else part))
     notes = [*read.notes, *([] if read.rig is None else rig_notes(read.rig)), *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
-    notes += [*size_notes, *read.clock_notes, *notes_on_time(clocks, line)]
+    notes += [*chain(*size_notes), *read.clock_notes, *notes_on_time(clocks, line)]
     if read.known.cameras is None and not body.has_free_root:
         used, of_place = before_subject(body, tracks, used)
         notes += of_place
@@ -298,15 +300,15 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
     """
     outline = {name: KeypointTrack("none", (), np.zeros((0, 0, 2)), np.zeros((0, 0)), size)}
     named = frozenset(outline) if chosen else frozenset()
-    _, used, notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, Declared())
-    return used[name], tuple(notes)
+    _, used, *notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, Declared())
+    return used[name], tuple(chain(*notes))
 
 
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
     clips' pixels, by name, where they are known. up, floor: the axis that the file says points up, and how high along
     it the floor is [m]; None where it says none. clips: by name, which may tell the lens. focal, phone: what the user
-    says of it. by_person: whether they are found from the person."""
+    says of it. by_person: whether they are found from the person: what is given then are their lenses."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
@@ -319,16 +321,25 @@ class _KnownCameras(NamedTuple):
     by_person: bool = False
 
     @staticmethod
-    def of(given: Cameras) -> _KnownCameras:
-        if given == BY_PERSON:
-            return _KnownCameras(None, by_person=True)
+    def of(given: Cameras, lenses: Cameras = None) -> _KnownCameras:
+        if given == BY_PERSON:  # in a world of their own, not that of the lenses' file
+            return _KnownCameras.read(lenses, "lenses")._replace(up=None, floor=None, by_person=True)
+        return _KnownCameras.read(given, "cameras")
+
+    @staticmethod
+    def read(given: Cameras, what: str) -> _KnownCameras:
+        """Those of a file, or by name; what: they are called so where no file has them."""
         if given is None or isinstance(given, Mapping):
-            return _KnownCameras(given)
+            return _KnownCameras(given, what)
         return _KnownCameras(load_cameras(given), str(given), up=declared_up(given), floor=declared_floor(given))
 
     def placed(self, cameras: Mapping[str, Camera]) -> _KnownCameras:
         """The cameras that were found from a person, in a world whose z points up."""
         return self._replace(cameras=cameras, source="the person", up="z", focal=None, phone=None, by_person=False)
+
+
+def _lens_note(source: str) -> str:
+    return f"the lenses are those of {source}; where its cameras stand is not used"
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
@@ -373,17 +384,20 @@ def _one_size(
     known: _KnownCameras,
     named: frozenset[str],
     told: Declared,
-) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str]]:
-    """Tracks and cameras at the size of the clips, or of the cameras where there are none; and notes."""
+) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str], list[str]]:
+    """Tracks and cameras at the size of the clips, or of the cameras where there are none; notes on cameras, and on
+    tracks."""
     sizes = _detector_sizes(tracks, told)
+    track_notes: list[str] = []
     cameras, notes = _cameras(tracks, {n: pictures.get(n) or sizes[n] for n in tracks}, known, named)
     scaled = {}
     for name, track in tracks.items():
         picture = pictures.get(name) or cameras[name].image_size
         cameras[name], of_camera = fitted_camera(cameras[name], picture, known.source)
         scaled[name], of_track = fitted_track(name, track, sizes[name], picture)
-        notes += [*of_camera, *of_track]
-    return scaled, cameras, notes
+        notes += of_camera
+        track_notes += of_track
+    return scaled, cameras, notes, track_notes
 
 
 def _as_detected(
@@ -408,14 +422,13 @@ def _cameras(
         if known.focal is not None or known.phone is not None:
             option = "--phone" if known.focal is None else "--focal"
             raise InputError(option, "is of a camera that no file describes", remedy="leave it out, or the cameras")
-        alone = len(tracks) == len(known.cameras) == 1
-        chosen = {name: _choose(name, known, alone=alone and name not in named) for name in tracks}
-        notes = [
-            f"the camera {camera.name!r} of {known.source} is taken for {name!r}, there being no other"
-            for name, camera in chosen.items()
-            if name not in known.cameras
-        ]
-        return chosen, notes
+        # a camera that stands somewhere is for one clip, and a lens for all that were taken by one kind of camera
+        serves = known.by_person or (len(tracks) == 1 and not named.intersection(tracks))
+        chosen = {name: _choose(name, known, alone=serves and len(known.cameras) == 1) for name in tracks}
+        served = ", ".join(repr(name) for name in tracks if name not in known.cameras)
+        only = next(iter(known.cameras.values())).name
+        note = f"the camera {only!r} of {known.source} is taken for {served}, there being no other"
+        return chosen, [note] if served else []
     if len(tracks) > 1 and not known.by_person:
         problem = f"several views ({', '.join(tracks)}) need their placements"
         remedy = "give a camera file (`kinemode calibrate` makes one), or --cameras auto to find them from the person"
@@ -442,7 +455,8 @@ def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:
     if name in cameras:
         return cameras[name]
     if alone:
-        return next(iter(cameras.values()))
+        camera = next(iter(cameras.values()))
+        return replace(camera, name=name) if known.by_person else camera
     remedy = f"cameras: {', '.join(cameras)}; choose with NAME=PATH"
     raise InputError(known.source, f"there is no camera {name!r}", remedy=remedy)
 

@@ -170,6 +170,7 @@ def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 
 _FILES = (_paths, "a path, a list of paths, or a mapping of names to paths")
+_CAMERAS = (_cameras, "the path of a camera file, or a mapping of names to cameras")
 _FLAG = (_flag, "True or False")
 _WHOLE = (_whole, "a whole number")
 _MAYBE_NUMBER = (_or_none(_number), "a number")
@@ -188,7 +189,8 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "background": _FILES,
     "depth": _FILES,
     "stereo": (_pairs, "a text LEFT=RIGHT, a list of such texts, or a mapping of left cameras to right ones"),
-    "cameras": (_cameras, "the path of a camera file, or a mapping of names to cameras"),
+    "cameras": _CAMERAS,
+    "lenses": _CAMERAS,
     "settings": (
         _or_none(lambda value: isinstance(value, Mapping) or _path(value)),
         "a nested mapping, or the path of a TOML file",

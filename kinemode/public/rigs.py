@@ -19,6 +19,7 @@ from kinemode.terminal.progress import Reporter
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
     from kinemode.inputs.arrays import Clips, Keypoints
+    from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
     from kinemode.public.detection import Detect
     from kinemode.public.tracking import SubjectLike
@@ -32,6 +33,7 @@ def calibrate_from_person(
     height: float | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    lenses: Cameras = None,
     offset: Offsets = None,
     layout: str | Sequence[str] = "auto",
     person: Persons = "auto",
@@ -53,7 +55,7 @@ def calibrate_from_person(
     clips, keypoints, detect, layout, person, keypoint_size, fps: as of `kinemode.track`.
     height: of the person [m], which makes the metres right; without it an average person is taken.
     focal, phone: of the lenses, see `kinemode.track`; without them they are found from the person as well, around those
-        of most phones.
+        of most phones. lenses: in their place a camera file, or cameras by name, see `kinemode.track`.
     offset: when each camera began, by name [s]. Clocks are found as well unless all but one are said.
     subject: whose landmarks and lengths the person has.
     out: camera file to write; its world has z up and the floor about 0.
@@ -68,14 +70,14 @@ def calibrate_from_person(
     """
     check_arguments(
         subject=subject, clips=clips, keypoints=keypoints, layout=layout, person=person, out=out, detect=detect,
-        height=height, focal=focal, phone=phone, progress=progress,
+        height=height, focal=focal, phone=phone, lenses=lenses, progress=progress,
     )  # fmt: skip
     spool = Spool(clips, keypoints, layout)
     told = Declared(
         keypoint_size, fps, offset, layout=spool.file_layout, focal=focal, phone=phone, height=height
     )  # fmt: skip
     told.check_lens()
-    files = InputFiles(spool.clips, spool.keypoints, AUTO, person=person, declared=told).checked()
+    files = InputFiles(spool.clips, spool.keypoints, AUTO, person=person, declared=told, lenses=lenses).checked()
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)

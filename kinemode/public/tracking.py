@@ -59,6 +59,7 @@ def track(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    lenses: Cameras = None,
     floor: float | str = "auto",
     start: float | str | None = None,
     end: float | None = None,
@@ -119,6 +120,9 @@ def track(
         side. phone: in its place the model that took the clip, "iPhone 12 Pro" or "iPhone13,3": its focal length in
         OpenCap's calibrations, of video that is neither zoomed nor cropped by stabilisation. Unless one of them is
         given the clip's tags say the length or the model, or it is that of most phones.
+    lenses: with cameras="auto" a camera file, or cameras by name, whose K and distortion the cameras have: by name, or
+        of the one camera in it for all. Where they stand there is not used, and a focal length that the file does not
+        call unsure (focal_std) is not fitted.
     up: the axis of the cameras' world that points up ("x", "y", "z", "-x", "-y" or "-z"), or a direction as
         "0.1,0.97,0.2"; unless it or the camera file says so it is found where several cameras see the person stand or
         walk, and z is taken where none do. The world is turned so that z points up, as exports, gait and previews
@@ -149,15 +153,14 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out, resume=resume,
         overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, detect=detect,
-        progress=progress, height=height, up=up, focal=focal, phone=phone, floor=floor,
+        progress=progress, height=height, up=up, focal=focal, phone=phone, lenses=lenses, floor=floor,
     )  # fmt: skip
     seed, begin, start_by = _beginning(fit, seed, start)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
-    _check_files(settings, index)
+    files = _files(spool, (settings, index), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
     out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
@@ -192,6 +195,7 @@ def fit(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    lenses: Cameras = None,
     floor: float | str = "auto",
     start: float | None = None,
     end: float | None = None,
@@ -207,12 +211,12 @@ def fit(
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
-        focal=focal, phone=phone, floor=floor, progress=progress,
+        focal=focal, phone=phone, lenses=lenses, floor=floor, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
+    files = _files(spool, (), cameras, masks, background, person, told, depth, stereo, lenses)
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)
@@ -251,6 +255,7 @@ def compare(
     up: str | None = None,
     focal: str | None = None,
     phone: str | None = None,
+    lenses: Cameras = None,
     floor: float | str = "auto",
     start: float | str | None = None,
     end: float | None = None,
@@ -279,14 +284,13 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
         layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone, floor=floor,
+        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone, lenses=lenses, floor=floor,
     )  # fmt: skip
     check_as("folder", out=out)
     seed, begin, start_by = _beginning(fit, seed, start)
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
-    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo).checked()
-    _check_files(settings, index, reference)
+    files = _files(spool, (settings, index, reference), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
     from kinemode import jobs
     from kinemode.comparison.compare import compare_trackers
@@ -313,6 +317,15 @@ def _declared(*given: Any) -> Declared:
     return declared
 
 
+def _files(spool: Spool, others: Iterable[object], *given: Any) -> InputFiles:
+    """What a body is tracked from; raises InputError where a file of it, or a path among the others, does not exist."""
+    files = InputFiles(spool.clips, spool.keypoints, *given).checked()
+    for path in others:
+        if isinstance(path, (str, Path)):
+            check_exists(path)
+    return files
+
+
 def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:
     """What tracks one person, or everybody."""
     if wants_all(person):
@@ -329,10 +342,3 @@ def loaded_subject(subject: SubjectLike) -> Subject:
     from humanoid.subject.subject import Subject, load_subject
 
     return subject if isinstance(subject, Subject) else load_subject(subject)
-
-
-def _check_files(*given: object) -> None:
-    """Raise InputError for files, of settings for one, that are not there."""
-    for path in given:
-        if isinstance(path, (str, Path)):
-            check_exists(path)
