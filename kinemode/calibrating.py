@@ -47,10 +47,16 @@ def calibrated(
     return calibration
 
 
-def calibrated_by_person(subject: Subject, files: InputFiles, out: Path | None) -> PersonCalibration:
-    """Find cameras from the person in files, and write them where that is asked for."""
+def calibrated_by_person(
+    subject: Subject, files: InputFiles, out: Path | None, picture: Path | None
+) -> PersonCalibration:  # fmt: skip
+    """Find cameras from the person in files, and write what was asked for."""
     check_stature(files.declared.height)
     calibration = calibration_by_person(Body(subject), files)
     if out is not None:
         write_cameras(out, calibration.cameras.values())
+    if picture is not None:
+        from viz.pictures.rig_picture import write_rig_picture
+
+        write_rig_picture(calibration, picture)
     return calibration

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.runs.diagnosis import camera_errors
 from estimator.runs.run_file import Run
 from estimator.tracking.unused_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
@@ -50,6 +51,7 @@ def facts_of(run: Run) -> Facts:
         lengths=lengths,
         command=_command(run),
         blanks=_BLANKS,
+        errors=camera_errors(run, run_settings(run).cost) if len(header.cameras) > 1 else {},
         settings=changed_settings(run),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
         versions=_versions(run),

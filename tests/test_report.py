@@ -196,6 +196,29 @@ def test_fitted_lengths_are_told(run: km.Run, monkeypatch: pytest.MonkeyPatch) -
     assert any("were fitted to this person" in sentence for sentence in facts_of(run).assumed)
 
 
+def test_several_cameras_are_shown_with_their_deviations(
+    run: km.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How sure each is, and how far its keypoints are; of one camera there is nothing to show."""
+    assert 'id="cameras"' not in page(run, facts_of(run), figures=[])
+    clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(count=2, image_size=(160, 120)), fps=10, seconds=0.8)
+    pair = km.track(
+        clip.subject, None, keypoints=clip.keypoints, cameras=clip.cameras, out=tmp_path / "a.run", cues="off"
+    )
+    first, second = pair.header.cameras
+    unsure = replace(second, deviations=np.diag([0.01, 0.0, 0.0, 0.0, 0.03, 0.04, 0.05]), focal_std=0.05)
+    monkeypatch.setattr(pair, "header", replace(pair.header, cameras=(first, unsure)))
+    facts = facts_of(pair)
+    rows = {row[0]: row[1:] for row in Reader(page(pair, facts, figures=[])).rows if len(row) == 5}
+    focal = f"{first.K[0, 0]:.0f}"
+    assert rows[first.name] == ["given", "given", f"{focal}, given", f"{facts.errors[first.name]:.1f}"]
+    assert rows[second.name][:3] == ["0.6\N{DEGREE SIGN}", "50.0 mm", f"{focal} \N{PLUS-MINUS SIGN} 5%"]
+    for c, camera in enumerate((first, second)):
+        off = np.linalg.norm(camera.project(pair.landmarks) - pair.pixels[:, c], axis=2)
+        assert facts.errors[camera.name] == pytest.approx(np.nanmedian(off) / np.sqrt(np.log(2.0)), rel=0.05)
+        assert f">{camera.name}</text>".encode() in pictures.rig_figure(pair).data
+
+
 def test_texts_are_no_html_and_figures_can_be_given(run: km.Run) -> None:
     drawn = page(run, Facts(assumed=["a <b> & c"], findings=["see `this`"]), figures=[Figure("x", b"png", "image/png")])
     assert "A &lt;b&gt; &amp; c." in drawn

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.readings import exchanged, with_exchanged
 from estimator.data.rigs.world import RigWorld
+from estimator.numerics.typical import typical_distance
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
@@ -32,6 +35,8 @@ from kinemode.inputs.declared import Declared
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.inputs.load import load_inputs
+from viz.pictures.rig_picture import rig_drawing
+from viz.pictures.rig_plan import ABOVE, ASIDE
 
 FPS = 15.0
 QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.02)
@@ -248,6 +253,52 @@ def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
         calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
 
 
+def made_rig(cameras: Sequence[Camera], residuals: np.ndarray) -> PersonCalibration:
+    """Of these cameras, of which the last one's place is unsure, and a person who stands; residuals (T, J, 2) [px]."""
+    names, zero = [camera.name for camera in cameras], dict.fromkeys((camera.name for camera in cameras), 0.0)
+    points = np.tile([[0.0, 0.1, 0.9], [0.0, -0.1, 0.9], [0.0, 0.1, 0.5]], (len(residuals), 1, 1))
+    unsure = replace(cameras[-1], deviations=0.25 * np.eye(7)[:, 3:4])
+    return PersonCalibration(
+        cameras=dict(zip(names, [*cameras[:-1], unsure], strict=True)), offsets=zero, offset_stds=zero,
+        residuals=dict.fromkeys(names, residuals), exchanged=zero, names=("left_hip", "right_hip", "left_knee"),
+        times=np.arange(len(points)) / FPS, points=points,
+        notes=(),
+    )  # fmt: skip
+
+
+def test_errors_are_root_mean_squares_without_outliers() -> None:
+    rng = np.random.default_rng(0)
+    residuals = 3.0 * rng.normal(size=(4000, 3, 2))
+    residuals[:3], residuals[3:6] = 1e4, np.nan
+    rig = made_rig([Camera("a", (640, 480), np.eye(3), np.zeros(5), np.eye(3), np.zeros(3))], residuals)
+    assert rig.errors["a"] == pytest.approx(3.0 * np.sqrt(2.0), rel=0.03)
+    assert np.isnan(typical_distance(rig.distances["a"], axis=1)[3])
+
+
+def test_the_picture_shows_cameras_where_they_stand(filmed: Filmed) -> None:
+    """To scale, with their deviations; names neither over each other nor cut off, also of cameras side by side."""
+    beside = [
+        replace(camera, name=f"{camera.name} beside", t_camera_world=camera.t_camera_world + 0.06)
+        for camera in filmed.cameras.values()
+    ]
+    cameras = [*filmed.cameras.values(), *beside]
+    drawing = rig_drawing(made_rig(cameras, np.ones((4, 3, 2))))
+    above, side, _, _ = drawing.axes
+    for axes, seen in ((above, ABOVE), (side, ASIDE)):
+        marks = {line.get_gid(): line.get_xydata()[0] for line in axes.lines if line.get_gid()}
+        for camera in cameras:
+            np.testing.assert_allclose(marks[f"camera {camera.name}"], camera.centre_world[list(seen)])
+        (disc,) = axes.patches[-1:]
+        assert disc.get_radius() == 0.25
+        np.testing.assert_allclose(disc.get_center(), cameras[-1].centre_world[list(seen)])
+        boxes = [text.get_window_extent().extents for text in axes.texts]
+        assert len(boxes) == len(cameras)
+        for a, b in combinations(boxes, 2):
+            assert np.any(a[:2] >= b[2:]) or np.any(b[:2] >= a[2:])
+        assert all(np.all(axes.bbox.extents[:2] <= b[:2]) and np.all(b[2:] <= axes.bbox.extents[2:]) for b in boxes)
+    assert above.get_aspect() == 1.0
+
+
 @pytest.fixture(scope="module")
 def keypoint_files(filmed: Filmed, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("keypoints")
@@ -271,9 +322,13 @@ def test_cameras_are_found_from_keypoint_files(
         np.testing.assert_allclose(written[name].K, camera.K, rtol=1e-6)
     files = [f"{name}={path}" for name, path in keypoint_files.items()]
     line = ["calibrate", "--from-person", "--keypoints", *files, "--height", "1.8", "--offset", *offset]
-    assert front.main([*line, "--out", str(again)]) == 0
+    drawn = tmp_path / "rig.png"
+    assert front.main([*line, "--out", str(again), "--picture", str(drawn)]) == 0
+    assert drawn.read_bytes().startswith(b"\x89PNG")
     assert again.read_text(encoding="utf-8") == out.read_text(encoding="utf-8")
-    assert f"--cameras {again}" in capsys.readouterr().out.replace("\n", "")
+    said = capsys.readouterr().out.replace("\n", "")
+    assert f"--cameras {again}" in said
+    assert f"picture written to {drawn}" in said
     told = InputFiles(None, keypoint_files, Path("auto"), declared=Declared(offset=offset, height=1.8))
     inputs = load_inputs(filmed.body, told.checked())
     for camera in inputs.observations[0].cameras:
@@ -337,6 +392,8 @@ def test_lenses_that_cannot_be_used_are_refused(
         ({"keypoints": None}, "are needed"),
         ({"height": -1.0}, "height"),
         ({"phone": "nothing"}, "not known"),
+        ({"picture": "rig.txt"}, "no name for a PNG"),
+        ({"picture": "nowhere/rig.png"}, "folder"),
     ],
 )
 def test_bad_arguments_are_named(keypoint_files: dict[str, Path], changes: dict[str, object], message: str) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.numerics.typical import typical_distance
 from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -112,7 +113,7 @@ def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited:
     cost: of the run's settings, for the noise of keypoints. frame: that one alone; the run as a whole unless given, of
     which less than five tracked frames say nothing. limited: whether the tracker keeps to the joint limits.
     """
-    tracked = np.flatnonzero((run.status != "unobserved") & np.isfinite(run.q).all(axis=1))
+    tracked = _tracked(run)
     rows = tracked if frame is None else tracked[tracked == frame]
     if len(rows) < (FEWEST if frame is None else 1):
         return Diagnosis(frame, (), (), (), 0.0)
@@ -135,6 +136,27 @@ def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
     seen = np.isfinite(deviations).sum(axis=(1, 2))
     far = (np.nan_to_num(deviations) > FAR).sum(axis=(1, 2))
     return tuple(int(t) for t in rows[far >= np.maximum(1, _CONTRADICTED * seen)])
+
+
+def camera_errors(run: Run, cost: CostSettings) -> dict[str, float]:
+    """How far each camera's keypoints are from the landmarks of a run's trajectory, by the camera's name, root mean
+    square without outliers [px]; those without keypoints are left out."""
+    rows = _tracked(run)
+    if not len(rows) or not len(run.pixels):
+        return {}
+    pixels, _ = _distances(run, cost, _sampled(rows))
+    errors = {camera.name: float(typical_distance(pixels[:, c])) for c, camera in enumerate(run.header.cameras)}
+    return {name: error for name, error in errors.items() if np.isfinite(error)}
+
+
+def _tracked(run: Run) -> np.ndarray:
+    """Rows in which something was seen of a body."""
+    return np.flatnonzero((run.status != "unobserved") & np.isfinite(run.q).all(axis=1))
+
+
+def _sampled(rows: np.ndarray) -> np.ndarray:
+    """The rows of a short clip, some of a long one."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLE, len(rows))).round().astype(int))]
 
 
 def _associations(run: Run) -> np.ndarray:
@@ -163,8 +185,7 @@ def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...
     if not len(run.pixels):  # runs of the library alone may have been written without keypoints
         return (), ()
     fewest = min(FEWEST, len(rows))
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLE, len(rows))).round().astype(int))]
-    pixels, deviations = _distances(run, cost, rows)
+    pixels, deviations = _distances(run, cost, _sampled(rows))
     seen = np.isfinite(pixels).sum(axis=0)
     far_landmarks: list[Far] = []
     cameras = []

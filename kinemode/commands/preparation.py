@@ -121,7 +121,8 @@ def calibrate(
     out
         The camera file to write.
     picture
-        Also write a PNG with the corners and how far they are from where they should be.
+        Also write a PNG with the corners and how far they are from where they should be; with --from-person with the
+        cameras and the person from above and from the side, and how far keypoints are off.
     from_person
         Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
         and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
@@ -129,10 +130,10 @@ def calibrate(
     import kinemode as km
 
     if from_person:
-        rig = km.calibrate_from_person(pictures, **by.arguments(), out=out, progress=km.reported)
+        rig = km.calibrate_from_person(pictures, **by.arguments(), out=out, picture=picture, progress=km.reported)
         from kinemode.terminal import report
 
-        report.print_rig(rig, out)
+        report.print_rig(rig, out, picture)
         return
     if by != NO_PERSON:
         raise km.InputError("--keypoints, --height", "and their like are for --from-person", remedy="add --from-person")

@@ -71,11 +71,10 @@ def calibrate(
     choice("lens", lens, LENSES)
     sources = _sources(pictures)
     start = None if origin is None else whole("seed", origin, 0)
-    for file in (out, picture):
-        if file is not None:
-            check_folder(Path(file))
-    if picture is not None and Path(picture).suffix.lower() != ".png":
-        raise InputError(picture, "is no name for a PNG", remedy="as board.png")
+    if out is not None:
+        check_folder(Path(out))
+    if picture is not None:
+        check_png(Path(picture))
     columns, rows = _columns_and_rows(size)
     from kinemode.calibrating import calibrated
 
@@ -88,6 +87,13 @@ def calibrate(
         picture=None if picture is None else Path(picture),
         progress=progress or unreported,
     )
+
+
+def check_png(picture: Path) -> None:
+    """Raise InputError unless a picture of a calibration can be written there."""
+    check_folder(picture)
+    if picture.suffix.lower() != ".png":
+        raise InputError(picture, "is no name for a PNG", remedy="as cameras.png")
 
 
 def _sources(pictures: Named) -> dict[str, list[Path]]:

@@ -99,7 +99,7 @@ def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) ->
     """Write one self-contained page about a run, to read, print and send on, and return its path.
 
     It has the film with the body drawn over it, the joint angles with 90 % bands, a table of ranges of motion, the
-    frames not to be trusted with their pictures, what was assumed, and what repeats the run.
+    frames not to be trusted with their pictures, several cameras, what was assumed, and what repeats the run.
 
     Parameters
     ----------

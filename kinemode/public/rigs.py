@@ -10,7 +10,8 @@ from kinemode.inputs.arrays import Spool
 from kinemode.inputs.declared import AUTO, Declared, Offsets, Rates, Sizes
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
-from kinemode.public.arguments import check_arguments
+from kinemode.public.arguments import check_arguments, check_as
+from kinemode.public.cameras import check_png
 from kinemode.public.detection import with_detected
 from kinemode.public.tracking import loaded_subject
 from kinemode.target import check_folder
@@ -41,6 +42,7 @@ def calibrate_from_person(
     fps: Rates = None,
     subject: SubjectLike = "human34",
     out: PathLike | None = None,
+    picture: PathLike | None = None,
     progress: Reporter | None = None,
 ) -> PersonCalibration:
     """Find two or more cameras from a person who moves before them: where they stand, when they began, how long their
@@ -59,6 +61,8 @@ def calibrate_from_person(
     offset: when each camera began, by name [s]. Clocks are found as well unless all but one are said.
     subject: whose landmarks and lengths the person has.
     out: camera file to write; its world has z up and the floor about 0.
+    picture: PNG to write: the cameras from above and from the side, with the person, and how far keypoints are from
+        where the points of all cameras are seen.
     progress: of the detection, see `kinemode.reported`; none by default.
 
     Returns the cameras, clocks, deviations, and notes (`estimator.data.rigs.calibrate.PersonCalibration`).
@@ -72,6 +76,7 @@ def calibrate_from_person(
         subject=subject, clips=clips, keypoints=keypoints, layout=layout, person=person, out=out, detect=detect,
         height=height, focal=focal, phone=phone, lenses=lenses, progress=progress,
     )  # fmt: skip
+    check_as("out", picture=picture)
     spool = Spool(clips, keypoints, layout)
     told = Declared(
         keypoint_size, fps, offset, layout=spool.file_layout, focal=focal, phone=phone, height=height
@@ -80,8 +85,10 @@ def calibrate_from_person(
     files = InputFiles(spool.clips, spool.keypoints, AUTO, person=person, declared=told, lenses=lenses).checked()
     if out is not None:
         check_folder(Path(out))
+    if picture is not None:
+        check_png(Path(picture))
     loaded = loaded_subject(subject)
     from kinemode.calibrating import calibrated_by_person
 
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
-        return calibrated_by_person(loaded, seen, None if out is None else Path(out))
+        return calibrated_by_person(loaded, seen, *(None if f is None else Path(f) for f in (out, picture)))

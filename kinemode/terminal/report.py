@@ -303,7 +303,7 @@ def millimetres(metres: float) -> str:
 _MOST_VIEWS = 10  # of a camera that are listed
 
 
-def print_rig(rig: PersonCalibration, out: Path) -> None:
+def print_rig(rig: PersonCalibration, out: Path, picture: Path | None) -> None:
     """Where cameras stand that were found from a person, how sure that is, and what was written."""
     columns = ["camera", "began [s]", "focal length [px]", "turn +- [deg]", "place +- [cm]", "error [px]"]
     made = table("cameras from the person", *columns)
@@ -316,7 +316,7 @@ def print_rig(rig: PersonCalibration, out: Path) -> None:
     print_lines([f"note: {note}" for note in rig.notes])
     late = " ".join(f"{name}={offset:.4f}" for name, offset in rig.offsets.items() if offset)
     offsets = f" --offset {late}" if late else ""
-    print_lines([f"cameras written to {out}", f"to track with them: --cameras {out}{offsets}"])
+    print_lines([*_written(out, picture), f"to track with them: --cameras {out}{offsets}"])
 
 
 def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:
@@ -347,7 +347,9 @@ def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | 
             f"world: the board in picture {calibration.origin}, x along its columns, z out of its face: up where it"
             " lies on the floor"
         )
-    lines.append(f"cameras written to {out}")
-    lines += [] if picture is None else [f"picture written to {picture}"]
-    print_lines(lines)
+    print_lines([*lines, *_written(out, picture)])
     print_notes(calibration.notes)
+
+
+def _written(out: Path, picture: Path | None) -> list[str]:
+    return [f"cameras written to {out}"] + ([] if picture is None else [f"picture written to {picture}"])

@@ -96,10 +96,11 @@ def _draw(axes: Axes, i: int, curve: Curve, limit: float | None, first: float | 
             axes.plot(lost, height, "x", color=colour, markersize=size, markeredgewidth=3.0 * size / 13.0, zorder=5)
 
 
-def _dress(axes: Axes, panel: MeasurePanel) -> None:
+def scale_values(axes: Axes, values: np.ndarray) -> tuple[float, float]:
+    """Make the axis of values, NaN where unknown, logarithmic where they are far apart, and let it begin at 0 where
+    they are not and none is below; returns their range, 0 and 1 where none is known."""
     from matplotlib.ticker import LogLocator
 
-    values = np.concatenate([curve.value for curve in panel.curves])
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     if low > 0.0 and np.log10(high / low) > _DECADES:
@@ -109,6 +110,11 @@ def _dress(axes: Axes, panel: MeasurePanel) -> None:
         axes.yaxis.set_minor_formatter("")
     elif low >= 0.0:
         axes.set_ylim(bottom=0.0)
+    return low, high
+
+
+def _dress(axes: Axes, panel: MeasurePanel) -> None:
+    _, high = scale_values(axes, np.concatenate([curve.value for curve in panel.curves]))
     limit = panel.limit
     if limit is not None and high > _NEAR_LIMIT * limit:
         axes.axhline(limit, color="0.4", linewidth=1.0, linestyle=":")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class Facts:
 
     findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
+    errors: how far each camera's keypoints are from the body, by the camera's name [px].
     settings: name, value and default of those that differ. files: what each file is to the run, its path, and its
     digest or why there is none. versions: of programs, name and number.
     """
@@ -30,6 +31,7 @@ class Facts:
     lengths: Sequence[tuple[str, float]] = ()
     command: str = ""
     blanks: str = ""
+    errors: Mapping[str, float] = field(default_factory=dict)
     settings: Sequence[tuple[str, str, str]] = ()
     files: Sequence[tuple[str, str, str]] = ()
     versions: Sequence[tuple[str, str]] = ()

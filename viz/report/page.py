@@ -19,7 +19,7 @@ from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.pictures import COLOURS, angle_figures, contact_figure
-from viz.report.tables import assumed_part, gait_part, ranges_table, repeat_part, text
+from viz.report.tables import assumed_part, cameras_table, gait_part, ranges_table, repeat_part, text
 from viz.scene import Scene, as_scene
 
 _TEMPLATE = Path(__file__).with_name("report.html")
@@ -60,6 +60,8 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         feet=_feet(run),
         ranges=ranges_table(ranges_of_motion(run)),
         untrusted=_untrusted(run, scene),
+        cameras=_cameras(run, facts),
+        to_cameras='<a href="#cameras">Cameras</a>' if len(run.header.cameras) > 1 else "",
         assumed=assumed_part(facts),
         repeat=repeat_part(facts),
     )
@@ -181,6 +183,21 @@ def _still(scene: Scene, span: pictures.Span) -> str:
     picture = _uri("image/jpeg", span.picture)
     caption = f"<figcaption><b>{escape(span.status)}</b> {frames}, {times}</figcaption>"
     return f'<figure><img src="{picture}" alt="{escape(span.status)}, {frames}">{caption}</figure>'
+
+
+def _cameras(run: Run, facts: Facts) -> str:
+    """The section of a run of several cameras, nothing of a single one."""
+    cameras = run.header.cameras
+    if len(cameras) < 2:
+        return ""
+    key = (
+        "From above: fields of view, and the person's path; discs, deviations of places, to scale."
+        " Turn and place: root mean square deviations; error: keypoints from the landmarks of the body, root mean"
+        " square without outliers."
+    )
+    parts = [f'<p class="muted">{escape(key)}</p>', _shown([pictures.rig_figure(run)])]
+    parts.append(f'<div class="scroll">{cameras_table(cameras, facts.errors)}</div>')
+    return '<section id="cameras"><h2>Cameras</h2>\n' + "\n".join(parts) + "\n</section>"
 
 
 def _uri(kind: str, data: bytes) -> str:

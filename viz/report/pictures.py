@@ -24,6 +24,7 @@ from viz.pictures.joint_panels import JointPanel, panels_of
 from viz.pictures.joint_plot import draw_panel
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
+from viz.pictures.rig_plan import ABOVE, RigPlan, draw_rig, name_cameras, path_of
 from viz.report.facts import Figure
 from viz.scene import Scene
 
@@ -143,6 +144,7 @@ def stills_of(scene: Scene, rows: list[int]) -> list[bytes]:
 COLOURS = {side: web(colour) for side, colour in ON_PAPER.items()}
 """Of the sides."""
 _SIZE = (3.6, 2.3)  # inches
+_RIG, _RIG_SHAPE = 5.5, (0.5, 1.2)  # inches: width of the picture of the cameras; its least and greatest height over it
 
 
 def angle_figures(run: Run) -> list[Figure]:
@@ -154,6 +156,23 @@ def angle_figures(run: Run) -> list[Figure]:
 def contact_figure(contact: Contact, events: Sequence[Event]) -> Figure:
     """When the feet stand, as `kinemode contact` draws it, with events of gait."""
     return _as_svg(contact_drawing(contact, events), "when the feet stand")
+
+
+def rig_figure(run: Run) -> Figure:
+    """The cameras and the person's path from above."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Drawing
+
+    cameras, path = run.header.cameras, path_of(run.body.landmark_names, run.landmarks)
+    plan = RigPlan(cameras, path, {camera.name: camera.place_std for camera in cameras})
+    low, high = plan.limits(ABOVE, path)
+    wide, tall = high - low
+    drawing = Drawing(figsize=(_RIG, _RIG * float(np.clip(tall / wide, *_RIG_SHAPE))), layout="constrained")
+    FigureCanvasAgg(drawing)
+    axes = drawing.subplots()
+    draw_rig(axes, plan, ABOVE, path)
+    name_cameras(drawing, plan, {ABOVE: axes})
+    return _as_svg(drawing, "the cameras and the person's path from above")
 
 
 def _figure(panel: JointPanel, run: Run) -> Figure:

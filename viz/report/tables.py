@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.runs.gait import METHODS, Gait
 from estimator.runs.ranges import RangeOfMotion
 from viz.report.facts import Facts
 
 _SIGN = "\N{MINUS SIGN}"
 _UNKNOWN = "\N{EN DASH}"
+_GIVEN = "given"
 
 
 def ranges_table(ranges: Sequence[RangeOfMotion]) -> str:
@@ -103,6 +105,22 @@ def gait_part(gait: Gait) -> str:
     if gait.remark:
         parts.append(f"<p>{text(_sentence(gait.remark if rows else 'none: ' + gait.remark))}</p>")
     return "\n".join(parts)
+
+
+_CAMERA_HEAD = ("camera", "turn \N{PLUS-MINUS SIGN}", "place \N{PLUS-MINUS SIGN}", "focal length [px]", "error [px]")
+
+
+def cameras_table(cameras: Sequence[Camera], errors: Mapping[str, float]) -> str:
+    """One row a camera: deviations of its placement and its focal length, and its error [px]."""
+    rows = []
+    for camera in cameras:
+        turn, place = number(camera.turn_std, False), number(camera.place_std, True)
+        sure = [_GIVEN, _GIVEN] if camera.deviations is None else [f"{turn}\N{DEGREE SIGN}", f"{place} mm"]
+        std = f" \N{PLUS-MINUS SIGN} {camera.focal_std:.0%}" if camera.focal_std > 0.0 else f", {_GIVEN}"
+        focal = _UNKNOWN if camera.parallel else f"{camera.K[0, 0]:.0f}{std}"
+        error = f"{errors[camera.name]:.1f}" if camera.name in errors else _UNKNOWN
+        rows.append((camera.name, *sure, focal, error))
+    return table(_CAMERA_HEAD, rows, numbers=len(_CAMERA_HEAD) - 1)
 
 
 def assumed_part(facts: Facts) -> str:

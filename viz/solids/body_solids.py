@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,15 +124,20 @@ def _first_joint(body: Body) -> int:
 
 def skeleton(body: Body) -> BoneSegments:
     """The body's skeleton: limbs between named landmarks where the names are known, else the joint tree."""
-    index = {name: i for i, name in enumerate(body.landmark_names)}
+    segments, sides = limb_segments(body.landmark_names)
+    if len(segments) < 6:
+        return _joint_tree(body)
+    return BoneSegments(body.landmark_joint, body.landmark_local, segments, sides)
+
+
+def limb_segments(names: Sequence[str]) -> tuple[np.ndarray, tuple[Side, ...]]:
+    """Limbs between points of these names: indices of their ends (S, 2), and sides (S)."""
+    index = {name: i for i, name in enumerate(names)}
     pairs = [(a, b) for a, b in LIMBS if a in index and b in index]
     if not {"neck", "mid_hip"} <= index.keys():
         pairs += [(a, b) for a, b in _TRUNK if a in index and b in index]
-    if len(pairs) < 6:
-        return _joint_tree(body)
-    segments = np.array([(index[a], index[b]) for a, b in pairs])
-    sides = tuple(_pair_side(a, b) for a, b in pairs)
-    return BoneSegments(body.landmark_joint, body.landmark_local, segments, sides)
+    segments = np.array([(index[a], index[b]) for a, b in pairs], dtype=np.int64).reshape(-1, 2)
+    return segments, tuple(_pair_side(a, b) for a, b in pairs)
 
 
 def _pair_side(a: str, b: str) -> Side:

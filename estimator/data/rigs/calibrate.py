@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
 from estimator.data.rigs.views import JointView
 from estimator.data.rigs.world import RigWorld, rig_world
 from estimator.data.synchronisation import SURE_MARGIN, synchronised
+from estimator.numerics.typical import typical_distance
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -36,16 +37,17 @@ class PersonCalibration:
 
     cameras: by name, in a world whose z points up, in metres, with the floor at 0; each with its `deviations` against
     the first. offsets: when each camera's first frame was taken after the first one's times [s]; offset_stds [s]: their
-    deviations, 0 of what was known. errors: how far keypoints are from where the points of all cameras are seen, root
-    mean square without outliers [px]. exchanged: share of each camera's frames whose sides were exchanged. names (J),
-    points (T, J, 3) [m]: of the person, in the world, at times (T,) [s] of the first camera's clock.
+    deviations, 0 of what was known. residuals: from keypoints to where the points of all cameras are seen, (T, J, 2)
+    [px] of a picture without the lens's distortion, NaN where nothing was seen. exchanged: share of each camera's
+    frames whose sides were exchanged. names (J), points (T, J, 3) [m]: of the person, in the world, at times (T,) [s]
+    of the first camera's clock.
     notes: what the user should know.
     """
 
     cameras: dict[str, Camera]
     offsets: dict[str, float]
     offset_stds: dict[str, float]
-    errors: dict[str, float]
+    residuals: dict[str, np.ndarray]
     exchanged: dict[str, float]
     names: tuple[str, ...]
     times: np.ndarray
@@ -66,6 +68,16 @@ class PersonCalibration:
     def focal_stds(self) -> dict[str, float]:
         """Deviations of the logarithms of the focal lengths, 0 of those that were given."""
         return {name: camera.focal_std for name, camera in self.cameras.items()}
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """How far keypoints are from where the points of all cameras are seen, see `typical_distance` [px]."""
+        return {name: float(typical_distance(off)) for name, off in self.distances.items()}
+
+    @property
+    def distances(self) -> dict[str, np.ndarray]:
+        """Lengths of the residuals, (T, J) [px]."""
+        return {name: np.linalg.norm(off, axis=2) for name, off in self.residuals.items()}
 
     @property
     def unsure(self) -> tuple[str, ...]:
@@ -209,7 +221,7 @@ def _calibration(
         cameras=cameras,
         offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
         offset_stds=_by_name(names, fit.unsure.late_std),
-        errors=_by_name(names, _errors(fit, [cameras[name] for name in names])),
+        residuals=dict(zip(names, _residuals(fit, list(cameras.values())), strict=True)),
         exchanged=_by_name(names, _exchanged(fit.flips)),
         names=tuple(joints),
         times=fit.instants,
@@ -231,15 +243,14 @@ def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld, deviations: np.n
     return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=focal_std, deviations=deviations)
 
 
-def _errors(fit: RigFit, cameras: Sequence[Camera]) -> np.ndarray:
-    """(C,) [px]: root mean square distances, of the normal distribution that has their median."""
-    state, errors = fit.state, []
+def _residuals(fit: RigFit, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
+    """(T, J, 2) [px] of each camera."""
+    state = fit.state
     for c, camera in enumerate(cameras):
         at = state.points @ state.R[c].T + state.t[c]
         seen = fit.rays.rays[c] + fit.rays.slope[c] * state.late[c]
-        off = np.linalg.norm(state.focal[c] * at[..., :2] / at[..., 2:] - seen, axis=-1)
-        errors.append(float(camera.K[0, 0] / state.focal[c] * np.nanmedian(off) / 0.8326))
-    return np.array(errors)
+        off = state.focal[c] * at[..., :2] / at[..., 2:] - seen
+        yield camera.K[0, 0] / state.focal[c] * off
 
 
 def _exchanged(flips: np.ndarray) -> np.ndarray:
