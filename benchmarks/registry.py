@@ -225,6 +225,12 @@ MEASURES = (
         (BEAM4CAM, MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.accuracy.rig_faults",
+        "Cameras that are moved during a clip or see another motion, or were moved since a calibration: whether named.",
+        "a camera that moved, or whose person is another one, is named",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.accuracy.crowd",
         "Several people: time to read a crowd's keypoints, and errors of a person tracked among others and alone.",
         "< 5 s; errors as alone",

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
     from kinemode.public.results import contact, evaluate, export, gait, open_run, overlay, plot, report, samples, view
-    from kinemode.public.rigs import calibrate_from_person
+    from kinemode.public.rigs import calibrate_from_person, check_cameras
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.public.training import train_index, train_templates
@@ -58,6 +58,7 @@ _MODULES = {
     "annotate": "kinemode.public.clips",
     "calibrate": "kinemode.public.cameras",
     "calibrate_from_person": "kinemode.public.rigs",
+    "check_cameras": "kinemode.public.rigs",
     "compare": "kinemode.public.tracking",
     "contact": "kinemode.public.results",
     "detect": "kinemode.public.detection",
@@ -104,6 +105,7 @@ __all__ = [
     "annotate",
     "calibrate",
     "calibrate_from_person",
+    "check_cameras",
     "compare",
     "contact",
     "detect",

@@ -185,6 +185,7 @@ def test_a_person_places_the_cameras(filmed: Filmed) -> None:
     assert places_off(rig, filmed.cameras).max() < 0.03
     assert max(rig.turn_stds.values()) < 3.0
     assert rig.turn_stds["cam01"] == 0.0
+    assert not rig.doubtful
     assert rig.offsets == dict.fromkeys(filmed.cameras, 0.0)
     upright = next(iter(rig.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]
     true = next(iter(filmed.cameras.values())).R_camera_world @ [0.0, 0.0, 1.0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -159,7 +160,7 @@ NO_INPUT = InputOptions()
 @Parameter(name="*")
 @dataclass(frozen=True)
 class FromPersonOptions:
-    """What cameras are found from, with --from-person.
+    """What cameras are found from, with --from-person, or checked by, with --check.
 
     Parameters
     ----------
@@ -179,6 +180,8 @@ class FromPersonOptions:
         serves all. Where they stand is not used.
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0; clocks are found unless all but one are said.
+    sync
+        With --check: auto finds the clocks from the motion, off takes them as they are told.
     person
         Which of several people, see `track`.
     keypoint_size
@@ -194,13 +197,26 @@ class FromPersonOptions:
     phone: str | None = None
     lenses: Path | None = None
     offset: Files = None
+    sync: Literal["off", "auto"] = "off"
     person: Ids = ("auto",)
     keypoint_size: Files = None
     fps: Files = None
 
     def arguments(self) -> dict[str, Any]:
-        """The options as `kinemode.calibrate_from_person` takes them."""
-        return dict(vars(self))
+        """The options as `kinemode.calibrate_from_person` takes them; raises InputError for one of a check."""
+        return self._without(("sync",), "is for --check: clocks are found, or --offset says them")
+
+    def of_check(self) -> dict[str, Any]:
+        """The options as `kinemode.check_cameras` takes them; raises InputError for one of cameras that are found."""
+        return self._without(("height", "focal", "phone", "lenses"), "is of cameras that are found")
+
+    def _without(self, names: Sequence[str], problem: str) -> dict[str, Any]:
+        import kinemode as km
+
+        for name in names:
+            if getattr(self, name) != getattr(NO_PERSON, name):
+                raise km.InputError(f"--{name}", problem, remedy="leave it out")
+        return {name: value for name, value in vars(self).items() if name not in names}
 
 
 NO_PERSON = FromPersonOptions()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -82,13 +83,14 @@ def calibrate(
     dictionary: str = "4X4_50",
     lens: Literal["brown", "rational", "fisheye"] = "brown",
     origin: int | None = None,
-    out: Path,
+    out: Path | None = None,
     picture: Path | None = None,
     from_person: Flag = False,
+    check: Path | None = None,
     by: FromPersonOptions = NO_PERSON,
 ) -> None:
     """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
-    Or find several from a person who moves before them, without a board.
+    Or find several from a person who moves before them, without a board; or check a calibration by a person.
 
     Examples:
 
@@ -99,6 +101,8 @@ def calibrate(
     kinemode calibrate a=a.mp4 b=b.mp4 --board charuco --size 8x6 --square 0.03 --marker 0.022 --out cameras.json
 
     kinemode calibrate a.mp4 b.mp4 --from-person --detect --height 1.78 --out cameras.json
+
+    kinemode calibrate a.mp4 b.mp4 --check cameras.json --detect
 
     Parameters
     ----------
@@ -119,16 +123,24 @@ def calibrate(
         ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
         several cameras the pictures in which most see it unless given.
     out
-        The camera file to write.
+        The camera file to write; of --check there is none.
     picture
         Also write a PNG with the corners and how far they are from where they should be; with --from-person with the
         cameras and the person from above and from the side, and how far keypoints are off.
     from_person
         Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
         and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
+    check
+        A camera file, of which a person whom all see tells whether it still holds: whether rays meet, and which camera
+        stands otherwise. The arguments are the cameras' clips.
     """
     import kinemode as km
 
+    if check is not None:
+        _check_cameras(pictures, check, by, (("--out", out), ("--picture", picture), ("--from-person", from_person)))
+        return
+    if out is None:
+        raise km.InputError("--out", "is needed: the camera file to write", remedy="or --check FILE")
     if from_person:
         rig = km.calibrate_from_person(pictures, **by.arguments(), out=out, picture=picture, progress=km.reported)
         from kinemode.terminal import report
@@ -136,7 +148,8 @@ def calibrate(
         report.print_rig(rig, out, picture)
         return
     if by != NO_PERSON:
-        raise km.InputError("--keypoints, --height", "and their like are for --from-person", remedy="add --from-person")
+        problem = "and their like are for --from-person and --check"
+        raise km.InputError("--keypoints, --height", problem, remedy="add one of them")
     if square is None:
         raise km.InputError("--square", "is needed: the side of a square in metres", remedy="or --from-person")
     calibration = km.calibrate(
@@ -155,6 +168,21 @@ def calibrate(
     from kinemode.terminal import report
 
     report.print_calibration(calibration, out, picture)
+
+
+def _check_cameras(
+    clips: tuple[str, ...], cameras: Path, by: FromPersonOptions, others: Sequence[tuple[str, object]]
+) -> None:  # fmt: skip
+    """Print what a person says of cameras; others: options that nothing is made of here, by name."""
+    import kinemode as km
+
+    for name, given in others:
+        if given:
+            raise km.InputError(name, "is of a calibration that is made", remedy="leave it out with --check")
+    check = km.check_cameras(cameras, clips, **by.of_check(), progress=km.reported)
+    from kinemode.terminal import report
+
+    report.print_check(check, cameras)
 
 
 def train_index(

@@ -38,13 +38,14 @@ from kinemode.inputs.lens import described, lens_of
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.inputs.placing import before_subject
-from kinemode.inputs.rigs import BY_PERSON, rig_by_person, rig_notes, with_offsets
+from kinemode.inputs.rigs import BY_PERSON, check_by_cameras, rig_by_person, rig_notes, with_offsets
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.inputs.upright import turned, upright_turn
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
+    from estimator.data.rigs.check import RigCheck
     from kinemode.inputs.files import Cameras
 
 
@@ -128,6 +129,16 @@ def calibration_by_person(body: Body, files: InputFiles) -> PersonCalibration:
     read = _read(body, replace(files, cameras=BY_PERSON), persons_of(files.person, _names(files)), lambda: True)
     assert read.rig is not None  # cameras by the person are found, or refused
     return replace(read.rig, notes=(*read.notes, *read.clock_notes, *read.rig.notes))
+
+
+def checked_cameras(body: Body, files: InputFiles) -> RigCheck:
+    """What the person in several clips or keypoint files says of the cameras that are given.
+
+    Raises InputError: as `load_inputs` does; fewer than two cameras; too little that two see at once.
+    """
+    read = _read(body, files, persons_of(files.person, _names(files)), lambda: True)
+    check = check_by_cameras(body, read.people, read.persons, read.detectors, read.times)
+    return replace(check, notes=(*read.notes, *read.clock_notes, *check.notes))
 
 
 def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:

@@ -18,6 +18,7 @@ from kinemode.inputs.named import named_pairs
 
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
+    from estimator.data.rigs.check import RigCheck
 
 BY_PERSON = AUTO
 """What stands for a camera file where the cameras are found from the person."""
@@ -53,6 +54,26 @@ def rig_by_person(
         clocks_known=len(given & set(people)) >= len(people) - 1,
         size=size,
     )
+
+
+def check_by_cameras(
+    body: Body,
+    people: Mapping[str, PeopleFile],
+    persons: Mapping[str, str],
+    cameras: Mapping[str, Camera],
+    times: Mapping[str, np.ndarray],
+) -> RigCheck:
+    """What a person says of given cameras, of pictures of the size that the detectors saw; times [s]: of the frames, on
+    one clock.
+
+    Raises InputError: as `estimator.data.rigs.check.check_by_person`.
+    """
+    from estimator.data.rigs.check import check_by_person
+    from estimator.tracking.fitting.fit import stature
+
+    check = check_by_person(body, {name: file.one(persons[name]) for name, file in people.items()}, cameras, times)
+    tall = f"by these cameras the person is {check.size * stature(body.subject):.2f} m tall, to about 3 %"
+    return replace(check, notes=(tall,))
 
 
 def with_offsets(clocks: Mapping[str, CameraClock], rig: PersonCalibration) -> dict[str, CameraClock]:

@@ -1,4 +1,4 @@
-"""`calibrate_from_person`: cameras from a person who moves before them."""
+"""`calibrate_from_person` and `check_cameras`: cameras and a person who moves before them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estimator.data.floor import OFF
+from humanoid.support.errors import InputError
 from kinemode.inputs.arrays import Spool
-from kinemode.inputs.declared import AUTO, Declared, Offsets, Rates, Sizes
+from kinemode.inputs.declared import AUTO, SYNC_CHOICES, Declared, Offsets, Rates, Sizes
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
-from kinemode.public.arguments import check_arguments, check_as
+from kinemode.public.arguments import check_arguments, check_as, choice
 from kinemode.public.cameras import check_png
 from kinemode.public.detection import with_detected
 from kinemode.public.tracking import loaded_subject
@@ -19,6 +21,7 @@ from kinemode.terminal.progress import Reporter
 
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
+    from estimator.data.rigs.check import RigCheck
     from kinemode.inputs.arrays import Clips, Keypoints
     from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
@@ -92,3 +95,56 @@ def calibrate_from_person(
 
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
         return calibrated_by_person(loaded, seen, *(None if f is None else Path(f) for f in (out, picture)))
+
+
+def check_cameras(
+    cameras: Cameras,
+    clips: Clips = None,
+    *,
+    keypoints: Keypoints = None,
+    detect: Detect = False,
+    offset: Offsets = None,
+    sync: str = OFF,
+    layout: str | Sequence[str] = "auto",
+    person: Persons = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    subject: SubjectLike = "human34",
+    progress: Reporter | None = None,
+) -> RigCheck:
+    """Check two or more calibrated cameras by a person who moves before them: whether any was moved since.
+
+    Rays of right cameras meet about as well as those of cameras that `calibrate_from_person` places; where they meet
+    much worse, the camera is named that, placed anew alone, lets them meet. Of two cameras both are named. A degree
+    shows in seconds of film, for it needs no more than that rays meet.
+
+    Parameters
+    ----------
+    cameras: a camera file, or cameras by name.
+    clips, keypoints, detect, offset, sync, layout, person, keypoint_size, fps: as of `kinemode.track`. Clocks that are
+        wrong look as cameras that are.
+    subject: whose landmarks the person has; how tall the person is the cameras tell.
+    progress: of the detection, see `kinemode.reported`; none by default.
+
+    Returns for each camera how far keypoints are off, and by how much the person places it otherwise; which camera
+    disagrees; notes (`estimator.data.rigs.check.RigCheck`).
+
+    Raises
+    ------
+    InputError: as `kinemode.track`; fewer than two cameras; too little that two cameras see at once.
+    """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, person=person, detect=detect,
+        progress=progress,
+    )  # fmt: skip
+    if cameras is None or cameras == AUTO:
+        raise InputError("cameras", "to be checked are needed", remedy="a camera file, or cameras by name")
+    choice("sync", sync, SYNC_CHOICES)
+    spool = Spool(clips, keypoints, layout)
+    told = Declared(keypoint_size, fps, offset, sync=sync, layout=spool.file_layout)
+    files = InputFiles(spool.clips, spool.keypoints, cameras, person=person, declared=told).checked()
+    loaded = loaded_subject(subject)
+    from kinemode.calibrating import checked_by_person
+
+    with spool.telling(), with_detected(files, detect, None, progress) as seen:
+        return checked_by_person(loaded, seen)

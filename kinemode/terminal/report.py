@@ -29,6 +29,7 @@ from kinemode.terminal.program import command
 if TYPE_CHECKING:
     from estimator.data.boards.calibrate import BoardCalibration
     from estimator.data.rigs.calibrate import PersonCalibration
+    from estimator.data.rigs.check import RigCheck
 
 
 _FEW = 16  # numbers that are printed of what a tracker tells
@@ -317,6 +318,22 @@ def print_rig(rig: PersonCalibration, out: Path, picture: Path | None) -> None:
     late = " ".join(f"{name}={offset:.4f}" for name, offset in rig.offsets.items() if offset)
     offsets = f" --offset {late}" if late else ""
     print_lines([*_written(out, picture), f"to track with them: --cameras {out}{offsets}"])
+
+
+def print_check(check: RigCheck, cameras: Path) -> None:
+    """How far a person's keypoints are off, by how much the person places each camera otherwise, and the verdict."""
+    made = table(f"{cameras.name} by a person", "camera", "error [px]", "turn [deg]", "place [cm]")
+    for name, camera in check.cameras.items():
+        turn = f"{camera.turn:.1f} +- {camera.turn_std:.1f}"
+        made.add_row(name, f"{camera.error:.1f}", turn, f"{100.0 * camera.shift:.0f} +- {100.0 * camera.shift_std:.0f}")
+    console().print(made)
+    print_lines([f"note: {note}" for note in check.notes])
+    better = f"rays meet {check.gain:.2f} times as well where the cameras may stand otherwise"
+    if check.agrees:
+        print_lines([f"the cameras hold: {better}"])
+    else:
+        which = " or ".join(check.moved)
+        print_lines([f"{which} stands otherwise than {cameras} says: {better}; calibrate again, or check the clocks"])
 
 
 def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:

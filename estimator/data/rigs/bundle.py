@@ -8,6 +8,7 @@ Marquardt's, on normal equations that SuperLU factorises: points are tied within
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,9 +89,12 @@ class RigUncertainty:
         return np.asarray(self.covariance[c, :, c])
 
 
-def adjusted(state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40) -> Adjusted:
-    """The state of least robust cost near one; most: steps."""
-    problem = RigProblem(state, seen, lengths)
+def adjusted(
+    state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40, free: Sequence[int] | None = None
+) -> Adjusted:
+    """The state of least robust cost near one; most: steps; free: the cameras that are placed, all but the first unless
+    they are given."""
+    problem = RigProblem(state, seen, lengths, free)
     x = problem.start
     r = problem.residuals(x)
     cost, damping = _robust(r), 1e-4
@@ -132,10 +136,13 @@ def _robust(r: np.ndarray) -> float:
 
 
 class RigProblem:
-    """Residuals and derivatives by one vector: turns and shifts of the cameras but the first (6 each), clocks of these,
-    logarithms of the focal lengths and of the segments' lengths, points. What is known has no column."""
+    """Residuals and derivatives by one vector: turns and shifts of the cameras that are placed (6 each), all but the
+    first unless they are given; clocks but the first one's, logarithms of the focal lengths and of the segments'
+    lengths, points. What is known has no column."""
 
-    def __init__(self, state: RigState, seen: RigRays, lengths: SegmentLengths) -> None:
+    def __init__(
+        self, state: RigState, seen: RigRays, lengths: SegmentLengths, free: Sequence[int] | None = None
+    ) -> None:
         self._base, self._seen, self._lengths = state, seen, lengths
         cameras = len(seen.rays)
         known = np.isfinite(seen.rays).all(axis=3) & np.isfinite(state.points).all(axis=2)
@@ -143,9 +150,10 @@ class RigProblem:
         self._have = known.any(axis=0)
         self._number = np.full(self._have.shape, -1)
         self._number[self._have] = np.arange(np.count_nonzero(self._have))
+        self._free = np.arange(1, cameras) if free is None else np.array(free, dtype=np.int64)
         self._free_late = np.flatnonzero(seen.late_std[1:] > 0.0) + 1
         self._free_focal = np.flatnonzero(seen.focal_std > 0.0)
-        sizes = [6 * (cameras - 1), len(self._free_late), len(self._free_focal), len(lengths.mean)]
+        sizes = [6 * len(self._free), len(self._free_late), len(self._free_focal), len(lengths.mean)]
         self._at = np.cumsum([0, *sizes])
         self._size = int(self._at[-1]) + 3 * int(np.count_nonzero(self._have))
         self._observed = seen.rays[self._c, self._k, self._j]
@@ -176,8 +184,8 @@ class RigProblem:
         """The state of a vector."""
         moves = x[: self._at[1]].reshape(-1, 6)
         R, t, late, focal = (array.copy() for array in (self._base.R, self._base.t, self._base.late, self._base.focal))
-        R[1:] = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ R[1:]
-        t[1:] += moves[:, 3:]
+        R[self._free] = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ R[self._free]
+        t[self._free] += moves[:, 3:]
         late[self._free_late] = x[self._at[1] : self._at[2]]
         focal[self._free_focal] = np.exp(x[self._at[2] : self._at[3]])
         points = np.full((*self._have.shape, 3), np.nan)
@@ -241,12 +249,13 @@ class RigProblem:
         by_place /= self._std[:, None, None]
         first = self._at[4] + 3 * self._number[self._k, self._j]
         entries.add(rows[:, :, None], first[:, None, None] + np.arange(3), by_place @ state.R[c])
-        some = np.flatnonzero(c > 0)
+        some = np.flatnonzero(np.isin(c, self._free))
+        move = np.searchsorted(self._free, c[some])
         moves = x[: self._at[1]].reshape(-1, 6)
         turned = at[some] - state.t[c[some]]
-        left = np.array([pin.Jexp3(-move[:3]) for move in moves]).reshape(-1, 3, 3)[c[some] - 1]
+        left = np.array([pin.Jexp3(-move[:3]) for move in moves]).reshape(-1, 3, 3)[move]
         by_turn = np.einsum("nxi,nij->nxj", np.cross(turned[:, None], by_place[some]), left)
-        place = 6 * (c[some] - 1)[:, None, None]
+        place = 6 * move[:, None, None]
         entries.add(rows[some][:, :, None], place + np.arange(3), by_turn)
         entries.add(rows[some][:, :, None], place + 3 + np.arange(3), by_place[some])
         for free, start, slope in (
@@ -276,7 +285,7 @@ class RigProblem:
         columns = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(np.eye(self._size, count))
         cameras = len(self._seen.rays)
         column = np.full((cameras, 7), -1)
-        column[1:, :6] = np.arange(self._at[1]).reshape(-1, 6)
+        column[self._free, :6] = np.arange(self._at[1]).reshape(-1, 6)
         column[self._free_focal, 6] = np.arange(self._at[2], count)
         free = np.flatnonzero(column.ravel() >= 0)
         of = column.ravel()[free]

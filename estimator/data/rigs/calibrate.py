@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.threads import one_thread
 from estimator.data.rigs.clocks import clock_lags
-from estimator.data.rigs.first import FEWEST
-from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.filmed import FILM, FilmedPerson
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
+from estimator.data.rigs.steadiness import CameraMove, camera_move, strange_cameras
 from estimator.data.rigs.views import JointView
 from estimator.data.rigs.world import RigWorld, rig_world
 from estimator.data.synchronisation import SURE_MARGIN, synchronised
@@ -23,12 +22,10 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
 UNSURE_TURN, UNSURE_SHIFT = 1.5, 0.04  # degrees; of the distance to the person: deviations that are said
-_FEWEST_JOINTS = 5  # that all cameras see
 _COMMON = 0.5  # of the shorter clip: what clips have in common at least
 _FRAMES = 1.5  # by which clocks that are told in two ways may differ
 _HOPELESS = 12.0  # degrees: what is less sure is no calibration
 _SWAPPED = 0.05  # share of the frames
-_FILM = "film a person who walks to and fro, across and along, turns, and lifts the arms, for 20 s or more"
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class PersonCalibration:
     [px] of a picture without the lens's distortion, NaN where nothing was seen. exchanged: share of each camera's
     frames whose sides were exchanged. names (J), points (T, J, 3) [m]: of the person, in the world, at times (T,) [s]
     of the first camera's clock.
-    notes: what the user should know.
+    notes: what the user should know. doubtful: cameras that were moved, or see somebody else, as a note says.
     """
 
     cameras: dict[str, Camera]
@@ -53,6 +50,7 @@ class PersonCalibration:
     times: np.ndarray
     points: np.ndarray
     notes: tuple[str, ...]
+    doubtful: tuple[str, ...] = ()
 
     @property
     def turn_stds(self) -> dict[str, float]:
@@ -81,9 +79,17 @@ class PersonCalibration:
 
     @property
     def unsure(self) -> tuple[str, ...]:
-        """The cameras whose deviations are large enough to be said."""
+        """The cameras whose deviations are large enough to be said, and the doubtful ones."""
         most = UNSURE_SHIFT * self.distance
-        return tuple(n for n in self.cameras if self.turn_stds[n] > UNSURE_TURN or self.shift_stds[n] > most)
+        return tuple(
+            n
+            for n in self.cameras
+            if self.turn_stds[n] > UNSURE_TURN or self.shift_stds[n] > most or n in self.doubtful
+        )
+
+    def with_doubt(self, cameras: Sequence[str], note: str) -> PersonCalibration:
+        """The same of doubtful cameras, with a note that says why before all others."""
+        return replace(self, doubtful=tuple(cameras), notes=(note, *self.notes))
 
     @property
     def sure(self) -> bool:
@@ -118,46 +124,39 @@ def calibrate_by_person(
     InputError: fewer than two cameras; too little that two cameras see at once; no motion that tells where they stand;
     clocks that cannot be told.
     """
-    names = list(tracks)
-    if len(names) < 2:
-        raise InputError("cameras", "there is one: two or more are placed by a person", remedy="give clips of all")
-    for name in names:
-        lenses[name].needs_centre()
-    lengths = SegmentLengths.of(body, _shared(tracks))
-    joints = [body.landmark_names[i] for i in lengths.landmark]
-    views = [_view(tracks[name], lenses[name], times[name], joints) for name in names]
-    if len(joints) < _FEWEST_JOINTS or min(len(view.times) for view in views) < 2:
-        raise _nothing(names, tracks)
+    seen = FilmedPerson.of(body, tracks, lenses, times)
+    names, lengths, views = seen.names, seen.lengths, seen.views
     lags = [np.zeros(len(names))] if clocks_known else clock_lags(views)
-    rays = RigViews.of(views, joints, clocks_known=clocks_known)
+    rays = RigViews.of(views, seen.joints, clocks_known=clocks_known)
     fit = fitted_rig(rays, lengths, lags)
     if fit is None:
-        raise _nothing(names, tracks)
+        raise seen.nothing()
     _check(fit)
-    rig = _calibration(body, names, lenses, joints, fit, size)
+    rig = _calibration(body, names, lenses, seen.joints, fit, size)
     if not clocks_known:
         _check_clocks(rig, views, fit, lengths.mirror)
-    return rig
+    move = camera_move(rays, lengths, fit)
+    if move is not None:
+        return rig.with_doubt([names[c] for c in move.cameras], _moved(names, move))
+    strange = [names[c] for c in strange_cameras(rays, lengths, fit)]
+    return rig.with_doubt(strange, _strange(strange)) if strange else rig
 
 
-def _shared(tracks: Mapping[str, KeypointTrack]) -> list[str]:
-    """Names of the keypoints that all cameras have."""
-    sets = [{name for name in track.names if name is not None} for track in tracks.values()]
-    return sorted(set.intersection(*sets))
+def _moved(names: Sequence[str], move: CameraMove) -> str:
+    which = " or ".join(names[c] for c in move.cameras)
+    return (
+        f"{which} was moved at about {move.after:.1f} s of the clock of {names[0]}: no placement is right for the whole"
+        " clip; cut the clips there"
+    )
 
 
-def _view(track: KeypointTrack, lens: Camera, times: np.ndarray, joints: Sequence[str]) -> JointView:
-    seen = np.where((track.confidence > 0.0)[..., None], track.pixels, np.nan)
-    columns = [track.names.index(name) for name in joints]
-    return JointView(lens, seen[: len(times), columns], times[: len(seen)])
-
-
-def _nothing(names: Sequence[str], tracks: Mapping[str, KeypointTrack]) -> InputError:
-    unseen = [name for name in names if not np.any(tracks[name].confidence > 0.0)]
-    if unseen:
-        return InputError("cameras", f"nobody is seen by {', '.join(unseen)}", remedy=f"leave it out, or {_FILM}")
-    problem = f"no two of {', '.join(names)} see {FEWEST} points of a person at once"
-    return InputError("cameras", problem, remedy=f"the clips have to overlap in time: {_FILM}, in all of them at once")
+def _strange(names: Sequence[str]) -> str:
+    *others, name = names
+    which = f"{name} and {others[0]} do not fit each other" if others else f"{name} does not fit the others"
+    return (
+        f"{which}: does it see another person (--person {name}=NUMBER), is its clock wrong (--offset {name}=SECONDS),"
+        " are its keypoints poor? Else leave it out"
+    )
 
 
 def _check(fit: RigFit) -> None:
@@ -165,7 +164,7 @@ def _check(fit: RigFit) -> None:
     turns = np.array([np.degrees(np.sqrt(np.trace(fit.unsure.own(c)[:3, :3]))) for c in range(len(fit.late))])
     if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
         problem = f"the person's motion does not tell where the cameras stand (to {turns.max():.0f} degrees)"
-        raise InputError("cameras", problem, remedy=_FILM)
+        raise InputError("cameras", problem, remedy=FILM)
 
 
 def _check_clocks(
@@ -186,7 +185,7 @@ def _check_clocks(
     if not agree.all():
         names = [name for name, sure in zip(rig.cameras, agree, strict=True) if not sure]
         problem = f"when {', '.join(names)} started cannot be told for sure before the cameras are placed"
-        raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {_FILM}")
+        raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {FILM}")
 
 
 def _right_way(
@@ -197,31 +196,18 @@ def _right_way(
     return np.where(flips[np.searchsorted(middles, times), None, None], pixels[:, mirror], pixels)
 
 
-def _deviations(fit: RigFit, size: float) -> np.ndarray:
-    """(C, 7, K): see `Camera.deviations`; size: metres in a unit of the rig's frame."""
-    cameras = len(fit.late)
-    covariance = fit.unsure.covariance.reshape(7 * cameras, 7 * cameras)
-    free = np.flatnonzero(np.diagonal(covariance) > 0.0)
-    variance, causes = np.linalg.eigh(covariance[np.ix_(free, free)])
-    deviations = np.zeros((cameras, 7, len(free)))
-    deviations.reshape(7 * cameras, -1)[free] = causes * np.sqrt(np.maximum(variance, 0.0))
-    for own, t in zip(deviations, fit.state.t, strict=True):
-        own[3:6] = size * (pin.skew(t) @ own[:3] + own[3:6])  # the turn was about the rig's origin
-    return deviations
-
-
 def _calibration(
     body: Body, names: Sequence[str], lenses: Mapping[str, Camera], joints: Sequence[str], fit: RigFit, size: float
 ) -> PersonCalibration:
     state = fit.state
     world = rig_world(body, joints, state, fit.instants, size)
-    deviations = _deviations(fit, size)
+    deviations = fit.deviations(size)
     cameras = {name: _placed(lenses[name], c, fit, world, deviations[c]) for c, name in enumerate(names)}
     result = PersonCalibration(
         cameras=cameras,
         offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
         offset_stds=_by_name(names, fit.unsure.late_std),
-        residuals=dict(zip(names, _residuals(fit, list(cameras.values())), strict=True)),
+        residuals={name: lenses[name].K[0, 0] * off for name, off in zip(names, fit.misfits, strict=True)},
         exchanged=_by_name(names, _exchanged(fit.flips)),
         names=tuple(joints),
         times=fit.instants,
@@ -243,16 +229,6 @@ def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld, deviations: np.n
     return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=focal_std, deviations=deviations)
 
 
-def _residuals(fit: RigFit, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
-    """(T, J, 2) [px] of each camera."""
-    state = fit.state
-    for c, camera in enumerate(cameras):
-        at = state.points @ state.R[c].T + state.t[c]
-        seen = fit.rays.rays[c] + fit.rays.slope[c] * state.late[c]
-        off = state.focal[c] * at[..., :2] / at[..., 2:] - seen
-        yield camera.K[0, 0] / state.focal[c] * off
-
-
 def _exchanged(flips: np.ndarray) -> np.ndarray:
     """Shares (C,); which of two cameras is right nobody knows: the one that is so in fewer frames."""
     share = flips.mean(axis=1)
@@ -263,7 +239,7 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
     notes = []
     for name in rig.unsure:
         turn, shift = rig.turn_stds[name], rig.shift_stds[name]
-        notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {_FILM}")
+        notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {FILM}")
     for name, share in rig.exchanged.items():
         if share > _SWAPPED:
             notes.append(f"{name}: left and right are exchanged in {share:.0%} of the frames, beside the other cameras")

@@ -13,7 +13,7 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from estimator.data.cameras.epipolar import nearest_points
+from estimator.data.cameras.epipolar import essential_of, nearest_points, sampson
 from estimator.data.rigs.bundle import RigState
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.views import with_depth
@@ -58,6 +58,21 @@ def pair_poses(rays: np.ndarray, std: np.ndarray, a: int, b: int, seeds: Sequenc
         count, R, t, _ = cv2.recoverPose(E[:3], x, y, _I, mask=agree.copy())
         poses.append(PairPose(a, b, R, t[:, 0], int(count), count * min(1.0, _angle(R, x, y) / _PARALLAX)))
     return poses
+
+
+def meeting_share(rays: np.ndarray, std: np.ndarray, mirror: np.ndarray, a: int, b: int) -> float:
+    """Share of the rays (C, T, J, 2) of two cameras that meet by the pose that suits most, the sides of each frame as
+    they suit; 0 where they have too few in common. Of two different people some meet as well."""
+    first, others = with_depth(rays[a]), [with_depth(seen) for seen in (rays[b], rays[b][:, mirror])]
+    near = _THRESHOLD * np.hypot(std[a], std[b])
+    common = np.isfinite(rays[[a, b]]).all(axis=(0, 3)).sum()
+    shares = [0.0]
+    for seen in (rays[b], rays[b][:, mirror]):
+        for pose in pair_poses(np.stack([rays[a], seen]), std[[a, b]], 0, 1):
+            E = essential_of(pose.R, pose.t)
+            meet = [(sampson(E, first, second) < near).sum(axis=1) for second in others]
+            shares.append(float(np.maximum(*meet).sum() / common))
+    return max(shares)
 
 
 def _sampling(threshold: float, seed: int) -> cv2.UsacParams:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from estimator.data.rigs.bundle import Adjusted, RigRays, RigState, RigUncertainty, adjusted, uncertainty
 from estimator.data.rigs.first import PairPose, best_pairs, state_of_pair, triangulated
@@ -57,6 +58,27 @@ class RigFit:
     rays: RigRays
     instants: np.ndarray
 
+    @property
+    def misfits(self) -> np.ndarray:
+        """From where rays are seen to where the points are (C, T, J, 2), in the plane z = 1 by the told focal
+        lengths."""
+        state, seen = self.state, self.rays
+        at = np.einsum("cij,tnj->ctni", state.R, state.points) + state.t[:, None, None]
+        flat = state.focal[:, None, None, None] * at[..., :2] / at[..., 2:]
+        return np.asarray(flat - seen.rays - seen.slope * state.late[:, None, None, None])
+
+    def deviations(self, size: float) -> np.ndarray:
+        """(C, 7, K): see `Camera.deviations`; size: metres in a unit of the rig's frame."""
+        cameras = len(self.late)
+        covariance = self.unsure.covariance.reshape(7 * cameras, 7 * cameras)
+        free = np.flatnonzero(np.diagonal(covariance) > 0.0)
+        variance, causes = np.linalg.eigh(covariance[np.ix_(free, free)])
+        deviations = np.zeros((cameras, 7, len(free)))
+        deviations.reshape(7 * cameras, -1)[free] = causes * np.sqrt(np.maximum(variance, 0.0))
+        for own, t in zip(deviations, self.state.t, strict=True):
+            own[3:6] = size * (pin.skew(t) @ own[:3] + own[3:6])  # the turn was about the rig's origin
+        return deviations
+
 
 def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarray]) -> RigFit | None:
     """The rig of least cost; None where no two cameras have enough points in common. lags: how much later the clocks
@@ -73,7 +95,7 @@ def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarr
                 mean = begun.cost / max(1, int(np.count_nonzero(np.isfinite(rays))))
                 if best is None or mean < best[0]:
                     best = mean, late, begun.state
-    return None if best is None else _finished(views, lengths, best[1], best[2])
+    return None if best is None else rig_near(views, lengths, best[1], best[2])
 
 
 def _beginning(
@@ -109,8 +131,9 @@ def _alternated(
     return result, flips, seen
 
 
-def _finished(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: RigState) -> RigFit:
-    """On many instants, with the noise that the residuals show, and clocks read where they were found."""
+def rig_near(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: RigState) -> RigFit:
+    """The rig of least cost near a state: on many instants, with the noise that the residuals show, and clocks read
+    where they were found. late (C,) [s]: how much later they are read at first."""
     for k in range(_TIMES):
         late = late + state.late
         state = replace(state, late=np.zeros_like(late))

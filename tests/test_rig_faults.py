@@ -1,0 +1,96 @@
+"""Cameras that stand otherwise than the others, or than a calibration, say; and what else makes a rig doubtful."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinemode as km
+import kinemode.__main__ as front
+from benchmarks.accuracy.rig_faults import backwards, turned_camera, with_turn
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.rigs.calibrate import calibrate_by_person
+from estimator.data.rigs.check import check_by_person
+from humanoid.support.errors import InputError
+from tests.test_rigs import FPS, Filmed
+
+ACROSS = np.array([0.6, 0.8, 0.0])
+
+
+@pytest.fixture(scope="module")
+def filmed() -> Filmed:
+    return Filmed()
+
+
+def test_a_camera_that_is_moved_during_the_clip_is_named(filmed: Filmed) -> None:
+    camera, half = filmed.cameras["cam03"], filmed.tracks["cam03"].frame_count // 2
+    moved = with_turn(filmed.tracks["cam03"], camera, turned_camera(camera, 4.0, ACROSS), half)
+    tracks = {**filmed.tracks, "cam03": moved}
+    rig = calibrate_by_person(filmed.body, tracks, filmed.lost(), filmed.times, clocks_known=True)
+    assert rig.doubtful == ("cam03",)
+    assert "cam03" in rig.unsure
+    assert f"cam03 was moved at about {half / FPS:.1f} s" in rig.notes[0]
+
+
+@pytest.mark.parametrize("others", [("cam01", "cam02"), ("cam01",)])
+def test_a_camera_that_sees_another_person_is_named(filmed: Filmed, others: tuple[str, ...]) -> None:
+    """Of two cameras nobody knows which."""
+    tracks = {**{name: filmed.tracks[name] for name in others}, "cam03": backwards(filmed.tracks["cam03"])}
+    rig = calibrate_by_person(filmed.body, tracks, filmed.lost(), filmed.times, clocks_known=True)
+    assert rig.doubtful == (("cam03",) if len(others) > 1 else ("cam01", "cam03"))
+    assert "--person cam03=NUMBER" in rig.notes[0]
+
+
+def test_right_cameras_are_found_right_and_a_turned_one_is_named(filmed: Filmed) -> None:
+    check = check_by_person(filmed.body, filmed.tracks, filmed.cameras, filmed.times)
+    assert check.agrees
+    assert check.gain < 1.1
+    assert check.size == pytest.approx(1.0, abs=0.03)
+    for camera in check.cameras.values():
+        assert camera.turn <= 3.0 * camera.turn_std
+    wrong = {**filmed.cameras, "cam01": turned_camera(filmed.cameras["cam01"], 2.0, ACROSS)}
+    off = check_by_person(filmed.body, filmed.tracks, wrong, filmed.times)
+    assert off.moved == ("cam01",)
+    assert off.gain > 2.0 * check.gain
+
+
+def test_the_command_says_what_the_function_says(
+    filmed: Filmed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {name: tmp_path / f"{name}.json" for name in filmed.tracks}
+    for name, path in files.items():
+        write_keypoints(path, filmed.tracks[name])
+    right, wrong = tmp_path / "right.json", tmp_path / "wrong.json"
+    write_cameras(right, filmed.cameras.values())
+    write_cameras(
+        wrong, [{**filmed.cameras, "cam02": turned_camera(filmed.cameras["cam02"], 3.0, ACROSS)}[n] for n in files]
+    )
+    said = []
+    for path in (right, wrong):
+        assert front.main(["calibrate", "--check", str(path), "--keypoints", *map(str, files.values())]) == 0
+        said.append(capsys.readouterr().out)
+    assert "the cameras hold" in said[0]
+    assert "cam02 stands otherwise than" in said[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["--height", "1.7"], "--height: is of cameras that are found"),
+        (["--out", "c.json"], "--out: is of a calibration that is made"),
+        (["--sync", "some"], "sync"),
+    ],
+)
+def test_options_that_do_not_serve_a_check_are_refused(
+    given: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert front.main(["calibrate", "a.mp4", "--check", "cameras.json", *given]) != 0
+    assert message in capsys.readouterr().err
+
+
+def test_a_check_needs_cameras_of_its_own() -> None:
+    with pytest.raises(InputError, match="to be checked are needed"):
+        km.check_cameras("auto", keypoints={"a": "a.json", "b": "b.json"})
