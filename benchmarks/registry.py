@@ -231,6 +231,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.accuracy.rig_motions",
+        "What a person has to do before two phones for their cameras to be found: angle, motion, seconds.",
+        "",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.accuracy.crowd",
         "Several people: time to read a crowd's keypoints, and errors of a person tracked among others and alone.",
         "< 5 s; errors as alone",

@@ -41,6 +41,17 @@ class RigClip:
     q: np.ndarray
     late: np.ndarray
 
+    @property
+    def points(self) -> np.ndarray:
+        """Landmarks of the person (T, N, 3) [m]."""
+        return self.body.landmarks_of(self.body.placed(self.q))
+
+    def begun_later(self, lags: np.ndarray) -> RigClip:
+        """The clip of cameras that began so many frames (C,) int later, or earlier, than they do."""
+        left_out = (lags - lags.min()).tolist()
+        tracks = tuple(_without_first(track, n) for track, n in zip(self.tracks, left_out, strict=True))
+        return replace(self, tracks=tracks, late=self.late + lags / FPS)
+
 
 def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, late: float = 0.0) -> RigClip:
     """Two to four cameras around a captured person, by seed, with other lengths each: trials of one person of the
@@ -54,15 +65,17 @@ def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, lat
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     azimuths = _azimuths(count, rng)
     cameras = tuple(_camera(f"cam{i + 1}", points, a, rng) for i, a in enumerate(azimuths))
-    tall = np.mean([np.median(np.ptp(camera.project(points)[..., 1], axis=1)) for camera in cameras])
-    errors = DetectorSettings(_NOISE * float(tall), 0.01, 0.02, **LASTING)
+    errors = detector_errors(cameras, points)
     lags = np.concatenate([[0], np.round(FPS * rng.uniform(-late, late, count - 1)).astype(int)])
-    tracks = [
-        _without_first(track, lag - int(lags.min()))
-        for track, lag in zip(synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS), lags.tolist(), strict=True)
-    ]
     name = f"person {who[seed % len(who)]}, {len(q) / FPS:.1f} s, {count} cameras"
-    return RigClip(name, cameras, tuple(tracks), body, q, lags / FPS)
+    tracks = tuple(synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS))
+    return RigClip(name, cameras, tracks, body, q, np.zeros(count)).begun_later(lags)
+
+
+def detector_errors(cameras: Sequence[Camera], points: np.ndarray) -> DetectorSettings:
+    """Of a detector that is as exact as on beam4cam beside how large a person of points (T, N, 3) [m] is seen."""
+    tall = np.mean([np.median(np.ptp(camera.project(points)[..., 1], axis=1)) for camera in cameras])
+    return DetectorSettings(_NOISE * float(tall), 0.01, 0.02, **LASTING)
 
 
 def _motion(body: Body, files: Sequence[Path], seconds: float) -> np.ndarray:
@@ -88,25 +101,36 @@ def _azimuths(count: int, rng: np.random.Generator) -> np.ndarray:
 
 def _camera(name: str, points: np.ndarray, azimuth: float, rng: np.random.Generator) -> Camera:
     """A camera that sees all points (T, N, 3) [m] from an azimuth [deg]."""
-    size = _SIZES[int(rng.integers(2))]
-    lens = guessed_camera(name, size, focal=float(rng.uniform(*_FOCAL)))
+    lens = phone(name, rng)
     a, e = np.radians(azimuth), np.radians(rng.uniform(*_ELEVATION))
     away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.cross(-away, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    level = np.stack([right, np.cross(-away, right), -away])
-    R = Rotation.from_euler("z", rng.normal(0.0, _ROLL), degrees=True).as_matrix() @ level
+    base = turned(lens, away, rng)
     flat = points.reshape(-1, 3)
     aim = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
     near, far = _NEAREST, _FARTHEST
-    base = replace(lens, R_camera_world=R)
     while far - near > 1e-2:
         middle = 0.5 * (near + far)
-        near, far = (near, middle) if _inside(_at(base, aim + middle * away), points) else (middle, far)
-    return _at(base, aim + far * rng.uniform(1.0, _SPREAD) * away)
+        near, far = (near, middle) if _inside(moved_to(base, aim + middle * away), points) else (middle, far)
+    return moved_to(base, aim + far * rng.uniform(1.0, _SPREAD) * away)
 
 
-def _at(camera: Camera, centre: np.ndarray) -> Camera:
+def phone(name: str, rng: np.random.Generator) -> Camera:
+    """A camera with a phone's lens, upright or on its side, that stands nowhere yet."""
+    size = _SIZES[int(rng.integers(2))]
+    return guessed_camera(name, size, focal=float(rng.uniform(*_FOCAL)))
+
+
+def turned(camera: Camera, away: np.ndarray, rng: np.random.Generator) -> Camera:
+    """The camera looking against a direction (3,) of length 1, nearly level."""
+    right = np.cross(-away, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    level = np.stack([right, np.cross(-away, right), -away])
+    roll = Rotation.from_euler("z", rng.normal(0.0, _ROLL), degrees=True).as_matrix()
+    return replace(camera, R_camera_world=roll @ level)
+
+
+def moved_to(camera: Camera, centre: np.ndarray) -> Camera:
+    """The camera with its centre (3,) [m] there."""
     return replace(camera, t_camera_world=-camera.R_camera_world @ centre)
 
 

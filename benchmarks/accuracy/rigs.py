@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy.rig_clips import FPS, SECONDS, drawn_rig
+from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, drawn_rig
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, beam_folder, in_processes, save, tell
 from benchmarks.support.pose_prior_clips import captured_files
 from estimator.data.cameras.camera import Camera, guessed_camera
@@ -41,14 +41,16 @@ TARGETS = {"beam4cam": "5 of 6 pairs and all four", "clocks": "9 of 10", "random
 
 @dataclass(frozen=True)
 class RigOutcome:
-    """A rig as it was placed. turns [deg], places [%]: errors of all cameras but the first. turn_stds [deg]: predicted.
-    clock: the worst camera's error [s]. seconds: processor time. refusal: empty unless it was refused."""
+    """A rig as it was placed. turns [deg], places [%]: errors of all cameras but the first. turn_stds [deg], place_stds
+    [%]: predicted. clock: the worst camera's error [s]. seconds: processor time. refusal: empty unless it was refused.
+    """
 
     name: str
     seconds: float
     turns: tuple[float, ...] = ()
     places: tuple[float, ...] = ()
     turn_stds: tuple[float, ...] = ()
+    place_stds: tuple[float, ...] = ()
     clock: float = np.nan
     sure: bool = False
     refusal: str = ""
@@ -80,6 +82,12 @@ class RigTrial:
     offsets: np.ndarray
     clocks_known: bool = True
 
+    @classmethod
+    def of(cls, clip: RigClip, name: str, *, clocks_known: bool) -> RigTrial:
+        """Of a clip whose lenses are known."""
+        times = [frame_times(track, FPS) for track in clip.tracks]
+        return cls(name, clip.cameras, clip.cameras, clip.tracks, times, clip.points, clip.late, clocks_known)
+
     def outcome(self) -> RigOutcome:
         """What `calibrate_by_person` makes of it, for a person of the default body's proportions."""
         body, names = Body(load_subject("human34")), [camera.name for camera in self.cameras]
@@ -93,8 +101,9 @@ class RigTrial:
         seconds, others = process_time() - begin, names[1:]
         clock = np.abs(np.array([rig.offsets[name] for name in names]) - self.offsets).max()
         turns, places = self._errors(rig)
-        stds = tuple(rig.turn_stds[name] for name in others)
-        return RigOutcome(self.name, seconds, turns, places, stds, float(clock), rig.sure)
+        turn_stds = tuple(rig.turn_stds[name] for name in others)
+        place_stds = tuple(100.0 * rig.shift_stds[name] / rig.distance for name in others)
+        return RigOutcome(self.name, seconds, turns, places, turn_stds, place_stds, float(clock), rig.sure)
 
     def _errors(self, rig: PersonCalibration) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Of rotations [deg] and places [%]."""
@@ -139,11 +148,8 @@ def of_beam(folder: Path, names: Sequence[str], *, guess: bool = False, shifts: 
 def of_seed(files: Sequence[Path], late: float, seconds: float, seed: int) -> RigOutcome:
     """A random rig's; its clocks are known unless they are `late` [s] at most."""
     clip = drawn_rig(files, seed, seconds=seconds, late=late)
-    points = np.array([clip.body.landmarks(clip.body.at(pose)) for pose in clip.q])
-    times = [frame_times(track, FPS) for track in clip.tracks]
     name = f"{seed}: {clip.name}"
-    trial = RigTrial(name, clip.cameras, clip.cameras, clip.tracks, times, points, clip.late, late == 0.0)
-    outcome = trial.outcome()
+    outcome = RigTrial.of(clip, name, clocks_known=late == 0.0).outcome()
     tell(f"{name}: {outcome.seconds:.1f} s")
     return outcome
 
