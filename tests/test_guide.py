@@ -34,7 +34,7 @@ FIRST = "first-clip"
 RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues")
 QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
 """Pages whose tracks are made with few searches and of the subject as it is: other pages fit it."""
-PAGES = (FIRST, *RUNNABLE, *QUICKLY, "conventions", "install", "troubleshooting")
+PAGES = (FIRST, *RUNNABLE, *QUICKLY, "conventions", "install", "troubleshooting", "two-phones")
 COMMANDS = {name for name in cli.app if not name.startswith("-")}
 ALWAYS = {"--help", "--debug"}
 QUIET = "ignore:.*Check CHANGES for Sphinx API modifications"
