@@ -28,7 +28,8 @@ _MOST_DAMPING, _LEAST_DAMPING = 1e6, 1e-9
 _LEAST_GAIN = 1e-5  # of the cost
 _TINY = 1e-9
 _SIZE_KNOWN = 1e8  # precision of the logarithm of the person's size, for covariances that are of the rig's shape
-_BIAS = 0.5  # of a ray's deviation: what a detector marks elsewhere from every side
+BIAS = 0.5
+"""Of a ray's deviation: what a detector marks elsewhere from every side."""
 
 
 @dataclass(frozen=True)
@@ -97,14 +98,14 @@ def adjusted(
     problem = RigProblem(state, seen, lengths, free)
     x = problem.start
     r = problem.residuals(x)
-    cost, damping = _robust(r), 1e-4
+    cost, damping = robust_cost(r), 1e-4
     for _ in range(most):
         A, g = problem.normal_equations(x, r)
         scale = A.diagonal()
         while damping <= _MOST_DAMPING:
             tried = x - _factors(A + diags(damping * scale + _TINY)).solve(g)
             new = problem.residuals(tried)
-            gain = cost - _robust(new)
+            gain = cost - robust_cost(new)
             if gain > 0.0:
                 break
             damping *= 6.0
@@ -126,12 +127,13 @@ def _factors(A: csc_matrix) -> SuperLU:
     return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-def _weights(r: np.ndarray) -> np.ndarray:
-    """Of residuals, by their tails."""
+def robust_weights(r: np.ndarray) -> np.ndarray:
+    """Of residuals, by Cauchy's tails."""
     return np.asarray(1.0 / (1.0 + np.square(r / _TAIL)))
 
 
-def _robust(r: np.ndarray) -> float:
+def robust_cost(r: np.ndarray) -> float:
+    """Half the sum of the squares of residuals, with Cauchy's tails."""
     return float(0.5 * _TAIL**2 * np.log1p(np.square(r / _TAIL)).sum())
 
 
@@ -267,17 +269,17 @@ class RigProblem:
 
     def normal_equations(self, x: np.ndarray, r: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
         """Gauss and Newton's Hessian and gradient, residuals weighted by their tails."""
-        J, weight = self.jacobian(x), _weights(r)
+        J, weight = self.jacobian(x), robust_weights(r)
         return (J.T @ J.multiply(weight[:, None])).tocsc(), np.asarray(J.T @ (weight * r))
 
     def chi(self, r: np.ndarray) -> float:
         """See `Adjusted`."""
-        weight = _weights(r)
+        weight = robust_weights(r)
         return float(np.sqrt((weight * r * r).sum() / max(1.0, weight.sum() - self._size)))
 
     def uncertainty(self) -> RigUncertainty:
         """At the state that it was made of."""
-        count, J, weight = int(self._at[3]), self.jacobian(self.start), _weights(self.residuals(self.start))
+        count, J, weight = int(self._at[3]), self.jacobian(self.start), robust_weights(self.residuals(self.start))
         tall = np.zeros(self._size)
         tall[self._at[3] : self._at[4]] = self._lengths.mean / self._lengths.mean.sum()
         of_size = csr_matrix(tall)
@@ -303,7 +305,7 @@ class RigProblem:
         pull = (J @ rows)[:count] * weight[:count, None]
         bias = 2 * (self._c * joints + self._j)[:, None] + np.arange(2)
         which = csr_matrix((np.ones(count), (bias.ravel(), np.arange(count))), shape=(2 * self._seen.std.size, count))
-        return np.asarray(_BIAS * (which @ pull).T)
+        return np.asarray(BIAS * (which @ pull).T)
 
 
 class _Entries:

@@ -12,6 +12,7 @@ from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.threads import one_thread
 from estimator.data.rigs.clocks import clock_lags
 from estimator.data.rigs.filmed import FILM, FilmedPerson
+from estimator.data.rigs.posing import posed_rig
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
 from estimator.data.rigs.steadiness import CameraMove, camera_move, strange_cameras
 from estimator.data.rigs.views import JointView
@@ -132,6 +133,7 @@ def calibrate_by_person(
     if fit is None:
         raise seen.nothing()
     _check(fit)
+    fit = posed_rig(body, fit, lengths)
     rig = _calibration(body, names, lenses, seen.joints, fit, size)
     if not clocks_known:
         _check_clocks(rig, views, fit, lengths.mirror)

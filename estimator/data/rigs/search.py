@@ -144,10 +144,13 @@ def rig_near(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: 
         state = result.state
         if k == 0:
             views = replace(views, std=views.std * np.clip(result.chi, 0.5, 3.0))
+    unsure = lasting(uncertainty(state, seen, lengths), instants)
+    return RigFit(state, unsure, late + state.late, flips, seen, instants)
+
+
+def lasting(unsure: RigUncertainty, instants: np.ndarray) -> RigUncertainty:
+    """How sure a rig is with the time in mind that errors last, and what it has of bias; instants (T,) [s]."""
     span = float(instants[-1] - instants[0])
     fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
-    alone = uncertainty(state, seen, lengths)
-    unsure = replace(
-        alone, covariance=fewer * alone.covariance + alone.of_bias, late_std=np.sqrt(fewer) * alone.late_std
-    )
-    return RigFit(state, unsure, late + state.late, flips, seen, instants)
+    covariance = fewer * unsure.covariance + unsure.of_bias
+    return replace(unsure, covariance=covariance, late_std=np.sqrt(fewer) * unsure.late_std)

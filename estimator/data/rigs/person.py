@@ -1,0 +1,220 @@
+"""The person as a body in place of free points: its pose at every instant, its proportions, and where a detector marks
+its joints.
+
+A body bends as its joints do and keeps within their limits; that says more of where cameras stand than lengths alone.
+Poses are eliminated instant by instant (the Schur complement of Triggs et al., Bundle adjustment - a modern synthesis,
+2000, section 6.1): what is left is as large as cameras, proportions and marks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.data.rigs.bundle import BIAS, RigRays, RigState, robust_cost, robust_weights
+from estimator.data.rigs.lengths import SegmentLengths
+from humanoid.kinematics.proportions import ProportionedBody
+
+MARKS = 0.03  # m: how far from a landmark a detector marks it, in its link
+_NEAREST = 0.05  # m: least depth of a point
+
+
+@dataclass(frozen=True)
+class FilmedBody:
+    """What is adjusted. rig: cameras and focal lengths. q (T, nq): poses in the rig's frame. scales (P,): of the
+    proportions. marks (J, 3) [m]: from landmarks to where they are marked, in the frames of their links."""
+
+    rig: RigState
+    q: np.ndarray
+    scales: np.ndarray
+    marks: np.ndarray
+
+
+class PersonSystem(NamedTuple):
+    """Gauss and Newton's: of what is common A (S, S), g (S,), of poses H (T, nv, nv), h (T, nv), both B (T, S, nv)."""
+
+    A: np.ndarray
+    g: np.ndarray
+    H: np.ndarray
+    h: np.ndarray
+    B: np.ndarray
+
+
+class PersonProblem:
+    """Residuals of rays by a body's poses and what all instants have in common: turns and shifts of the cameras but the
+    first (6 each), logarithms of focal lengths that are not known, scales and marks."""
+
+    def __init__(self, body: ProportionedBody, seen: RigRays, lengths: SegmentLengths) -> None:
+        self._body, self._seen, self._landmark = body, seen, lengths.landmark
+        self._joint = body.base.landmark_joint[lengths.landmark]
+        self._known = np.isfinite(seen.rays).all(axis=3)
+        cameras, joints = seen.std.shape
+        self._focal = np.flatnonzero(seen.focal_std > 0.0)
+        sizes = [6 * (cameras - 1), len(self._focal), len(body.mean), 3 * joints]
+        self._at = np.cumsum([0, *sizes])
+        base = body.base
+        resting = [s for s in base.subject.stabilisers if base.model.existJointName(s.joint)]
+        joint = [base.model.getJointId(s.joint) for s in resting]
+        self._rest_q = np.array([base.model.idx_qs[j] for j in joint], dtype=np.int64)
+        self._rest_v = np.array([base.model.idx_vs[j] for j in joint], dtype=np.int64)
+        self._rest, self._rest_std = (np.array([getattr(s, what) for s in resting]) for what in ("rest", "std"))
+
+    def cost(self, at: FilmedBody) -> float:
+        """Half the sum of robust squares of rays, and of squares of what is known besides."""
+        return self._evaluated(at, derivatives=False)[0]
+
+    def system(self, at: FilmedBody) -> tuple[float, PersonSystem]:
+        """The cost, and its normal equations."""
+        cost, system = self._evaluated(at, derivatives=True)
+        assert system is not None
+        return cost, system
+
+    def moved(self, at: FilmedBody, common: np.ndarray, poses: np.ndarray) -> FilmedBody:
+        """By a step of what is common (S,) and of the poses (T, nv)."""
+        rig, base = at.rig, self._body.base
+        moves = common[: self._at[1]].reshape(-1, 6)
+        R, t, focal = rig.R.copy(), rig.t.copy(), rig.focal.copy()
+        for c, move in enumerate(moves, start=1):
+            R[c], t[c] = pin.exp3(move[:3]) @ R[c], t[c] + move[3:]
+        focal[self._focal] *= np.exp(common[self._at[1] : self._at[2]])
+        scales = np.clip(at.scales + common[self._at[2] : self._at[3]], self._body.low, self._body.high)
+        marks = at.marks + common[self._at[3] :].reshape(-1, 3)
+        q = np.array([base.integrate(pose, step) for pose, step in zip(at.q, poses, strict=True)])
+        return FilmedBody(replace(rig, R=R, t=t, focal=focal), q, scales, marks)
+
+    def points(self, at: FilmedBody) -> np.ndarray:
+        """Where joints are marked (T, J, 3), in the rig's frame."""
+        return self._placed(at, derivatives=False)[0]
+
+    def _placed(self, at: FilmedBody, *, derivatives: bool) -> tuple[np.ndarray, ...]:
+        """Marks (T, J, 3); their derivatives by poses (T, J, 3, nv), by scales (T, J, 3, P); turns of links."""
+        body, some = self._body.at(at.scales), self._landmark
+        body.landmark_local = body.landmark_local.copy()
+        body.landmark_local[some] += at.marks
+        points, by_pose, by_scale, turns = [], [], [], []
+        for q in at.q:
+            posed = body.at(q)
+            points.append(body.landmarks(posed)[some])
+            if derivatives:
+                turns.append(posed.rotations[self._joint])
+                by_pose.append(body.landmark_jacobians(posed, some))
+                by_scale.append(self._body.landmark_derivatives(posed)[some])
+        return tuple(np.array(part) for part in (points, by_pose, by_scale, turns))
+
+    def _evaluated(self, at: FilmedBody, *, derivatives: bool) -> tuple[float, PersonSystem | None]:
+        points, *by = self._placed(at, derivatives=derivatives)
+        cost, system = self._known_besides(at)
+        for c in range(len(self._seen.rays)):
+            off, depth, seen = self._off(at, points, c)
+            cost += robust_cost(off[self._known[c]])
+            if derivatives:
+                weight = np.where(self._known[c][..., None], robust_weights(off), 0.0)
+                by_common, by_pose = self._ray_derivatives(at, c, seen, depth, *by)
+                self._add(system, weight, off, by_common, by_pose)
+        return cost, system if derivatives else None
+
+    def _off(self, at: FilmedBody, points: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (T, J, 2), 0 of what is not seen; depths (T, J) and places (T, J, 3) in the camera."""
+        place = points @ at.rig.R[c].T + at.rig.t[c]
+        depth = np.maximum(place[..., 2], _NEAREST)
+        flat = at.rig.focal[c] * place[..., :2] / depth[..., None]
+        return np.nan_to_num((flat - self._seen.rays[c]) / self._seen.std[c][:, None]), depth, place
+
+    def _ray_derivatives(
+        self, at: FilmedBody, c: int, place: np.ndarray, depth: np.ndarray, by_pose: np.ndarray, by_scale: np.ndarray,
+        turns: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Of a camera's residuals by what is common (T, J, 2, S) and by poses (T, J, 2, nv)."""
+        rig, std = at.rig, self._seen.std[c][:, None]
+        by_place = np.zeros((*place.shape[:2], 2, 3))
+        by_place[..., 0, 0] = by_place[..., 1, 1] = rig.focal[c] / depth
+        by_place[..., :, 2] = -rig.focal[c] * place[..., :2] / np.square(depth)[..., None]
+        by_place /= std[..., None]
+        by_world = by_place @ rig.R[c]
+        common = np.zeros((*place.shape[:2], 2, self._at[-1]))
+        if c > 0:
+            own = 6 * (c - 1)
+            turned = place - rig.t[c]
+            common[..., own : own + 3] = np.cross(turned[:, :, None], by_place)
+            common[..., own + 3 : own + 6] = by_place
+        if c in self._focal:
+            column = self._at[1] + int(np.searchsorted(self._focal, c))
+            common[..., column] = rig.focal[c] * place[..., :2] / depth[..., None] / std
+        common[..., self._at[2] : self._at[3]] = by_world @ by_scale
+        by_mark = by_world @ turns
+        for j in range(by_mark.shape[1]):
+            first = self._at[3] + 3 * j
+            common[:, j, :, first : first + 3] = by_mark[:, j]
+        return common, by_world @ by_pose
+
+    @staticmethod
+    def _add(system: PersonSystem, weight: np.ndarray, off: np.ndarray, common: np.ndarray, poses: np.ndarray) -> None:
+        T = len(off)
+        S, w, r = common.reshape(T, -1, common.shape[-1]), weight.reshape(T, -1), off.reshape(T, -1)
+        P = poses.reshape(T, -1, poses.shape[-1])
+        weighted, of_poses = S * w[..., None], np.swapaxes(P, 1, 2)
+        flat = S.reshape(-1, S.shape[-1])
+        system.A[:] += flat.T @ weighted.reshape(flat.shape)
+        system.g[:] += np.einsum("tns,tn->s", weighted, r)
+        system.H[:] += of_poses @ (P * w[..., None])
+        system.h[:] += np.einsum("tnv,tn->tv", P, w * r)
+        system.B[:] += np.swapaxes(weighted, 1, 2) @ P
+
+    def _known_besides(self, at: FilmedBody) -> tuple[float, PersonSystem]:
+        """Of focal lengths, scales, marks and rest positions."""
+        T, nv, S = len(at.q), self._body.base.nv, int(self._at[-1])
+        system = PersonSystem(
+            np.zeros((S, S)), np.zeros(S), np.zeros((T, nv, nv)), np.zeros((T, nv)), np.zeros((T, S, nv))
+        )
+        off = np.concatenate([
+            np.log(at.rig.focal[self._focal]) / self._seen.focal_std[self._focal],
+            (at.scales - self._body.mean) / self._body.std, at.marks.ravel() / MARKS,
+        ])  # fmt: skip
+        slope = np.concatenate([
+            1.0 / self._seen.focal_std[self._focal], 1.0 / self._body.std, np.full(at.marks.size, 1.0 / MARKS)
+        ])  # fmt: skip
+        own = np.arange(self._at[1], S)
+        system.A[own, own] += slope**2
+        system.g[own] += slope * off
+        cost = 0.5 * float(off @ off) + self._add_joints(at.q, system)
+        return cost, system
+
+    def _add_joints(self, q: np.ndarray, system: PersonSystem) -> float:
+        rest = (q[:, self._rest_q] - self._rest) / self._rest_std
+        diagonal = np.einsum("tvv->tv", system.H)
+        diagonal[:, self._rest_v] += self._rest_std**-2.0
+        system.h[:, self._rest_v] += rest / self._rest_std
+        return float(0.5 * np.square(rest).sum())
+
+    def held(self, q: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """Degrees of freedom (T, nv) of poses q (T, nq) that are at a limit, and would go beyond it by the gradients h
+        (T, nv)."""
+        base, held = self._body.base, np.zeros(h.shape, dtype=bool)
+        angle, slope = q[:, base.bounded_q], h[:, base.bounded_v]
+        low, high = base.lower[base.bounded_q], base.upper[base.bounded_q]
+        held[:, base.bounded_v] = ((angle <= low) & (slope > 0.0)) | ((angle >= high) & (slope < 0.0))
+        return held
+
+    @property
+    def places(self) -> np.ndarray:
+        """Where the covariance of what is common has each camera's turn, shift and focal length (C, 7), or -1."""
+        column = np.full((len(self._seen.rays), 7), -1)
+        column[1:, :6] = np.arange(self._at[1]).reshape(-1, 6)
+        column[self._focal, 6] = np.arange(self._at[1], self._at[2])
+        return column
+
+    def pulls(self, at: FilmedBody, system: PersonSystem, inverse: np.ndarray) -> np.ndarray:
+        """How a bias of each camera's rays to a joint, by `BIAS` of their deviation to the right or down, pulls what is
+        common once poses have followed (S, C J 2); inverse (T, nv, nv): of the poses' Hessians."""
+        points, *by = self._placed(at, derivatives=True)
+        pulls = []
+        for c in range(len(self._seen.rays)):
+            off, depth, place = self._off(at, points, c)
+            weight = np.where(self._known[c][..., None], robust_weights(off), 0.0)
+            common, poses = self._ray_derivatives(at, c, place, depth, *by)
+            left = common - np.einsum("tjxv,tsv->tjxs", poses, system.B @ inverse)
+            pulls.append(BIAS * np.einsum("tjxs,tjx->sjx", left, weight).reshape(self._at[-1], -1))
+        return np.hstack(pulls)

@@ -1,0 +1,181 @@
+"""A rig whose points are a body's: poses to begin with, the rig that fits best with them, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from estimator.data.rigs.bundle import RigRays, RigState, RigUncertainty, adjusted
+from estimator.data.rigs.first import triangulated
+from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.person import FilmedBody, PersonProblem, PersonSystem
+from estimator.data.rigs.search import RigFit, lasting
+from humanoid.kinematics.body import Body
+from humanoid.kinematics.proportions import ProportionedBody
+
+_POINT = 0.05  # m: of the points that poses begin from
+_REST = 1.0  # rad: of joints beside their neutral position, there
+_POSE_STEPS, _STEPS, _LEAST_GAIN, _MOST_DAMPING = 30, 40, 1e-4, 1e5
+_FAR = 0.15  # m from the points, in the middle, of poses that are none
+_FEWEST = 8  # joints of an instant from which it is posed
+_HELD = 1e9  # precision of a joint at its limit
+_TINY = 1e-6
+
+
+def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
+    """The rig that fits best with a body in place of points, near one that fits points; that one of a body that does
+    not go freely, or is not posed as the points are."""
+    if not body.has_free_root:
+        return fit
+    size = _size(fit.state.points, lengths)
+    q, posed = _poses(body, fit.state.points / size, lengths)
+    if np.count_nonzero(posed) < len(posed) // 2:
+        return fit
+    some = np.flatnonzero(posed)
+    seen = replace(
+        fit.rays,
+        rays=(fit.rays.rays + fit.rays.slope * fit.state.late[:, None, None, None])[:, some],
+        slope=fit.rays.slope[:, some],
+        late_std=np.zeros_like(fit.late),
+    )
+    proportioned = ProportionedBody(body.subject)
+    problem = PersonProblem(proportioned, seen, lengths)
+    marks = np.zeros((len(lengths.landmark), 3))
+    begun = FilmedBody(replace(fit.state, t=fit.state.t / size), q[some], proportioned.mean.copy(), marks)
+    best, system = _adjusted(problem, begun)
+    unsure = lasting(_uncertainty(problem, best, system, fit.unsure), fit.instants)
+    return replace(fit, state=_with_points(best.rig, fit.rays, lengths), unsure=unsure)
+
+
+def _with_points(rig: RigState, seen: RigRays, lengths: SegmentLengths) -> RigState:
+    """With the points that it sees, as large as the subject."""
+    points = triangulated(seen.rays / rig.focal[:, None, None, None], rig.R, rig.t, range(len(rig.R)))
+    known = replace(seen, focal_std=np.zeros_like(rig.focal), late_std=np.zeros_like(rig.late))
+    points = adjusted(replace(rig, points=points), known, lengths, free=()).state.points
+    size = _size(points, lengths)
+    return replace(rig, t=rig.t / size, points=points / size)
+
+
+def _adjusted(problem: PersonProblem, at: FilmedBody) -> tuple[FilmedBody, PersonSystem]:
+    """By Levenberg's and Marquardt's steps."""
+    (cost, system), damping = problem.system(at), 1e-3
+    for _ in range(_STEPS):
+        gain = 0.0
+        while damping <= _MOST_DAMPING:
+            tried = problem.moved(at, *_step(problem, at, system, damping))
+            gain = cost - problem.cost(tried)
+            if gain > 0.0:
+                break
+            damping *= 6.0
+        if gain <= 0.0:
+            break
+        at, damping = tried, max(damping / 6.0, 1e-7)
+        cost, system = problem.system(at)
+        if gain < _LEAST_GAIN * cost:
+            break
+    return at, system
+
+
+def _reduced(problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping: float) -> tuple[np.ndarray, ...]:
+    """Inverses of the poses' Hessians (T, nv, nv), and what is left of the common Hessian and gradient without them."""
+    H = system.H.copy()
+    diagonal = np.einsum("tvv->tv", H)
+    diagonal *= 1.0 + damping
+    diagonal += _TINY + _HELD * problem.held(at.q, system.h)
+    inverse = np.linalg.inv(H)
+    gain = system.B @ inverse
+    A = system.A + damping * np.diag(np.diagonal(system.A))
+    return inverse, A - np.einsum("tsv,tkv->sk", gain, system.B), system.g - np.einsum("tsv,tv->s", gain, system.h)
+
+
+def _step(
+    problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping: float
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    inverse, A, g = _reduced(problem, at, system, damping)
+    common = -np.linalg.solve(A, g)
+    poses = -np.einsum("tvw,tw->tv", inverse, system.h + np.einsum("tsv,s->tv", system.B, common))
+    return common, poses
+
+
+def _uncertainty(
+    problem: PersonProblem, at: FilmedBody, system: PersonSystem, before: RigUncertainty
+) -> RigUncertainty:  # fmt: skip
+    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; the clocks' is that of the points."""
+    inverse, A, _ = _reduced(problem, at, system, 0.0)
+    column = problem.places.ravel()
+    free = np.flatnonzero(column >= 0)
+    rows = np.linalg.inv(A)[column[free]]
+    biases = rows @ problem.pulls(at, system, inverse)
+    covariance, of_bias = np.zeros((2, len(column), len(column)))
+    covariance[np.ix_(free, free)] = rows[:, column[free]]
+    of_bias[np.ix_(free, free)] = biases @ biases.T
+    shape = before.covariance.shape
+    alone = RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), np.zeros_like(before.late_std))
+    return replace(alone, late_std=before.late_std)
+
+
+def _poses(body: Body, points: np.ndarray, lengths: SegmentLengths) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (T, nq) nearest to points (T, J, 3) [m], and which of them are near (T,)."""
+    q, posed = np.tile(body.neutral, (len(points), 1)), np.zeros(len(points), dtype=bool)
+    last: np.ndarray | None = None
+    for t, own in enumerate(points):
+        known = np.isfinite(own).all(axis=1)
+        if np.count_nonzero(known) < _FEWEST:
+            continue
+        starts = [_turned(body, own, known, lengths), *([] if last is None else [last])]
+        tries = [_posed(body, start, own[known], lengths.landmark[known]) for start in starts]
+        q[t], off = min(tries, key=lambda pair: pair[1])
+        posed[t] = off < _FAR
+        last = q[t] if posed[t] else last
+    return q, posed
+
+
+def _size(points: np.ndarray, lengths: SegmentLengths) -> float:
+    apart = np.linalg.norm(points[:, lengths.first] - points[:, lengths.second], axis=2)
+    return float(np.nanmedian(np.nanmedian(apart, axis=0) / lengths.mean))
+
+
+def _turned(body: Body, points: np.ndarray, known: np.ndarray, lengths: SegmentLengths) -> np.ndarray:
+    """The neutral pose turned and moved onto points (J, 3)."""
+    neutral = body.landmarks(body.at(body.neutral))[lengths.landmark][known]
+    own = points[known]
+    R, _ = Rotation.align_vectors(own - own.mean(axis=0), neutral - neutral.mean(axis=0))
+    root = pin.XYZQUATToSE3(body.neutral[:7])
+    placed = pin.SE3(R.as_matrix(), own.mean(axis=0) - R.as_matrix() @ neutral.mean(axis=0)) * root
+    return np.concatenate([pin.SE3ToXYZQUAT(placed), body.neutral[7:]])
+
+
+def _posed(body: Body, start: np.ndarray, points: np.ndarray, landmark: np.ndarray) -> tuple[np.ndarray, float]:
+    """The pose nearest to points (J, 3), from a start, and how far it is from them in the middle [m]."""
+    q, damping = start, 1e-2
+    posed = body.at(q)
+    off = body.landmarks(posed)[landmark] - points
+    cost = _pose_cost(body, q, off)
+    for _ in range(_POSE_STEPS):
+        J = body.landmark_jacobians(posed, landmark).reshape(-1, body.nv) / _POINT
+        g, A = J.T @ (off.ravel() / _POINT), J.T @ J
+        rest = np.zeros(body.nv)
+        rest[body.bounded_v] = (q - body.neutral)[body.bounded_q] / _REST**2
+        A[body.bounded_v, body.bounded_v] += _REST**-2.0
+        step = -np.linalg.solve(A + (damping * np.diagonal(A) + _TINY) * np.eye(body.nv), g + rest)
+        tried = body.integrate(q, step)
+        at = body.at(tried)
+        new = body.landmarks(at)[landmark] - points
+        gain = cost - _pose_cost(body, tried, new)
+        if gain <= 0.0:
+            damping *= 6.0
+            if damping > _MOST_DAMPING:
+                break
+            continue
+        q, posed, off, cost, damping = tried, at, new, cost - gain, max(damping / 6.0, 1e-6)
+        if gain < _LEAST_GAIN * cost:
+            break
+    return q, float(np.median(np.linalg.norm(off, axis=1)))
+
+
+def _pose_cost(body: Body, q: np.ndarray, off: np.ndarray) -> float:
+    rest = (q - body.neutral)[body.bounded_q] / _REST
+    return 0.5 * float(np.square(off / _POINT).sum() + rest @ rest)
