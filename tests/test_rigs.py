@@ -20,6 +20,7 @@ from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
 from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
+from estimator.data.rigs.causes import causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.readings import exchanged, with_exchanged
@@ -401,3 +402,20 @@ def test_bad_arguments_are_named(keypoint_files: dict[str, Path], changes: dict[
     given: dict[str, object] = {"keypoints": keypoint_files, **changes}
     with pytest.raises(InputError, match=message):
         km.calibrate_from_person(**given)  # type: ignore[arg-type]
+
+
+def test_what_leaves_cameras_in_doubt_is_named() -> None:
+    """By the motion and where the cameras stand: each cause where it is one, and none where there is none."""
+    rng = np.random.default_rng(0)
+    person = rng.normal(0.0, 0.4, (1, 12, 3)) + rng.normal(0.0, 0.05, (200, 12, 3))
+    path = rng.normal(0.0, 1.0, (200, 1, 3)) * [1.0, 1.0, 0.0]
+    centres = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 1.0], [4.0, 0.3, 1.0]])
+    assert causes(person + path, 20.0, centres, 1) == []
+    assert causes(person + path, 3.0, centres, 1) == ["the clips share 3.0 s"]
+    assert causes(person, 20.0, centres, 1) == ["the person stays in one place"]
+    assert causes(person + path * [1.0, 0.01, 0.0], 20.0, centres, 1) == ["the person moves along one line"]
+    flat = (person + path) * [1.0, 1.0, 0.01]
+    assert causes(flat, 20.0, centres, 1) == ["all points are nearly in one plane"]
+    assert causes(person + path, 20.0, centres[[0, 2]], 1) == ["it looks from the same side as the others"]
+    assert in_words(["a", "b", "c"]) == " (a, b and c)"
+    assert in_words([]) == ""

@@ -10,6 +10,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.threads import one_thread
+from estimator.data.rigs.causes import NARROW, causes, in_words, is_narrow
 from estimator.data.rigs.clocks import clock_lags
 from estimator.data.rigs.filmed import FILM, FilmedPerson
 from estimator.data.rigs.posing import posed_rig
@@ -165,7 +166,9 @@ def _check(fit: RigFit) -> None:
     """Raise InputError where the motion does not tell where the cameras stand."""
     turns = np.array([np.degrees(np.sqrt(np.trace(fit.unsure.own(c)[:3, :3]))) for c in range(len(fit.late))])
     if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
-        problem = f"the person's motion does not tell where the cameras stand (to {turns.max():.0f} degrees)"
+        points, centres = fit.state.points, -np.einsum("cji,cj->ci", fit.state.R, fit.state.t)
+        why = in_words(causes(points, float(np.ptp(fit.instants)), centres, int(np.argmax(turns))))
+        problem = f"the person's motion does not tell where the cameras stand, to {turns.max():.0f} degrees{why}"
         raise InputError("cameras", problem, remedy=FILM)
 
 
@@ -239,9 +242,18 @@ def _exchanged(flips: np.ndarray) -> np.ndarray:
 
 def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
     notes = []
-    for name in rig.unsure:
-        turn, shift = rig.turn_stds[name], rig.shift_stds[name]
-        notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {FILM}")
+    centres = np.array([camera.centre_world for camera in rig.cameras.values()])
+    seconds = float(rig.times[-1] - rig.times[0])
+    for c, name in enumerate(rig.cameras):
+        if name in rig.unsure:
+            why = in_words(causes(rig.points, seconds, centres, c))
+            sure = f"{rig.turn_stds[name]:.1f} degrees and {100.0 * rig.shift_stds[name]:.0f} cm"
+            notes.append(f"where {name} stands is unsure by {sure}{why}: {FILM}")
+        elif c > 0 and is_narrow(rig.points, centres, c):
+            notes.append(
+                f"{name} looks from the same side as the others, within {NARROW:.0f} degrees: its errors are up to"
+                " twice its deviations; film from 40 degrees apart or more"
+            )
     for name, share in rig.exchanged.items():
         if share > _SWAPPED:
             notes.append(f"{name}: left and right are exchanged in {share:.0%} of the frames, beside the other cameras")
