@@ -14,6 +14,7 @@ from estimator.data.rigs.person import FilmedBody, PersonProblem
 from estimator.data.rigs.posing import posed_rig
 from estimator.data.rigs.search import RigViews, rig_near
 from estimator.data.rigs.views import JointView
+from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from tests.builders import body_of
 from tests.test_rigs import Filmed
@@ -58,6 +59,18 @@ def test_gradients_are_those_of_the_cost(filmed: Filmed) -> None:
         step = 1e-6 * rng.normal(size=len(gradient))
         ahead, back = (problem.moved(at, way[:size], way[size:].reshape(2, -1)) for way in (step, -step))
         assert problem.cost(ahead) - problem.cost(back) == pytest.approx(2.0 * gradient @ step, rel=1e-4, abs=1e-9)
+    scaled = at.scales.copy()
+    scaled[0] += 1e-5  # its size as the scales change, in the neutral pose
+    sizes = [_size(body.at(scales), at.marks, lengths) for scales in (scaled, at.scales)]
+    at_scales = size - at.marks.size - len(at.scales)
+    assert (sizes[0] - sizes[1]) / 1e-5 == pytest.approx(problem.size_slope(at)[at_scales], rel=1e-3)
+
+
+def _size(body: Body, marks: np.ndarray, lengths: SegmentLengths) -> float:
+    posed = body.at(body.neutral)
+    turned = posed.rotations[body.landmark_joint[lengths.landmark]] @ marks[..., None]
+    points = body.landmarks(posed)[lengths.landmark] + turned[..., 0]
+    return float(np.log(np.linalg.norm(points[lengths.first] - points[lengths.second], axis=1)).mean())
 
 
 def test_exact_rays_of_a_body_bring_a_camera_back(filmed: Filmed) -> None:

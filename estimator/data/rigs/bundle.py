@@ -27,7 +27,8 @@ _NEAREST = 0.05  # m: least depth of a point
 _MOST_DAMPING, _LEAST_DAMPING = 1e6, 1e-9
 _LEAST_GAIN = 1e-5  # of the cost
 _TINY = 1e-9
-_SIZE_KNOWN = 1e8  # precision of the logarithm of the person's size, for covariances that are of the rig's shape
+SIZE_KNOWN = 1e8
+"""Precision of the logarithm of the person's size, for covariances that are of the rig's shape."""
 BIAS = 0.5
 """Of a ray's deviation: what a detector marks elsewhere from every side."""
 
@@ -283,7 +284,7 @@ class RigProblem:
         tall = np.zeros(self._size)
         tall[self._at[3] : self._at[4]] = self._lengths.mean / self._lengths.mean.sum()
         of_size = csr_matrix(tall)
-        A = J.T @ J.multiply(weight[:, None]) + _SIZE_KNOWN * (of_size.T @ of_size)
+        A = J.T @ J.multiply(weight[:, None]) + SIZE_KNOWN * (of_size.T @ of_size)
         columns = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(np.eye(self._size, count))
         cameras = len(self._seen.rays)
         column = np.full((cameras, 7), -1)

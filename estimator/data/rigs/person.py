@@ -48,7 +48,7 @@ class PersonProblem:
     first (6 each), logarithms of focal lengths that are not known, scales and marks."""
 
     def __init__(self, body: ProportionedBody, seen: RigRays, lengths: SegmentLengths) -> None:
-        self._body, self._seen, self._landmark = body, seen, lengths.landmark
+        self._body, self._seen, self._lengths, self._landmark = body, seen, lengths, lengths.landmark
         self._joint = body.base.landmark_joint[lengths.landmark]
         self._known = np.isfinite(seen.rays).all(axis=3)
         cameras, joints = seen.std.shape
@@ -197,6 +197,23 @@ class PersonProblem:
         low, high = base.lower[base.bounded_q], base.upper[base.bounded_q]
         held[:, base.bounded_v] = ((angle <= low) & (slope > 0.0)) | ((angle >= high) & (slope < 0.0))
         return held
+
+    def size_slope(self, at: FilmedBody) -> np.ndarray:
+        """Derivative of the person's size by what is common (S,): of the mean logarithm of the segments' lengths."""
+        body, some = self._body.at(at.scales), self._landmark
+        posed = body.at(body.neutral)
+        turns = posed.rotations[self._joint]
+        points = body.landmarks(posed)[some] + np.einsum("jab,jb->ja", turns, at.marks)
+        by_scale = self._body.landmark_derivatives(posed)[some]
+        slope = np.zeros(self._at[-1])
+        for first, second in zip(self._lengths.first, self._lengths.second, strict=True):
+            way = points[first] - points[second]
+            way /= (way @ way) * len(self._lengths.first)
+            slope[self._at[2] : self._at[3]] += way @ (by_scale[first] - by_scale[second])
+            for end, sign in ((first, 1.0), (second, -1.0)):
+                own = self._at[3] + 3 * end
+                slope[own : own + 3] += sign * way @ turns[end]
+        return slope
 
     @property
     def places(self) -> np.ndarray:

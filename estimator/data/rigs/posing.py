@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from estimator.data.rigs.bundle import RigRays, RigState, RigUncertainty, adjusted
+from estimator.data.rigs.bundle import SIZE_KNOWN, RigRays, RigState, RigUncertainty, adjusted
 from estimator.data.rigs.first import triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.person import FilmedBody, PersonProblem, PersonSystem
@@ -105,6 +105,8 @@ def _uncertainty(
 ) -> RigUncertainty:  # fmt: skip
     """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; the clocks' is that of the points."""
     inverse, A, _ = _reduced(problem, at, system, 0.0)
+    size = problem.size_slope(at)
+    A += SIZE_KNOWN * np.outer(size, size)
     column = problem.places.ravel()
     free = np.flatnonzero(column >= 0)
     rows = np.linalg.inv(A)[column[free]]
