@@ -19,7 +19,7 @@ def causes(points: np.ndarray, seconds: float, centres: np.ndarray, c: int) -> l
     points (T, J, 3) [m]: of the person, NaN where unknown, over so many seconds. centres (C, 3) [m]: of the cameras.
     """
     named = [f"the clips share {seconds:.1f} s"] if seconds < _SHORT else []
-    path = _spread(np.nanmean(points, axis=1)[np.isfinite(points).any(axis=(1, 2))])
+    path = _spread(np.nanmean(points[np.isfinite(points).any(axis=(1, 2))], axis=1))
     if path[0] < _PLACE:
         named.append("the person stays in one place")
     elif path[1] < _LINE:

@@ -87,7 +87,7 @@ def _reduced(problem: PersonProblem, at: FilmedBody, system: PersonSystem, dampi
     diagonal += _TINY + _HELD * problem.held(at.q, system.h)
     inverse = np.linalg.inv(H)
     gain = system.B @ inverse
-    A = system.A + damping * np.diag(np.diagonal(system.A))
+    A = system.A + damping * np.diag(np.diagonal(system.A)) + _TINY * np.eye(len(system.A))
     return inverse, A - np.einsum("tsv,tkv->sk", gain, system.B), system.g - np.einsum("tsv,tv->s", gain, system.h)
 
 
