@@ -88,10 +88,12 @@ def test_exact_rays_of_a_body_bring_a_camera_back(filmed: Filmed) -> None:
     fit = rig_near(RigViews.of(views, joints, clocks_known=True), lengths, np.zeros(2), state)
     off = fit.state.R.copy()
     off[1] = pin.exp3(np.array([0.0, 0.035, 0.0])) @ off[1]
-    beside = replace(fit, state=replace(fit.state, R=off))
+    late_std = np.array([0.0, 0.01])  # of clocks, which the body leaves as they were
+    beside = replace(fit, state=replace(fit.state, R=off), unsure=replace(fit.unsure, late_std=late_std))
     posed = posed_rig(filmed.body, beside, lengths)
     assert turn_between(posed.state.R[1], truth.R[1]) < 0.3
     assert np.all(posed.unsure.covariance[0, :6] == 0.0)
+    assert np.array_equal(posed.unsure.late_std, late_std)
     assert 0.0 < np.trace(posed.unsure.own(1)[:3, :3]) < np.radians(3.0) ** 2
 
 

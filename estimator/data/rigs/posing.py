@@ -46,7 +46,8 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
     marks = np.zeros((len(lengths.landmark), 3))
     begun = FilmedBody(replace(fit.state, t=fit.state.t / size), q[some], proportioned.mean.copy(), marks)
     best, system = _adjusted(problem, begun)
-    unsure = lasting(_uncertainty(problem, best, system, fit.unsure), fit.instants)
+    unsure = lasting(_uncertainty(problem, best, system, fit.unsure.covariance.shape), fit.instants)
+    unsure = replace(unsure, late_std=fit.unsure.late_std)
     return replace(fit, state=_with_points(best.rig, fit.rays, lengths), unsure=unsure)
 
 
@@ -101,9 +102,10 @@ def _step(
 
 
 def _uncertainty(
-    problem: PersonProblem, at: FilmedBody, system: PersonSystem, before: RigUncertainty
+    problem: PersonProblem, at: FilmedBody, system: PersonSystem, shape: tuple[int, ...]
 ) -> RigUncertainty:  # fmt: skip
-    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; the clocks' is that of the points."""
+    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`, in arrays of such a shape; of the clocks nothing is known
+    here."""
     inverse, A, _ = _reduced(problem, at, system, 0.0)
     size = problem.size_slope(at)
     A += SIZE_KNOWN * np.outer(size, size)
@@ -114,9 +116,7 @@ def _uncertainty(
     covariance, of_bias = np.zeros((2, len(column), len(column)))
     covariance[np.ix_(free, free)] = rows[:, column[free]]
     of_bias[np.ix_(free, free)] = biases @ biases.T
-    shape = before.covariance.shape
-    alone = RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), np.zeros_like(before.late_std))
-    return replace(alone, late_std=before.late_std)
+    return RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), np.zeros(shape[0]))
 
 
 def _poses(body: Body, points: np.ndarray, lengths: SegmentLengths) -> tuple[np.ndarray, np.ndarray]:
