@@ -11,11 +11,10 @@ from estimator.data.boards.calibrate import BoardCalibration, calibrate
 from estimator.data.boards.shots import Shots
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.rigs.calibrate import PersonCalibration
-from estimator.data.rigs.check import RigCheck
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from kinemode.inputs.files import InputFiles
-from kinemode.inputs.load import calibration_by_person, checked_cameras
+from kinemode.inputs.load import calibration_by_person
 from kinemode.jobs import check_stature
 from kinemode.terminal.progress import Reporter
 
@@ -46,11 +45,6 @@ def calibrated(
         for s in shots:
             s.close()
     return calibration
-
-
-def checked_by_person(subject: Subject, files: InputFiles) -> RigCheck:
-    """What the person in files says of their cameras."""
-    return checked_cameras(Body(subject), files)
 
 
 def calibrated_by_person(

@@ -51,9 +51,9 @@ def test_gradients_are_those_of_the_cost(filmed: Filmed) -> None:
     for pose in q:
         pose[:7] = pin.SE3ToXYZQUAT(T_rig_world * pin.XYZQUATToSE3(pose[:7]))
     at = FilmedBody(rig, q, body.mean.copy(), np.zeros((rays.shape[2], 3)))
-    size = len(problem.system(at)[1].g)
+    size = len(problem.system(at).g)
     at = problem.moved(at, 0.01 * rng.normal(size=size), 0.05 * rng.normal(size=(2, body.base.nv)))
-    _, system = problem.system(at)
+    system = problem.system(at)
     gradient = np.concatenate([system.g, system.h.ravel()])
     for _ in range(20):
         step = 1e-6 * rng.normal(size=len(gradient))

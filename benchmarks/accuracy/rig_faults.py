@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, drawn_rig
-from benchmarks.accuracy.rigs import frame_times, hidden
+from benchmarks.accuracy.rig_clips import SECONDS, RigClip, drawn_rig
+from benchmarks.accuracy.rigs import RigTrial
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, in_processes, save, tell
 from benchmarks.support.pose_prior_clips import captured_files
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.rigs.calibrate import calibrate_by_person
 from estimator.data.rigs.check import check_by_person
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -94,13 +93,11 @@ def of_seed(files: Sequence[Path], seed: int) -> list[FaultOutcome]:
 
 
 def _calibrated(clip: RigClip, which: int, kind: str, track: KeypointTrack) -> FaultOutcome:
-    tracks = {c.name: own for c, own in zip(clip.cameras, clip.tracks, strict=True)}
-    tracks[clip.cameras[which].name] = track
-    lenses = {camera.name: hidden(camera) for camera in clip.cameras}
+    tracks = (*clip.tracks[:which], track, *clip.tracks[which + 1 :])
+    trial = RigTrial.of(replace(clip, tracks=tracks), clip.name, clocks_known=True)
     right = () if kind == STILL else _right(clip, which)
-    body, times = Body(load_subject("human34")), {name: frame_times(own, FPS) for name, own in tracks.items()}
     try:
-        rig = calibrate_by_person(body, tracks, lenses, times, clocks_known=True)
+        rig = trial.calibrated(Body(load_subject("human34")))
     except InputError:
         return FaultOutcome(clip.name, kind, (), right, refused=True)
     return FaultOutcome(clip.name, kind, rig.doubtful, right)
@@ -108,8 +105,7 @@ def _calibrated(clip: RigClip, which: int, kind: str, track: KeypointTrack) -> F
 
 def _checked(clip: RigClip, which: int, kind: str, camera: Camera) -> FaultOutcome:
     cameras = {own.name: own for own in clip.cameras} | {camera.name: camera}
-    tracks = dict(zip(cameras, clip.tracks, strict=True))
-    times = {name: frame_times(own, FPS) for name, own in tracks.items()}
+    tracks, times = RigTrial.of(clip, clip.name, clocks_known=True).by_camera
     check = check_by_person(Body(load_subject("human34")), tracks, cameras, times)
     return FaultOutcome(clip.name, kind, check.moved, () if kind == HOLDS else _right(clip, which))
 

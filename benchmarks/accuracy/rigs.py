@@ -88,14 +88,24 @@ class RigTrial:
         times = [frame_times(track, FPS) for track in clip.tracks]
         return cls(name, clip.cameras, clip.cameras, clip.tracks, times, clip.points, clip.late, clocks_known)
 
+    @property
+    def by_camera(self) -> tuple[dict[str, KeypointTrack], dict[str, np.ndarray]]:
+        """The keypoints and the times of their frames."""
+        names = [camera.name for camera in self.cameras]
+        return dict(zip(names, self.tracks, strict=True)), dict(zip(names, self.times, strict=True))
+
+    def calibrated(self, body: Body) -> PersonCalibration:
+        """What `calibrate_by_person` makes of it; raises InputError as that does."""
+        tracks, times = self.by_camera
+        lenses = dict(zip(tracks, map(hidden, self.lenses), strict=True))
+        return calibrate_by_person(body, tracks, lenses, times, clocks_known=self.clocks_known, size=1.0)
+
     def outcome(self) -> RigOutcome:
-        """What `calibrate_by_person` makes of it, for a person of the default body's proportions."""
+        """What becomes of it, for a person of the default body's proportions."""
         body, names = Body(load_subject("human34")), [camera.name for camera in self.cameras]
-        tracks, times = dict(zip(names, self.tracks, strict=True)), dict(zip(names, self.times, strict=True))
-        lenses = dict(zip(names, map(hidden, self.lenses), strict=True))
         begin = process_time()
         try:
-            rig = calibrate_by_person(body, tracks, lenses, times, clocks_known=self.clocks_known, size=1.0)
+            rig = self.calibrated(body)
         except InputError as error:
             return RigOutcome(self.name, process_time() - begin, refusal=str(error))
         seconds, others = process_time() - begin, names[1:]

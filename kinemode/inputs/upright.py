@@ -11,6 +11,7 @@ from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, world_
 from estimator.data.cameras.epipolar import seen_points
 from estimator.data.observation import Observation
 from estimator.data.people.up_direction import UpDirection, up_direction
+from estimator.numerics.angles import angle_between
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 
@@ -84,18 +85,14 @@ def _of_person(body: Body, observations: Sequence[Observation]) -> UpDirection |
     return up_direction(body.landmark_names, points, np.array([observations[i].time for i in picked]))
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))
-
-
 def _nearest(direction: np.ndarray) -> tuple[str, float]:
     """The nearest axis and how far it is [rad]."""
     axis = max(UPS, key=lambda up: float(axis_of(up) @ direction))
-    return axis, _angle(direction, axis_of(axis))
+    return axis, float(angle_between(direction, axis_of(axis)))
 
 
 def _by_person(up: UpDirection | None, level: np.ndarray) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    if up is None or _angle(up.direction, level) > _LEVEL:
+    if up is None or angle_between(up.direction, level) > _LEVEL:
         return _by_cameras(level)
     axis, off = _nearest(up.direction)
     tolerance = min(max(_NEAREST, _DEVIATIONS * up.std), _FARTHEST) if up.agree else _DOUBTFUL
@@ -115,6 +112,6 @@ def _by_person(up: UpDirection | None, level: np.ndarray) -> tuple[np.ndarray | 
 
 def _by_cameras(level: np.ndarray) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """Where the person does not tell: z, in doubt where the cameras are held across it (from a ceiling, too)."""
-    if _angle(level, axis_of("z")) < _LEVEL:
+    if angle_between(level, axis_of("z")) < _LEVEL:
         return None, ()
     return None, (f"which way is up in the cameras' world? z is taken, across which the cameras are held. {_ASKED}",)

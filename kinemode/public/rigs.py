@@ -144,7 +144,8 @@ def check_cameras(
     told = Declared(keypoint_size, fps, offset, sync=sync, layout=spool.file_layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, person=person, declared=told).checked()
     loaded = loaded_subject(subject)
-    from kinemode.calibrating import checked_by_person
+    from humanoid.kinematics.body import Body
+    from kinemode.inputs.load import checked_cameras
 
     with spool.telling(), with_detected(files, detect, None, progress) as seen:
-        return checked_by_person(loaded, seen)
+        return checked_cameras(Body(loaded), seen)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.numerics.angles import angle_between, unit
 from estimator.numerics.axes import axes_across
 
 _NEEDED = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder"))
@@ -72,16 +73,8 @@ def up_direction(names: Sequence[str], points: np.ndarray, times: np.ndarray) ->
     if slope @ np.linalg.solve(spread, slope) > _AGREE:  # stairs, one leg, a dancer's arms
         return UpDirection(balance, 2.0 * _LEAN, agree=False)
     together = np.linalg.inv(np.linalg.inv(covariance) + information)
-    direction = _unit(balance - axes @ (together @ information @ slope))
+    direction = unit(balance - axes @ (together @ information @ slope))
     return UpDirection(direction, float(np.sqrt(np.linalg.eigvalsh(together)[-1])), agree=True)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.asarray(np.arccos(np.clip((_unit(a) * _unit(b)).sum(axis=-1), -1.0, 1.0)))
 
 
 def _middle(place: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
@@ -93,9 +86,8 @@ def _stands(place: Mapping[str, np.ndarray]) -> np.ndarray:
     trunk, straight = _middle(place, "shoulder") - _middle(place, "hip"), []
     for side in ("left", "right"):
         hip, knee, ankle = (place[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
-        straight.append(
-            (_angle(knee - hip, ankle - knee) < _STRAIGHT_KNEE) & (_angle(hip - knee, trunk) < _STRAIGHT_HIP)
-        )
+        straight_knee = angle_between(knee - hip, ankle - knee) < _STRAIGHT_KNEE
+        straight.append(straight_knee & (angle_between(hip - knee, trunk) < _STRAIGHT_HIP))
     return np.logical_or(*straight)
 
 
@@ -122,16 +114,16 @@ def _balance(place: Mapping[str, np.ndarray], stands: np.ndarray) -> tuple[np.nd
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
     across, leg = place["left_hip"] - place["right_hip"], 0.5 * float(np.median(np.sum(legs, axis=0)))
-    forward = _unit(np.cross(across, _unit(mass - feet)))
-    rise = _unit(mass - feet - _FOOT * leg * forward)[stands]
-    near = _angle(rise, np.median(rise, axis=0)) < np.radians(45.0)  # a frame whose points were mistaken
+    forward = unit(np.cross(across, unit(mass - feet)))
+    rise = unit(mass - feet - _FOOT * leg * forward)[stands]
+    near = angle_between(rise, np.median(rise, axis=0)) < np.radians(45.0)  # a frame whose points were mistaken
     mean = rise[near].mean(axis=0) if near.any() else np.zeros(3)
-    return (_unit(mean) if np.linalg.norm(mean) > _PARALLEL and near.mean() > _PARALLEL else None), forward
+    return (unit(mean) if np.linalg.norm(mean) > _PARALLEL and near.mean() > _PARALLEL else None), forward
 
 
 def _of_balance(forward: np.ndarray) -> np.ndarray:
     """Covariance (2, 2) [rad^2] of balance, of a person who faces forward (N, 2)."""
-    facing = _unit(forward)
+    facing = unit(forward)
     share = np.einsum("ni,nj->ij", facing, facing) / len(facing)
     return np.asarray(_LEAN**2 * share + _SWAY**2 * (np.eye(2) - share))
 

@@ -18,13 +18,14 @@ from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
 
+from estimator.data.rigs.descent import Descent
 from estimator.data.rigs.lengths import SegmentLengths
 
 _LENGTH = 0.02  # m: by how much keypoints are off the joints, along a segment
 _SIDES = 0.02  # m: between left and right ones, as a detector marks them
 _TAIL = 1.5  # standard deviations from which a residual counts less
 _NEAREST = 0.05  # m: least depth of a point
-_MOST_DAMPING, _LEAST_DAMPING = 1e6, 1e-9
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
 _LEAST_GAIN = 1e-5  # of the cost
 _TINY = 1e-9
 SIZE_KNOWN = 1e8
@@ -86,6 +87,17 @@ class RigUncertainty:
     of_bias: np.ndarray
     late_std: np.ndarray
 
+    @staticmethod
+    def of(column: np.ndarray, covariance: np.ndarray, biases: np.ndarray, late_std: np.ndarray) -> RigUncertainty:
+        """column (C, 7): where the covariance (N, K) of what was adjusted has each, -1 of what was not; biases (M, B):
+        how biases of one deviation move the M that were, in this order."""
+        free = np.flatnonzero(column.ravel() >= 0)
+        of = column.ravel()[free]
+        own, of_bias = np.zeros((2, column.size, column.size))
+        own[np.ix_(free, free)], of_bias[np.ix_(free, free)] = covariance[np.ix_(of, of)], biases @ biases.T
+        shape = (*column.shape, *column.shape)
+        return RigUncertainty(own.reshape(shape), of_bias.reshape(shape), late_std)
+
     def own(self, c: int) -> np.ndarray:
         """Covariance (7, 7) of one camera."""
         return np.asarray(self.covariance[c, :, c])
@@ -97,24 +109,11 @@ def adjusted(
     """The state of least robust cost near one; most: steps; free: the cameras that are placed, all but the first unless
     they are given."""
     problem = RigProblem(state, seen, lengths, free)
+    how = Descent(most, _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _LEAST_GAIN)
     x = problem.start
-    r = problem.residuals(x)
-    cost, damping = robust_cost(r), 1e-4
-    for _ in range(most):
-        A, g = problem.normal_equations(x, r)
-        scale = A.diagonal()
-        while damping <= _MOST_DAMPING:
-            tried = x - _factors(A + diags(damping * scale + _TINY)).solve(g)
-            new = problem.residuals(tried)
-            gain = cost - robust_cost(new)
-            if gain > 0.0:
-                break
-            damping *= 6.0
-        else:
-            break
-        x, r, cost, damping = tried, new, cost - gain, max(damping / 6.0, _LEAST_DAMPING)
-        if gain < _LEAST_GAIN * cost:
-            break
+    (x, r), cost = how.lowest(
+        (x, problem.residuals(x)), lambda at: robust_cost(at[1]), lambda at: problem.normal_equations(*at), problem.step
+    )
     return Adjusted(problem.state(x), cost, problem.chi(r))
 
 
@@ -273,6 +272,14 @@ class RigProblem:
         J, weight = self.jacobian(x), robust_weights(r)
         return (J.T @ J.multiply(weight[:, None])).tocsc(), np.asarray(J.T @ (weight * r))
 
+    def step(
+        self, at: tuple[np.ndarray, np.ndarray], equations: tuple[csc_matrix, np.ndarray], damping: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """From a vector with its residuals, by its normal equations, to another with its."""
+        A, g = equations
+        x = at[0] - _factors(A + diags(damping * A.diagonal() + _TINY)).solve(g)
+        return x, self.residuals(x)
+
     def chi(self, r: np.ndarray) -> float:
         """See `Adjusted`."""
         weight = robust_weights(r)
@@ -290,15 +297,10 @@ class RigProblem:
         column = np.full((cameras, 7), -1)
         column[self._free, :6] = np.arange(self._at[1]).reshape(-1, 6)
         column[self._free_focal, 6] = np.arange(self._at[2], count)
-        free = np.flatnonzero(column.ravel() >= 0)
-        of = column.ravel()[free]
-        moved = self._by_bias(columns[:, of], J, weight)
-        covariance, of_bias = np.zeros((2, column.size, column.size))
-        covariance[np.ix_(free, free)], of_bias[np.ix_(free, free)] = columns[np.ix_(of, of)], moved @ moved.T
         late = np.zeros(cameras)
         late[self._free_late] = np.sqrt(np.maximum(np.diagonal(columns), 0.0))[self._at[1] : self._at[2]]
-        shape = (cameras, 7, cameras, 7)
-        return RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), late)
+        biases = self._by_bias(columns[:, column[column >= 0]], J, weight)
+        return RigUncertainty.of(column, columns, biases, late)
 
     def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
         """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""

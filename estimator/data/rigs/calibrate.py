@@ -244,8 +244,9 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
     notes = []
     centres = np.array([camera.centre_world for camera in rig.cameras.values()])
     seconds = float(rig.times[-1] - rig.times[0])
+    unsure = rig.unsure
     for c, name in enumerate(rig.cameras):
-        if name in rig.unsure:
+        if name in unsure:
             why = in_words(causes(rig.points, seconds, centres, c))
             sure = f"{rig.turn_stds[name]:.1f} degrees and {100.0 * rig.shift_stds[name]:.0f} cm"
             notes.append(f"where {name} stands is unsure by {sure}{why}: {FILM}")

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.numerics.angles import angle_between
+
 _SHORT = 8.0  # s: fewer leave the cameras in doubt
 _PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one place, and that is a line
 _FLAT = 0.06  # m: of points in a plane, across it
@@ -34,7 +36,7 @@ def causes(points: np.ndarray, seconds: float, centres: np.ndarray, c: int) -> l
 def is_narrow(points: np.ndarray, centres: np.ndarray, c: int) -> bool:
     """Whether camera c looks from the same side as all others; see `causes`."""
     ways = centres - np.nanmean(points, axis=(0, 1))
-    return all(_angle(ways[c], way) < NARROW for k, way in enumerate(ways) if k != c)
+    return bool((np.degrees(angle_between(ways[c], np.delete(ways, c, axis=0))) < NARROW).all())
 
 
 def in_words(named: Sequence[str]) -> str:
@@ -47,7 +49,3 @@ def _spread(points: np.ndarray) -> np.ndarray:
     """Standard deviations (3,) [m] of points (N, 3) along their principal axes, the largest first."""
     off = points - points.mean(axis=0)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(off.T @ off / len(off))[::-1], 0.0)))
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.degrees(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1.0, 1.0))))

@@ -17,7 +17,7 @@ from estimator.data.rigs.first import triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig, rig_near
 from estimator.data.rigs.steadiness import RigPart, changed_camera
-from estimator.data.rigs.views import common_instants, read
+from estimator.data.rigs.views import common_instants
 from estimator.numerics.typical import typical_distance
 from humanoid.kinematics.body import Body
 
@@ -76,16 +76,15 @@ def check_by_person(
     ------
     InputError: fewer than two cameras; too little that two cameras see at once.
     """
-    seen = FilmedPerson.of(body, tracks, cameras, times)
-    lengths = seen.lengths._replace(std=np.full_like(seen.lengths.std, _LENGTHS_STD))
     known = {name: replace(camera, focal_std=0.0) for name, camera in cameras.items()}
-    views = RigViews.of([view._replace(camera=known[n]) for n, view in zip(seen.names, seen.views, strict=True)],
-                        seen.joints, clocks_known=True)  # fmt: skip
+    seen = FilmedPerson.of(body, tracks, known, times)
+    lengths = seen.lengths._replace(std=np.full_like(seen.lengths.std, _LENGTHS_STD))
+    views = RigViews.of(seen.views, seen.joints, clocks_known=True)
     no_lag = np.zeros(len(seen.names))
     instants = common_instants(views.views, no_lag, _INSTANTS)
     if not len(instants):
         raise seen.nothing()
-    given = _given([cameras[name] for name in seen.names], views, lengths, instants)
+    given = _given([cameras[name] for name in seen.names], lengths)
     part = RigPart.of(views, lengths, given, no_lag, instants)
     fits = [rig_near(views, lengths, no_lag, part.state), fitted_rig(views, lengths, [no_lag])]
     best, own = min(
@@ -95,31 +94,22 @@ def check_by_person(
     move = changed_camera(given, part.seen, lengths, 0.0) if gain > _BETTER else None
     moved = tuple(seen.names[c] for c in move.cameras) if move is not None and move.matters else ()
     checked = dict(zip(seen.names, _cameras(given, best, [cameras[n].K[0, 0] for n in seen.names]), strict=True))
-    return RigCheck(checked, gain, _size(given, part, lengths), moved)
+    points = triangulated(part.seen.rays, given.R, given.t, range(len(given.R)))
+    return RigCheck(checked, gain, lengths.size(points), moved)
 
 
-def _given(
-    cameras: Sequence[Camera], views: RigViews, lengths: SegmentLengths, instants: np.ndarray
-) -> RigState:  # fmt: skip
-    """The rig as it was calibrated, in the first camera's frame."""
+def _given(cameras: Sequence[Camera], lengths: SegmentLengths) -> RigState:
+    """The rig as it was calibrated, in the first camera's frame, without points."""
     first = cameras[0]
     R = np.array([camera.R_camera_world @ first.R_camera_world.T for camera in cameras])
     t = np.array([camera.t_camera_world for camera in cameras]) - R @ first.t_camera_world
-    rays, _ = read(views.views, instants, np.zeros(len(cameras)))
-    points = triangulated(rays, R, t, range(len(cameras)))
+    points = np.zeros((0, len(lengths.landmark), 3))
     return RigState(R, t, np.zeros(len(cameras)), np.ones(len(cameras)), lengths.mean.copy(), points)
 
 
 def _cost(views: RigViews, lengths: SegmentLengths, fit: RigFit, instants: np.ndarray) -> float:
     """Of a ray by a rig, at the noise as it was taken before."""
     return RigPart.of(views, lengths, fit.state, fit.late, instants).cost
-
-
-def _size(given: RigState, part: RigPart, lengths: SegmentLengths) -> float:
-    """Of the person over the body's by the given cameras."""
-    points = triangulated(part.seen.rays, given.R, given.t, range(len(given.R)))
-    apart = np.linalg.norm(points[:, lengths.first] - points[:, lengths.second], axis=2)
-    return float(np.nanmedian(np.nanmedian(apart, axis=0) / lengths.mean))
 
 
 def _cameras(given: RigState, fit: RigFit, focal: Sequence[float]) -> list[CheckedCamera]:

@@ -136,9 +136,7 @@ def _scaled(rays: np.ndarray, R: np.ndarray, t: np.ndarray, lengths: SegmentLeng
     t = t - np.einsum("cxy,y->cx", R @ R[0].T, t[0])
     R = R @ R[0].T
     points = triangulated(rays, R, t, range(len(rays)))
-    apart = np.linalg.norm(points[:, lengths.first] - points[:, lengths.second], axis=2)
-    ratio = lengths.mean / np.nanmedian(apart, axis=0)
-    scale = float(np.nanmedian(ratio))
+    scale = float(np.nanmedian(1.0 / lengths.ratios(points)))
     return RigState(R, scale * t, np.zeros(len(R)), np.ones(len(R)), lengths.mean.copy(), scale * points)
 
 

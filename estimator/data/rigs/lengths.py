@@ -39,6 +39,16 @@ class SegmentLengths(NamedTuple):
     left: np.ndarray
     right: np.ndarray
 
+    def ratios(self, points: np.ndarray) -> np.ndarray:
+        """Lengths of the segments (S,) between points (T, J, 3), the medians over time, over those of the body; NaN
+        where none is known."""
+        apart = np.linalg.norm(points[:, self.first] - points[:, self.second], axis=2)
+        return np.asarray(np.nanmedian(apart, axis=0) / self.mean)
+
+    def size(self, points: np.ndarray) -> float:
+        """Of a person of points (T, J, 3) over the body's."""
+        return float(np.nanmedian(self.ratios(points)))
+
     @staticmethod
     def of(body: Body, seen: Sequence[str | None]) -> SegmentLengths:
         """Of a body, whose limb joints are looked at, or all landmarks where it has none. seen: names of keypoints."""

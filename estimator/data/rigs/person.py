@@ -18,7 +18,7 @@ from estimator.data.rigs.bundle import BIAS, RigRays, RigState, robust_cost, rob
 from estimator.data.rigs.lengths import SegmentLengths
 from humanoid.kinematics.proportions import ProportionedBody
 
-MARKS = 0.03  # m: how far from a landmark a detector marks it, in its link
+_MARKS = 0.03  # m: how far from a landmark a detector marks it, in its link
 _NEAREST = 0.05  # m: least depth of a point
 
 
@@ -66,11 +66,9 @@ class PersonProblem:
         """Half the sum of robust squares of rays, and of squares of what is known besides."""
         return self._evaluated(at, derivatives=False)[0]
 
-    def system(self, at: FilmedBody) -> tuple[float, PersonSystem]:
-        """The cost, and its normal equations."""
-        cost, system = self._evaluated(at, derivatives=True)
-        assert system is not None
-        return cost, system
+    def system(self, at: FilmedBody) -> PersonSystem:
+        """The normal equations."""
+        return self._evaluated(at, derivatives=True)[1]
 
     def moved(self, at: FilmedBody, common: np.ndarray, poses: np.ndarray) -> FilmedBody:
         """By a step of what is common (S,) and of the poses (T, nv)."""
@@ -104,7 +102,7 @@ class PersonProblem:
                 by_scale.append(self._body.landmark_derivatives(posed)[some])
         return tuple(np.array(part) for part in (points, by_pose, by_scale, turns))
 
-    def _evaluated(self, at: FilmedBody, *, derivatives: bool) -> tuple[float, PersonSystem | None]:
+    def _evaluated(self, at: FilmedBody, *, derivatives: bool) -> tuple[float, PersonSystem]:
         points, *by = self._placed(at, derivatives=derivatives)
         cost, system = self._known_besides(at)
         for c in range(len(self._seen.rays)):
@@ -114,7 +112,7 @@ class PersonProblem:
                 weight = np.where(self._known[c][..., None], robust_weights(off), 0.0)
                 by_common, by_pose = self._ray_derivatives(at, c, seen, depth, *by)
                 self._add(system, weight, off, by_common, by_pose)
-        return cost, system if derivatives else None
+        return cost, system
 
     def _off(self, at: FilmedBody, points: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (T, J, 2), 0 of what is not seen; depths (T, J) and places (T, J, 3) in the camera."""
@@ -171,10 +169,10 @@ class PersonProblem:
         )
         off = np.concatenate([
             np.log(at.rig.focal[self._focal]) / self._seen.focal_std[self._focal],
-            (at.scales - self._body.mean) / self._body.std, at.marks.ravel() / MARKS,
+            (at.scales - self._body.mean) / self._body.std, at.marks.ravel() / _MARKS,
         ])  # fmt: skip
         slope = np.concatenate([
-            1.0 / self._seen.focal_std[self._focal], 1.0 / self._body.std, np.full(at.marks.size, 1.0 / MARKS)
+            1.0 / self._seen.focal_std[self._focal], 1.0 / self._body.std, np.full(at.marks.size, 1.0 / _MARKS)
         ])  # fmt: skip
         own = np.arange(self._at[1], S)
         system.A[own, own] += slope**2

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from estimator.data.rigs.bundle import SIZE_KNOWN, RigRays, RigState, RigUncertainty, adjusted
+from estimator.data.rigs.descent import Descent
 from estimator.data.rigs.first import triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.person import FilmedBody, PersonProblem, PersonSystem
 from estimator.data.rigs.search import RigFit, lasting
+from estimator.numerics.alignment import similarity_onto
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 
 _POINT = 0.05  # m: of the points that poses begin from
 _REST = 1.0  # rad: of joints beside their neutral position, there
-_POSE_STEPS, _STEPS, _LEAST_GAIN, _MOST_DAMPING = 30, 40, 1e-4, 1e5
+_POSE_STEPS, _LEAST_GAIN, _MOST_DAMPING = 30, 1e-4, 1e5
+_DESCENT = Descent(steps=40, damping=1e-3, least=1e-7, most=1e5, gain=1e-4)
 _FAR = 0.15  # m from the points, in the middle, of poses that are none
 _FEWEST = 8  # joints of an instant from which it is posed
 _HELD = 1e9  # precision of a joint at its limit
@@ -30,7 +33,7 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
     not go freely, or is not posed as the points are."""
     if not body.has_free_root:
         return fit
-    size = _size(fit.state.points, lengths)
+    size = lengths.size(fit.state.points)
     q, posed = _poses(body, fit.state.points / size, lengths)
     if np.count_nonzero(posed) < len(posed) // 2:
         return fit
@@ -45,8 +48,8 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
     problem = PersonProblem(proportioned, seen, lengths)
     marks = np.zeros((len(lengths.landmark), 3))
     begun = FilmedBody(replace(fit.state, t=fit.state.t / size), q[some], proportioned.mean.copy(), marks)
-    best, system = _adjusted(problem, begun)
-    unsure = lasting(_uncertainty(problem, best, system, fit.unsure.covariance.shape), fit.instants)
+    best, _ = _DESCENT.lowest(begun, problem.cost, problem.system, partial(_step, problem))
+    unsure = lasting(_uncertainty(problem, best), fit.instants)
     unsure = replace(unsure, late_std=fit.unsure.late_std)
     return replace(fit, state=_with_points(best.rig, fit.rays, lengths), unsure=unsure)
 
@@ -56,28 +59,8 @@ def _with_points(rig: RigState, seen: RigRays, lengths: SegmentLengths) -> RigSt
     points = triangulated(seen.rays / rig.focal[:, None, None, None], rig.R, rig.t, range(len(rig.R)))
     known = replace(seen, focal_std=np.zeros_like(rig.focal), late_std=np.zeros_like(rig.late))
     points = adjusted(replace(rig, points=points), known, lengths, free=()).state.points
-    size = _size(points, lengths)
+    size = lengths.size(points)
     return replace(rig, t=rig.t / size, points=points / size)
-
-
-def _adjusted(problem: PersonProblem, at: FilmedBody) -> tuple[FilmedBody, PersonSystem]:
-    """By Levenberg's and Marquardt's steps."""
-    (cost, system), damping = problem.system(at), 1e-3
-    for _ in range(_STEPS):
-        gain = 0.0
-        while damping <= _MOST_DAMPING:
-            tried = problem.moved(at, *_step(problem, at, system, damping))
-            gain = cost - problem.cost(tried)
-            if gain > 0.0:
-                break
-            damping *= 6.0
-        if gain <= 0.0:
-            break
-        at, damping = tried, max(damping / 6.0, 1e-7)
-        cost, system = problem.system(at)
-        if gain < _LEAST_GAIN * cost:
-            break
-    return at, system
 
 
 def _reduced(problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping: float) -> tuple[np.ndarray, ...]:
@@ -92,31 +75,21 @@ def _reduced(problem: PersonProblem, at: FilmedBody, system: PersonSystem, dampi
     return inverse, A - np.einsum("tsv,tkv->sk", gain, system.B), system.g - np.einsum("tsv,tv->s", gain, system.h)
 
 
-def _step(
-    problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping: float
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _step(problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping: float) -> FilmedBody:
     inverse, A, g = _reduced(problem, at, system, damping)
     common = -np.linalg.solve(A, g)
     poses = -np.einsum("tvw,tw->tv", inverse, system.h + np.einsum("tsv,s->tv", system.B, common))
-    return common, poses
+    return problem.moved(at, common, poses)
 
 
-def _uncertainty(
-    problem: PersonProblem, at: FilmedBody, system: PersonSystem, shape: tuple[int, ...]
-) -> RigUncertainty:  # fmt: skip
-    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`, in arrays of such a shape; of the clocks nothing is known
-    here."""
+def _uncertainty(problem: PersonProblem, at: FilmedBody) -> RigUncertainty:
+    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; of the clocks nothing is known here."""
+    system, column = problem.system(at), problem.places
     inverse, A, _ = _reduced(problem, at, system, 0.0)
     size = problem.size_slope(at)
-    A += SIZE_KNOWN * np.outer(size, size)
-    column = problem.places.ravel()
-    free = np.flatnonzero(column >= 0)
-    rows = np.linalg.inv(A)[column[free]]
-    biases = rows @ problem.pulls(at, system, inverse)
-    covariance, of_bias = np.zeros((2, len(column), len(column)))
-    covariance[np.ix_(free, free)] = rows[:, column[free]]
-    of_bias[np.ix_(free, free)] = biases @ biases.T
-    return RigUncertainty(covariance.reshape(shape), of_bias.reshape(shape), np.zeros(shape[0]))
+    covariance = np.linalg.inv(A + SIZE_KNOWN * np.outer(size, size))
+    biases = covariance[column[column >= 0]] @ problem.pulls(at, system, inverse)
+    return RigUncertainty.of(column, covariance, biases, np.zeros(len(column)))
 
 
 def _poses(body: Body, points: np.ndarray, lengths: SegmentLengths) -> tuple[np.ndarray, np.ndarray]:
@@ -135,18 +108,11 @@ def _poses(body: Body, points: np.ndarray, lengths: SegmentLengths) -> tuple[np.
     return q, posed
 
 
-def _size(points: np.ndarray, lengths: SegmentLengths) -> float:
-    apart = np.linalg.norm(points[:, lengths.first] - points[:, lengths.second], axis=2)
-    return float(np.nanmedian(np.nanmedian(apart, axis=0) / lengths.mean))
-
-
 def _turned(body: Body, points: np.ndarray, known: np.ndarray, lengths: SegmentLengths) -> np.ndarray:
     """The neutral pose turned and moved onto points (J, 3)."""
     neutral = body.landmarks(body.at(body.neutral))[lengths.landmark][known]
-    own = points[known]
-    R, _ = Rotation.align_vectors(own - own.mean(axis=0), neutral - neutral.mean(axis=0))
-    root = pin.XYZQUATToSE3(body.neutral[:7])
-    placed = pin.SE3(R.as_matrix(), own.mean(axis=0) - R.as_matrix() @ neutral.mean(axis=0)) * root
+    motion = similarity_onto(neutral, points[known])
+    placed = pin.SE3(motion.R, motion.t) * pin.XYZQUATToSE3(body.neutral[:7])
     return np.concatenate([pin.SE3ToXYZQUAT(placed), body.neutral[7:]])
 
 
