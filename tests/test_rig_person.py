@@ -31,7 +31,7 @@ def rig_of(filmed: Filmed) -> RigState:
     R = np.array([camera.R_camera_world @ first.R_camera_world.T for camera in cameras])
     t = np.array([camera.t_camera_world for camera in cameras]) - R @ first.t_camera_world
     none = np.zeros((0, 0, 3))
-    return RigState(R, t, np.zeros(len(cameras)), np.ones(len(cameras)), np.zeros(0), none)
+    return RigState(R, t, np.zeros(len(cameras)), np.ones(len(cameras)), np.zeros(len(cameras)), np.zeros(0), none)
 
 
 def test_gradients_are_those_of_the_cost(filmed: Filmed) -> None:
@@ -44,7 +44,9 @@ def test_gradients_are_those_of_the_cost(filmed: Filmed) -> None:
     rays[1, 0, 2] = np.nan
     std = np.full((3, rays.shape[2]), 0.01)
     problem = PersonProblem(
-        body, RigRays(rays, np.zeros_like(rays), std, np.array([0.0, 0.1, 0.1]), np.zeros(3)), lengths
+        body,
+        RigRays(rays, np.zeros_like(rays), std, np.array([0.0, 0.1, 0.1]), np.array([0.1, 0.0, 0.1]), np.zeros(3)),
+        lengths,
     )
     T_rig_world = pin.SE3(first.R_camera_world, first.t_camera_world)
     q = filmed.q[some].copy()
@@ -52,6 +54,7 @@ def test_gradients_are_those_of_the_cost(filmed: Filmed) -> None:
         pose[:7] = pin.SE3ToXYZQUAT(T_rig_world * pin.XYZQUATToSE3(pose[:7]))
     at = FilmedBody(rig, q, body.mean.copy(), np.zeros((rays.shape[2], 3)))
     size = len(problem.system(at).g)
+    at = replace(at, rig=replace(rig, radial=np.array([-0.1, 0.0, 0.2])))
     at = problem.moved(at, 0.01 * rng.normal(size=size), 0.05 * rng.normal(size=(2, body.base.nv)))
     system = problem.system(at)
     gradient = np.concatenate([system.g, system.h.ravel()])
@@ -83,7 +86,13 @@ def test_exact_rays_of_a_body_bring_a_camera_back(filmed: Filmed) -> None:
     views = [JointView(camera, camera.project(points), filmed.times[camera.name]) for camera in seen]
     truth = rig_of(filmed)
     state = replace(
-        truth, R=truth.R[:2], t=truth.t[:2], late=np.zeros(2), focal=np.ones(2), lengths=lengths.mean.copy()
+        truth,
+        R=truth.R[:2],
+        t=truth.t[:2],
+        late=np.zeros(2),
+        focal=np.ones(2),
+        radial=np.zeros(2),
+        lengths=lengths.mean.copy(),
     )
     fit = rig_near(RigViews.of(views, joints, clocks_known=True), lengths, np.zeros(2), state)
     off = fit.state.R.copy()

@@ -23,7 +23,10 @@ from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
 from estimator.data.rigs.causes import causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.lens import bent, by_place, by_radial, straight
 from estimator.data.rigs.readings import exchanged, with_exchanged
+from estimator.data.rigs.search import RigViews, fitted_rig
+from estimator.data.rigs.views import JointView
 from estimator.data.rigs.world import RigWorld
 from estimator.numerics.typical import typical_distance
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
@@ -133,7 +136,8 @@ def test_derivatives_are_those_of_the_residuals(filmed: Filmed) -> None:
     pose, _ = best_pairs(rays, lengths.mirror, std, 1)[0]
     state = state_of_pair(rays, pose, std, lengths)
     assert state is not None
-    seen = RigRays(rays, np.full(rays.shape, 0.1), std, np.array([0.0, 0.1, 0.1]), np.array([0.0, 0.05, 0.0]))
+    focal, radial = np.array([0.0, 0.1, 0.1]), np.array([0.1, 0.0, 0.1])
+    seen = RigRays(rays, np.full(rays.shape, 0.1), std, focal, radial, np.array([0.0, 0.05, 0.0]))
     problem = RigProblem(state, seen, lengths)
     rng = np.random.default_rng(0)
     x = problem.start + 0.02 * rng.normal(size=len(problem.start))
@@ -159,12 +163,48 @@ def test_exact_rays_give_the_rig_back(filmed: Filmed) -> None:
         np.testing.assert_allclose(state.R[c], R, atol=2e-3)
     points = triangulated(rays, state.R, state.t, range(3))
     assert np.isfinite(points).all()
-    seen = RigRays(rays, np.zeros_like(rays), std, np.zeros(3), np.zeros(3))
+    seen = RigRays(rays, np.zeros_like(rays), std, np.zeros(3), np.zeros(3), np.zeros(3))
     result = adjusted(state, seen, lengths)
     assert result.cost <= adjusted(state, seen, lengths, most=1).cost
     for c, camera in enumerate(cameras):
         R = camera.R_camera_world @ cameras[0].R_camera_world.T
         np.testing.assert_allclose(result.state.R[c], R, atol=5e-3)
+
+
+def test_a_lens_and_its_derivatives() -> None:
+    rng = np.random.default_rng(0)
+    x, focal, radial = 0.5 * rng.normal(size=(40, 2)), rng.uniform(0.8, 1.2, 40), rng.uniform(-0.1, 0.3, 40)
+    x[0] = np.nan
+    np.testing.assert_allclose(straight(bent(x, focal, radial), focal, radial), x, atol=1e-9)
+    for i, d in enumerate(1e-6 * np.eye(2)):
+        slope = (bent(x + d, focal, radial) - bent(x - d, focal, radial)) / 2e-6
+        np.testing.assert_allclose(by_place(x, focal, radial)[..., i], slope, atol=1e-8)
+    np.testing.assert_allclose(bent(x, focal, radial + 1.0) - bent(x, focal, radial), by_radial(x, focal), atol=1e-12)
+    far = straight(np.array([[1e9, 0.0]]), np.ones(1), np.array([-0.1]))  # beyond where the picture folds
+    assert np.isfinite(far).all()
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-2])
+def test_a_radial_term_is_told_where_the_motion_shows_it(filmed: Filmed, noise: float) -> None:
+    """From near, where the person reaches to the borders of a wide lens."""
+    lengths, middle, rng = lengths_of(filmed), filmed.points.mean(axis=(0, 1)), np.random.default_rng(3)
+    names, points = [filmed.body.landmark_names[i] for i in lengths.landmark], filmed.points[:, lengths.landmark]
+    k, views = -0.1, []
+    for camera in filmed.cameras.values():
+        near = middle + 0.45 * (camera.centre_world - middle)
+        rays = (points - near) @ camera.R_camera_world.T
+        seen = bent(rays[..., :2] / rays[..., 2:], np.ones(1), np.array(k))
+        seen += noise * rng.normal(size=seen.shape)
+        lens = replace(filmed.lost()[camera.name], distortion=np.zeros(5), focal_std=0.1)
+        views.append(JointView(lens, seen @ lens.K[:2, :2].T + lens.K[:2, 2], filmed.times[camera.name]))
+    told = RigViews.of(views, names, clocks_known=True)
+    fit = fitted_rig(told, lengths, [np.zeros(3)])
+    assert fit is not None
+    if noise < 5e-3:
+        np.testing.assert_allclose(fit.state.radial, k, atol=0.01)
+        assert np.all(fit.unsure.radial_std > 0.0)
+    else:
+        assert np.all(fit.state.radial == 0.0)
 
 
 def test_frames_with_exchanged_sides_are_found(filmed: Filmed) -> None:
@@ -261,8 +301,9 @@ def made_rig(cameras: Sequence[Camera], residuals: np.ndarray) -> PersonCalibrat
     points = np.tile([[0.0, 0.1, 0.9], [0.0, -0.1, 0.9], [0.0, 0.1, 0.5]], (len(residuals), 1, 1))
     unsure = replace(cameras[-1], deviations=0.25 * np.eye(7)[:, 3:4])
     return PersonCalibration(
-        cameras=dict(zip(names, [*cameras[:-1], unsure], strict=True)), offsets=zero, offset_stds=zero,
-        residuals=dict.fromkeys(names, residuals), exchanged=zero, names=("left_hip", "right_hip", "left_knee"),
+        cameras=dict(zip(names, [*cameras[:-1], unsure], strict=True)),
+        offsets=zero, offset_stds=zero, radial_stds=zero, exchanged=zero,
+        residuals=dict.fromkeys(names, residuals), names=("left_hip", "right_hip", "left_knee"),
         times=np.arange(len(points)) / FPS, points=points,
         notes=(),
     )  # fmt: skip

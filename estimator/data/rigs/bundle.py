@@ -1,5 +1,5 @@
-"""Bundle adjustment of cameras on a person's joints: placements, clocks and focal lengths, with points whose segments
-keep their lengths (Triggs et al., Bundle adjustment - a modern synthesis, 2000).
+"""Bundle adjustment of cameras on a person's joints: placements, clocks and lenses, with points whose segments keep
+their lengths (Triggs et al., Bundle adjustment - a modern synthesis, 2000).
 
 Residuals are in standard deviations, with Cauchy's tails, and derivatives analytic. Steps are Levenberg's and
 Marquardt's, on normal equations that SuperLU factorises: points are tied within a frame alone, so they stay sparse.
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.data.rigs.descent import Descent
 from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.lens import bent, by_place, by_radial, straight
 
 _LENGTH = 0.02  # m: by how much keypoints are off the joints, along a segment
 _SIDES = 0.02  # m: between left and right ones, as a detector marks them
@@ -39,16 +40,29 @@ class RigState:
     """What is adjusted. The world is the first camera's frame, and in it the body's size is that of the subject.
 
     R (C, 3, 3), t (C, 3) [m]: x_camera = R x + t. late (C,) [s]: how much later than told each camera's clock is read,
-    since the rays were read. focal (C,): factors on the focal lengths. lengths (S,) [m]: of the segments. points (T, J,
-    3) [m]: NaN where fewer than two cameras see one.
+    since the rays were read. focal (C,): factors on the focal lengths; radial (C,): see `estimator.data.rigs.lens`.
+    lengths (S,) [m]: of the segments. points (T, J, 3) [m]: NaN where fewer than two cameras see one.
     """
 
     R: np.ndarray
     t: np.ndarray
     late: np.ndarray
     focal: np.ndarray
+    radial: np.ndarray
     lengths: np.ndarray
     points: np.ndarray
+
+    def straight(self, rays: np.ndarray) -> np.ndarray:
+        """Rays (C, T, J, 2) free of the lenses: places in the plane z = 1."""
+        return straight(rays, self.focal[:, None, None], self.radial[:, None, None])
+
+    def through(self, c: int, rays: np.ndarray) -> np.ndarray:
+        """Rays (..., 2) of one camera free of its lens."""
+        return straight(rays, self.focal[c], self.radial[c])
+
+    def bent(self, at: np.ndarray) -> np.ndarray:
+        """Rays (C, T, J, 2) by which points at (C, T, J, 3) in the cameras are seen."""
+        return bent(at[..., :2] / at[..., 2:], self.focal[:, None, None], self.radial[:, None, None])
 
 
 @dataclass(frozen=True)
@@ -56,14 +70,15 @@ class RigRays:
     """What C cameras see of J joints at T instants, free of the lenses' distortion.
 
     rays (C, T, J, 2): places in the plane z = 1 by the focal lengths that were told, NaN where missing. slope (C, T, J,
-    2) [1/s]: how they move. std (C, J): of each place. focal_std (C,): of the logarithms of the focal lengths; late_std
-    (C,) [s]: of the clocks; 0 of what is known.
+    2) [1/s]: how they move. std (C, J): of each place. focal_std (C,): of the logarithms of the focal lengths;
+    radial_std (C,): of the radial terms; late_std (C,) [s]: of the clocks; 0 of what is known.
     """
 
     rays: np.ndarray
     slope: np.ndarray
     std: np.ndarray
     focal_std: np.ndarray
+    radial_std: np.ndarray
     late_std: np.ndarray
 
 
@@ -81,14 +96,17 @@ class RigUncertainty:
     """How sure a rig is where all residuals are independent. covariance (C, 7, C, 7): of all cameras' turns [rad] and
     shifts [m], each in its own frame, and logarithms of focal lengths; the person's size is held, the first camera's
     place has 0. of_bias (C, 7, C, 7): what it has besides of a detector that marks a joint elsewhere in each camera.
-    late_std (C,) [s]."""
+    late_std (C,) [s], radial_std (C,): of clocks and radial terms."""
 
     covariance: np.ndarray
     of_bias: np.ndarray
     late_std: np.ndarray
+    radial_std: np.ndarray
 
     @staticmethod
-    def of(column: np.ndarray, covariance: np.ndarray, biases: np.ndarray, late_std: np.ndarray) -> RigUncertainty:
+    def of(
+        column: np.ndarray, covariance: np.ndarray, biases: np.ndarray, late_std: np.ndarray, radial_std: np.ndarray
+    ) -> RigUncertainty:
         """column (C, 7): where the covariance (N, K) of what was adjusted has each, -1 of what was not; biases (M, B):
         how biases of one deviation move the M that were, in this order."""
         free = np.flatnonzero(column.ravel() >= 0)
@@ -96,7 +114,7 @@ class RigUncertainty:
         own, of_bias = np.zeros((2, column.size, column.size))
         own[np.ix_(free, free)], of_bias[np.ix_(free, free)] = covariance[np.ix_(of, of)], biases @ biases.T
         shape = (*column.shape, *column.shape)
-        return RigUncertainty(own.reshape(shape), of_bias.reshape(shape), late_std)
+        return RigUncertainty(own.reshape(shape), of_bias.reshape(shape), late_std, radial_std)
 
     def own(self, c: int) -> np.ndarray:
         """Covariance (7, 7) of one camera."""
@@ -139,8 +157,8 @@ def robust_cost(r: np.ndarray) -> float:
 
 class RigProblem:
     """Residuals and derivatives by one vector: turns and shifts of the cameras that are placed (6 each), all but the
-    first unless they are given; clocks but the first one's, logarithms of the focal lengths and of the segments'
-    lengths, points. What is known has no column."""
+    first unless they are given; clocks but the first one's, logarithms of the focal lengths, radial terms, logarithms
+    of the segments' lengths, points. What is known has no column."""
 
     def __init__(
         self, state: RigState, seen: RigRays, lengths: SegmentLengths, free: Sequence[int] | None = None
@@ -154,8 +172,9 @@ class RigProblem:
         self._number[self._have] = np.arange(np.count_nonzero(self._have))
         self._free = np.arange(1, cameras) if free is None else np.array(free, dtype=np.int64)
         self._free_late = np.flatnonzero(seen.late_std[1:] > 0.0) + 1
-        self._free_focal = np.flatnonzero(seen.focal_std > 0.0)
-        sizes = [6 * len(self._free), len(self._free_late), len(self._free_focal), len(lengths.mean)]
+        self._free_focal, self._free_radial = (np.flatnonzero(s > 0.0) for s in (seen.focal_std, seen.radial_std))
+        own = len(self._free_late), len(self._free_focal), len(self._free_radial)
+        sizes = [6 * len(self._free), *own, len(lengths.mean)]
         self._at = np.cumsum([0, *sizes])
         self._size = int(self._at[-1]) + 3 * int(np.count_nonzero(self._have))
         self._observed = seen.rays[self._c, self._k, self._j]
@@ -178,27 +197,30 @@ class RigProblem:
         x = np.zeros(self._size)
         x[self._at[1] : self._at[2]] = self._base.late[self._free_late]
         x[self._at[2] : self._at[3]] = np.log(self._base.focal[self._free_focal])
-        x[self._at[3] : self._at[4]] = np.log(self._base.lengths)
-        x[self._at[4] :] = self._base.points[self._have].ravel()
+        x[self._at[3] : self._at[4]] = self._base.radial[self._free_radial]
+        x[self._at[4] : self._at[5]] = np.log(self._base.lengths)
+        x[self._at[5] :] = self._base.points[self._have].ravel()
         return x
 
     def state(self, x: np.ndarray) -> RigState:
         """The state of a vector."""
-        moves = x[: self._at[1]].reshape(-1, 6)
-        R, t, late, focal = (array.copy() for array in (self._base.R, self._base.t, self._base.late, self._base.focal))
+        moves, base = x[: self._at[1]].reshape(-1, 6), self._base
+        R, t, late, focal, radial = (a.copy() for a in (base.R, base.t, base.late, base.focal, base.radial))
         R[self._free] = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ R[self._free]
         t[self._free] += moves[:, 3:]
         late[self._free_late] = x[self._at[1] : self._at[2]]
         focal[self._free_focal] = np.exp(x[self._at[2] : self._at[3]])
+        radial[self._free_radial] = x[self._at[3] : self._at[4]]
         points = np.full((*self._have.shape, 3), np.nan)
-        points[self._have] = x[self._at[4] :].reshape(-1, 3)
-        return RigState(R, t, late, focal, np.exp(x[self._at[3] : self._at[4]]), points)
+        points[self._have] = x[self._at[5] :].reshape(-1, 3)
+        return RigState(R, t, late, focal, radial, np.exp(x[self._at[4] : self._at[5]]), points)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Of rays, two each, of segments, and of what is told of clocks, focal lengths and lengths."""
+        """Of rays, two each, of segments, and of what is told of clocks, lenses and lengths."""
         state = self.state(x)
-        seen, lengths, points = self._seen, self._lengths, x[self._at[4] :].reshape(-1, 3)
-        flat, _ = self._flat(state)
+        seen, lengths, points = self._seen, self._lengths, x[self._at[5] :].reshape(-1, 3)
+        place, _ = self._places(state)
+        flat = bent(place, state.focal[self._c], state.radial[self._c])
         rays = flat - self._observed - self._slope * state.late[self._c, None]
         apart = np.linalg.norm(points[self._ends[0]] - points[self._ends[1]], axis=1)
         segments = (apart / state.lengths[self._segment] - 1.0) * self._stiff
@@ -206,62 +228,64 @@ class RigProblem:
             (rays / self._std[:, None]).ravel(), segments,
             state.late[self._free_late] / seen.late_std[self._free_late],
             np.log(state.focal[self._free_focal]) / seen.focal_std[self._free_focal],
+            state.radial[self._free_radial] / seen.radial_std[self._free_radial],
             np.log(state.lengths / lengths.mean) / lengths.std,
             np.log(state.lengths[lengths.left] / state.lengths[lengths.right]) * self._alike,
         ])  # fmt: skip
 
-    def _flat(self, state: RigState) -> tuple[np.ndarray, np.ndarray]:
-        """Where points are seen (N, 2), and in the cameras (N, 3)."""
+    def _places(self, state: RigState) -> tuple[np.ndarray, np.ndarray]:
+        """Where points are in the plane z = 1 (N, 2), and in the cameras (N, 3)."""
         at = np.einsum("nij,nj->ni", state.R[self._c], state.points[self._k, self._j]) + state.t[self._c]
-        depth = np.maximum(at[:, 2:], _NEAREST)
-        return at[:, :2] / depth * state.focal[self._c, None], at
+        return at[:, :2] / np.maximum(at[:, 2:], _NEAREST), at
 
     def jacobian(self, x: np.ndarray) -> csr_matrix:
         """Derivatives of the residuals by the vector."""
         state, entries = self.state(x), _Entries()
         self._ray_entries(x, state, entries)
         rows = 2 * len(self._c)
-        points = x[self._at[4] :].reshape(-1, 3)
+        points = x[self._at[5] :].reshape(-1, 3)
         way = points[self._ends[0]] - points[self._ends[1]]
         apart = np.maximum(np.linalg.norm(way, axis=1), _TINY)
         stiff = self._stiff / state.lengths[self._segment]
         at = rows + np.arange(len(apart))
         slope = way * (stiff / apart)[:, None]
         for end, sign in zip(self._ends, (1.0, -1.0), strict=True):
-            entries.add(at[:, None], self._at[4] + 3 * end[:, None] + np.arange(3), sign * slope)
-        entries.add(at, self._at[3] + self._segment, -apart * stiff)
+            entries.add(at[:, None], self._at[5] + 3 * end[:, None] + np.arange(3), sign * slope)
+        entries.add(at, self._at[4] + self._segment, -apart * stiff)
         rows += len(apart)
         told = (
-            self._seen.late_std[self._free_late], self._seen.focal_std[self._free_focal], self._lengths.std
+            self._seen.late_std[self._free_late], self._seen.focal_std[self._free_focal],
+            self._seen.radial_std[self._free_radial], self._lengths.std,
         )  # fmt: skip
         std = np.concatenate(told)
         entries.add(rows + np.arange(len(std)), self._at[1] + np.arange(len(std)), 1.0 / std)
         rows += len(std)
         for side, sign in ((self._lengths.left, 1.0), (self._lengths.right, -1.0)):
-            entries.add(rows + np.arange(len(side)), self._at[3] + side, sign * self._alike)
+            entries.add(rows + np.arange(len(side)), self._at[4] + side, sign * self._alike)
         return entries.matrix(rows + len(self._alike), self._size)
 
     def _ray_entries(self, x: np.ndarray, state: RigState, entries: _Entries) -> None:
-        flat, at = self._flat(state)
+        place, at = self._places(state)
         c, rows = self._c, 2 * np.arange(len(self._c))[:, None] + np.arange(2)
         depth = np.maximum(at[:, 2], _NEAREST)
-        by_place = np.zeros((len(c), 2, 3))
-        by_place[:, 0, 0] = by_place[:, 1, 1] = state.focal[c] / depth
-        by_place[:, :, 2] = np.where(at[:, 2:] < _NEAREST, 0.0, -flat / depth[:, None])
-        by_place /= self._std[:, None, None]
-        first = self._at[4] + 3 * self._number[self._k, self._j]
-        entries.add(rows[:, :, None], first[:, None, None] + np.arange(3), by_place @ state.R[c])
+        of_place = by_place(place, state.focal[c], state.radial[c]) / (depth * self._std)[:, None, None]
+        deeper = np.where(at[:, 2:] < _NEAREST, 0.0, -np.einsum("nij,nj->ni", of_place, place))
+        of_point = np.concatenate([of_place, deeper[:, :, None]], axis=2)
+        first = self._at[5] + 3 * self._number[self._k, self._j]
+        entries.add(rows[:, :, None], first[:, None, None] + np.arange(3), of_point @ state.R[c])
         some = np.flatnonzero(np.isin(c, self._free))
         move = np.searchsorted(self._free, c[some])
         moves = x[: self._at[1]].reshape(-1, 6)
         turned = at[some] - state.t[c[some]]
         left = np.array([pin.Jexp3(-move[:3]) for move in moves]).reshape(-1, 3, 3)[move]
-        by_turn = np.einsum("nxi,nij->nxj", np.cross(turned[:, None], by_place[some]), left)
-        place = 6 * move[:, None, None]
-        entries.add(rows[some][:, :, None], place + np.arange(3), by_turn)
-        entries.add(rows[some][:, :, None], place + 3 + np.arange(3), by_place[some])
+        by_turn = np.einsum("nxi,nij->nxj", np.cross(turned[:, None], of_point[some]), left)
+        column = 6 * move[:, None, None]
+        entries.add(rows[some][:, :, None], column + np.arange(3), by_turn)
+        entries.add(rows[some][:, :, None], column + 3 + np.arange(3), of_point[some])
         for free, start, slope in (
-            (self._free_late, self._at[1], -self._slope), (self._free_focal, self._at[2], flat),
+            (self._free_late, self._at[1], -self._slope),
+            (self._free_focal, self._at[2], bent(place, state.focal[c], state.radial[c])),
+            (self._free_radial, self._at[3], by_radial(place, state.focal[c])),
         ):  # fmt: skip
             own = np.flatnonzero(np.isin(c, free))
             column = start + np.searchsorted(free, c[own])
@@ -287,20 +311,22 @@ class RigProblem:
 
     def uncertainty(self) -> RigUncertainty:
         """At the state that it was made of."""
-        count, J, weight = int(self._at[3]), self.jacobian(self.start), robust_weights(self.residuals(self.start))
+        count, J, weight = int(self._at[4]), self.jacobian(self.start), robust_weights(self.residuals(self.start))
         tall = np.zeros(self._size)
-        tall[self._at[3] : self._at[4]] = self._lengths.mean / self._lengths.mean.sum()
+        tall[self._at[4] : self._at[5]] = self._lengths.mean / self._lengths.mean.sum()
         of_size = csr_matrix(tall)
         A = J.T @ J.multiply(weight[:, None]) + SIZE_KNOWN * (of_size.T @ of_size)
         columns = _factors(A + diags(_TINY * A.diagonal() + _TINY)).solve(np.eye(self._size, count))
         cameras = len(self._seen.rays)
         column = np.full((cameras, 7), -1)
         column[self._free, :6] = np.arange(self._at[1]).reshape(-1, 6)
-        column[self._free_focal, 6] = np.arange(self._at[2], count)
-        late = np.zeros(cameras)
-        late[self._free_late] = np.sqrt(np.maximum(np.diagonal(columns), 0.0))[self._at[1] : self._at[2]]
+        column[self._free_focal, 6] = np.arange(self._at[2], self._at[3])
+        late, radial = np.zeros((2, cameras))
+        stds = np.sqrt(np.maximum(np.diagonal(columns), 0.0))
+        late[self._free_late] = stds[self._at[1] : self._at[2]]
+        radial[self._free_radial] = stds[self._at[3] : self._at[4]]
         biases = self._by_bias(columns[:, column[column >= 0]], J, weight)
-        return RigUncertainty.of(column, columns, biases, late)
+        return RigUncertainty.of(column, columns, biases, late, radial)
 
     def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
         """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""

@@ -36,8 +36,9 @@ class PersonCalibration:
 
     cameras: by name, in a world whose z points up, in metres, with the floor at 0; each with its `deviations` against
     the first. offsets: when each camera's first frame was taken after the first one's times [s]; offset_stds [s]: their
-    deviations, 0 of what was known. residuals: from keypoints to where the points of all cameras are seen, (T, J, 2)
-    [px] of a picture without the lens's distortion, NaN where nothing was seen. exchanged: share of each camera's
+    deviations, 0 of what was known. radial_stds: deviations of the radial terms k1, 0 of what was known, or what the
+    motion does not show and is left at 0. residuals: from keypoints to where the points of all cameras are seen, (T, J,
+    2) [px] of a picture without the lens's distortion, NaN where nothing was seen. exchanged: share of each camera's
     frames whose sides were exchanged. names (J), points (T, J, 3) [m]: of the person, in the world, at times (T,) [s]
     of the first camera's clock.
     notes: what the user should know. doubtful: cameras that were moved, or see somebody else, as a note says.
@@ -46,6 +47,7 @@ class PersonCalibration:
     cameras: dict[str, Camera]
     offsets: dict[str, float]
     offset_stds: dict[str, float]
+    radial_stds: dict[str, float]
     residuals: dict[str, np.ndarray]
     exchanged: dict[str, float]
     names: tuple[str, ...]
@@ -212,6 +214,7 @@ def _calibration(
         cameras=cameras,
         offsets={name: -float(fit.late[c]) + 0.0 for c, name in enumerate(names)},
         offset_stds=_by_name(names, fit.unsure.late_std),
+        radial_stds=_by_name(names, fit.unsure.radial_std),
         residuals={name: lenses[name].K[0, 0] * off for name, off in zip(names, fit.misfits, strict=True)},
         exchanged=_by_name(names, _exchanged(fit.flips)),
         names=tuple(joints),
@@ -230,8 +233,12 @@ def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld, deviations: np.n
     R, t = world.camera(fit.state.R[c], fit.state.t[c])
     K = lens.K.copy()
     K[:2, :2] *= fit.state.focal[c]
-    focal_std = float(np.linalg.norm(deviations[6]))
-    return replace(lens, K=K, R_camera_world=R, t_camera_world=t, focal_std=focal_std, deviations=deviations)
+    focal_std, distortion = float(np.linalg.norm(deviations[6])), lens.distortion
+    if fit.rays.radial_std[c] > 0.0:
+        distortion = np.array([fit.state.radial[c], 0.0, 0.0, 0.0, 0.0])
+    return replace(
+        lens, K=K, distortion=distortion, R_camera_world=R, t_camera_world=t, focal_std=focal_std, deviations=deviations
+    )
 
 
 def _exchanged(flips: np.ndarray) -> np.ndarray:
@@ -262,6 +269,9 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
         if rig.focal_stds[name] > 0.0:
             length, std = camera.K[0, 0], rig.focal_stds[name]
             notes.append(f"{name}: a focal length of {length:.0f} px (+-{std:.0%}) is found from the person")
+        if rig.radial_stds[name] > 0.0:
+            sure = f"{camera.distortion[0]:.3f} (+-{rig.radial_stds[name]:.3f})"
+            notes.append(f"{name}: its lens bends lines, by a radial term k1 of {sure}, as the motion shows")
     if world.up_from == "cameras":
         notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")
     elif not world.up_sure:

@@ -104,7 +104,8 @@ def _given(cameras: Sequence[Camera], lengths: SegmentLengths) -> RigState:
     R = np.array([camera.R_camera_world @ first.R_camera_world.T for camera in cameras])
     t = np.array([camera.t_camera_world for camera in cameras]) - R @ first.t_camera_world
     points = np.zeros((0, len(lengths.landmark), 3))
-    return RigState(R, t, np.zeros(len(cameras)), np.ones(len(cameras)), lengths.mean.copy(), points)
+    late, radial = np.zeros((2, len(cameras)))
+    return RigState(R, t, late, np.ones(len(cameras)), radial, lengths.mean.copy(), points)
 
 
 def _cost(views: RigViews, lengths: SegmentLengths, fit: RigFit, instants: np.ndarray) -> float:

@@ -136,8 +136,9 @@ def _scaled(rays: np.ndarray, R: np.ndarray, t: np.ndarray, lengths: SegmentLeng
     t = t - np.einsum("cxy,y->cx", R @ R[0].T, t[0])
     R = R @ R[0].T
     points = triangulated(rays, R, t, range(len(rays)))
+    late, radial = np.zeros((2, len(R)))
     scale = float(np.nanmedian(1.0 / lengths.ratios(points)))
-    return RigState(R, scale * t, np.zeros(len(R)), np.ones(len(R)), lengths.mean.copy(), scale * points)
+    return RigState(R, scale * t, late, np.ones(len(R)), radial, lengths.mean.copy(), scale * points)
 
 
 def best_pairs(rays: np.ndarray, mirror: np.ndarray, std: np.ndarray, most: int) -> list[tuple[PairPose, bool]]:

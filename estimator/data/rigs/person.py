@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from estimator.data.rigs.bundle import BIAS, RigRays, RigState, robust_cost, robust_weights
 from estimator.data.rigs.lengths import SegmentLengths
+from estimator.data.rigs.lens import bent, by_place, by_radial
 from humanoid.kinematics.proportions import ProportionedBody
 
 _MARKS = 0.03  # m: how far from a landmark a detector marks it, in its link
@@ -24,7 +25,7 @@ _NEAREST = 0.05  # m: least depth of a point
 
 @dataclass(frozen=True)
 class FilmedBody:
-    """What is adjusted. rig: cameras and focal lengths. q (T, nq): poses in the rig's frame. scales (P,): of the
+    """What is adjusted. rig: cameras and lenses. q (T, nq): poses in the rig's frame. scales (P,): of the
     proportions. marks (J, 3) [m]: from landmarks to where they are marked, in the frames of their links."""
 
     rig: RigState
@@ -45,15 +46,15 @@ class PersonSystem(NamedTuple):
 
 class PersonProblem:
     """Residuals of rays by a body's poses and what all instants have in common: turns and shifts of the cameras but the
-    first (6 each), logarithms of focal lengths that are not known, scales and marks."""
+    first (6 each), of lenses that are not known the logarithms of focal lengths, and radial terms, scales and marks."""
 
     def __init__(self, body: ProportionedBody, seen: RigRays, lengths: SegmentLengths) -> None:
         self._body, self._seen, self._lengths, self._landmark = body, seen, lengths, lengths.landmark
         self._joint = body.base.landmark_joint[lengths.landmark]
         self._known = np.isfinite(seen.rays).all(axis=3)
         cameras, joints = seen.std.shape
-        self._focal = np.flatnonzero(seen.focal_std > 0.0)
-        sizes = [6 * (cameras - 1), len(self._focal), len(body.mean), 3 * joints]
+        self._focal, self._radial = (np.flatnonzero(std > 0.0) for std in (seen.focal_std, seen.radial_std))
+        sizes = [6 * (cameras - 1), len(self._focal), len(self._radial), len(body.mean), 3 * joints]
         self._at = np.cumsum([0, *sizes])
         base = body.base
         resting = [s for s in base.subject.stabilisers if base.model.existJointName(s.joint)]
@@ -74,14 +75,15 @@ class PersonProblem:
         """By a step of what is common (S,) and of the poses (T, nv)."""
         rig, base = at.rig, self._body.base
         moves = common[: self._at[1]].reshape(-1, 6)
-        R, t, focal = rig.R.copy(), rig.t.copy(), rig.focal.copy()
+        R, t, focal, radial = rig.R.copy(), rig.t.copy(), rig.focal.copy(), rig.radial.copy()
         for c, move in enumerate(moves, start=1):
             R[c], t[c] = pin.exp3(move[:3]) @ R[c], t[c] + move[3:]
         focal[self._focal] *= np.exp(common[self._at[1] : self._at[2]])
-        scales = np.clip(at.scales + common[self._at[2] : self._at[3]], self._body.low, self._body.high)
-        marks = at.marks + common[self._at[3] :].reshape(-1, 3)
+        radial[self._radial] += common[self._at[2] : self._at[3]]
+        scales = np.clip(at.scales + common[self._at[3] : self._at[4]], self._body.low, self._body.high)
+        marks = at.marks + common[self._at[4] :].reshape(-1, 3)
         q = np.array([base.integrate(pose, step) for pose, step in zip(at.q, poses, strict=True)])
-        return FilmedBody(replace(rig, R=R, t=t, focal=focal), q, scales, marks)
+        return FilmedBody(replace(rig, R=R, t=t, focal=focal, radial=radial), q, scales, marks)
 
     def points(self, at: FilmedBody) -> np.ndarray:
         """Where joints are marked (T, J, 3), in the rig's frame."""
@@ -118,7 +120,7 @@ class PersonProblem:
         """Residuals (T, J, 2), 0 of what is not seen; depths (T, J) and places (T, J, 3) in the camera."""
         place = points @ at.rig.R[c].T + at.rig.t[c]
         depth = np.maximum(place[..., 2], _NEAREST)
-        flat = at.rig.focal[c] * place[..., :2] / depth[..., None]
+        flat = bent(place[..., :2] / depth[..., None], at.rig.focal[c], at.rig.radial[c])
         return np.nan_to_num((flat - self._seen.rays[c]) / self._seen.std[c][:, None]), depth, place
 
     def _ray_derivatives(
@@ -127,24 +129,26 @@ class PersonProblem:
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Of a camera's residuals by what is common (T, J, 2, S) and by poses (T, J, 2, nv)."""
         rig, std = at.rig, self._seen.std[c][:, None]
-        by_place = np.zeros((*place.shape[:2], 2, 3))
-        by_place[..., 0, 0] = by_place[..., 1, 1] = rig.focal[c] / depth
-        by_place[..., :, 2] = -rig.focal[c] * place[..., :2] / np.square(depth)[..., None]
-        by_place /= std[..., None]
-        by_world = by_place @ rig.R[c]
+        flat, focal, radial = place[..., :2] / depth[..., None], rig.focal[c], rig.radial[c]
+        of_flat = by_place(flat, focal, radial) / (depth[..., None] * std)[..., None]
+        of_place = np.concatenate([of_flat, -(of_flat @ flat[..., None])], axis=-1)
+        by_world = of_place @ rig.R[c]
         common = np.zeros((*place.shape[:2], 2, self._at[-1]))
         if c > 0:
             own = 6 * (c - 1)
             turned = place - rig.t[c]
-            common[..., own : own + 3] = np.cross(turned[:, :, None], by_place)
-            common[..., own + 3 : own + 6] = by_place
+            common[..., own : own + 3] = np.cross(turned[:, :, None], of_place)
+            common[..., own + 3 : own + 6] = of_place
         if c in self._focal:
             column = self._at[1] + int(np.searchsorted(self._focal, c))
-            common[..., column] = rig.focal[c] * place[..., :2] / depth[..., None] / std
-        common[..., self._at[2] : self._at[3]] = by_world @ by_scale
+            common[..., column] = bent(flat, focal, radial) / std
+        if c in self._radial:
+            column = self._at[2] + int(np.searchsorted(self._radial, c))
+            common[..., column] = by_radial(flat, focal) / std
+        common[..., self._at[3] : self._at[4]] = by_world @ by_scale
         by_mark = by_world @ turns
         for j in range(by_mark.shape[1]):
-            first = self._at[3] + 3 * j
+            first = self._at[4] + 3 * j
             common[:, j, :, first : first + 3] = by_mark[:, j]
         return common, by_world @ by_pose
 
@@ -162,17 +166,19 @@ class PersonProblem:
         system.B[:] += np.swapaxes(weighted, 1, 2) @ P
 
     def _known_besides(self, at: FilmedBody) -> tuple[float, PersonSystem]:
-        """Of focal lengths, scales, marks and rest positions."""
+        """Of lenses, scales, marks and rest positions."""
         T, nv, S = len(at.q), self._body.base.nv, int(self._at[-1])
         system = PersonSystem(
             np.zeros((S, S)), np.zeros(S), np.zeros((T, nv, nv)), np.zeros((T, nv)), np.zeros((T, S, nv))
         )
         off = np.concatenate([
             np.log(at.rig.focal[self._focal]) / self._seen.focal_std[self._focal],
+            at.rig.radial[self._radial] / self._seen.radial_std[self._radial],
             (at.scales - self._body.mean) / self._body.std, at.marks.ravel() / _MARKS,
         ])  # fmt: skip
         slope = np.concatenate([
-            1.0 / self._seen.focal_std[self._focal], 1.0 / self._body.std, np.full(at.marks.size, 1.0 / _MARKS)
+            1.0 / self._seen.focal_std[self._focal], 1.0 / self._seen.radial_std[self._radial],
+            1.0 / self._body.std, np.full(at.marks.size, 1.0 / _MARKS),
         ])  # fmt: skip
         own = np.arange(self._at[1], S)
         system.A[own, own] += slope**2
@@ -207,9 +213,9 @@ class PersonProblem:
         for first, second in zip(self._lengths.first, self._lengths.second, strict=True):
             way = points[first] - points[second]
             way /= (way @ way) * len(self._lengths.first)
-            slope[self._at[2] : self._at[3]] += way @ (by_scale[first] - by_scale[second])
+            slope[self._at[3] : self._at[4]] += way @ (by_scale[first] - by_scale[second])
             for end, sign in ((first, 1.0), (second, -1.0)):
-                own = self._at[3] + 3 * end
+                own = self._at[4] + 3 * end
                 slope[own : own + 3] += sign * way @ turns[end]
         return slope
 
@@ -220,6 +226,12 @@ class PersonProblem:
         column[1:, :6] = np.arange(self._at[1]).reshape(-1, 6)
         column[self._focal, 6] = np.arange(self._at[1], self._at[2])
         return column
+
+    def radial_std(self, covariance: np.ndarray) -> np.ndarray:
+        """Of the cameras' radial terms (C,), by the covariance of what is common."""
+        std = np.zeros(len(self._seen.rays))
+        std[self._radial] = np.sqrt(np.diagonal(covariance)[self._at[2] : self._at[3]])
+        return std
 
     def pulls(self, at: FilmedBody, system: PersonSystem, inverse: np.ndarray) -> np.ndarray:
         """How a bias of each camera's rays to a joint, by `BIAS` of their deviation to the right or down, pulls what is

@@ -56,8 +56,9 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
 
 def _with_points(rig: RigState, seen: RigRays, lengths: SegmentLengths) -> RigState:
     """With the points that it sees, as large as the subject."""
-    points = triangulated(seen.rays / rig.focal[:, None, None, None], rig.R, rig.t, range(len(rig.R)))
-    known = replace(seen, focal_std=np.zeros_like(rig.focal), late_std=np.zeros_like(rig.late))
+    points = triangulated(rig.straight(seen.rays), rig.R, rig.t, range(len(rig.R)))
+    none = np.zeros(len(rig.R))
+    known = replace(seen, focal_std=none, radial_std=none, late_std=none)
     points = adjusted(replace(rig, points=points), known, lengths, free=()).state.points
     size = lengths.size(points)
     return replace(rig, t=rig.t / size, points=points / size)
@@ -89,7 +90,8 @@ def _uncertainty(problem: PersonProblem, at: FilmedBody) -> RigUncertainty:
     size = problem.size_slope(at)
     covariance = np.linalg.inv(A + SIZE_KNOWN * np.outer(size, size))
     biases = covariance[column[column >= 0]] @ problem.pulls(at, system, inverse)
-    return RigUncertainty.of(column, covariance, biases, np.zeros(len(column)))
+    radial = problem.radial_std(covariance)
+    return RigUncertainty.of(column, covariance, biases, np.zeros(len(column)), radial)
 
 
 def _poses(body: Body, points: np.ndarray, lengths: SegmentLengths) -> tuple[np.ndarray, np.ndarray]:

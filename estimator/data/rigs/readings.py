@@ -19,7 +19,7 @@ def _distances(state: RigState, first: np.ndarray, second: np.ndarray, a: int, b
     """Sampson's distances (T, J) of rays (T, J, 2) of cameras a and b in the plane z = 1."""
     R = state.R[b] @ state.R[a].T
     E = essential_of(R, state.t[b] - R @ state.t[a])
-    return sampson(E, with_depth(first / state.focal[a]), with_depth(second / state.focal[b]))
+    return sampson(E, with_depth(state.through(a, first)), with_depth(state.through(b, second)))
 
 
 def exchanged(state: RigState, rays: np.ndarray, std: np.ndarray, mirror: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from estimator.data.rigs.readings import exchanged, with_exchanged
 from estimator.data.rigs.views import JointRays, JointView, common_instants, read
 from humanoid.subject.landmarks import relative_spread
 
+_RADIAL = 0.05  # of lenses that nothing is told of; phones take most of theirs out of video
+_SHOWN = 1.0  # of that, of terms that the motion shows: it tells more than was known
 _LATE = 0.1  # s: of a clock that was found from speeds
 _NOISE = 0.008  # of the person's size in the picture: what a detector is off
 _FEW, _MANY = 40, 120  # instants
@@ -28,11 +30,12 @@ _ALIKE = 3.0  # joints that err alike, as near ones do
 
 @dataclass(frozen=True)
 class RigViews:
-    """views (C). std (C, J): of rays. focal_std (C,), late_std (C,) [s]: see `RigRays`."""
+    """views (C). std (C, J): of rays. focal_std (C,), radial_std (C,), late_std (C,) [s]: see `RigRays`."""
 
     views: Sequence[JointRays]
     std: np.ndarray
     focal_std: np.ndarray
+    radial_std: np.ndarray
     late_std: np.ndarray
 
     @staticmethod
@@ -42,7 +45,9 @@ class RigViews:
         std = np.array([_NOISE * ray.extent * relative_spread(names) for ray in rays])
         focal_std = np.array([view.camera.focal_std for view in views])
         late_std = np.zeros(len(views)) if clocks_known else np.full(len(views), _LATE)
-        return RigViews(rays, std, focal_std, late_std)
+        told = np.array([view.camera.fisheye or bool(np.any(view.camera.distortion)) for view in views])
+        radial_std = np.where((focal_std > 0.0) & ~told, _RADIAL, 0.0)
+        return RigViews(rays, std, focal_std, radial_std, late_std)
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class RigFit:
         lengths."""
         state, seen = self.state, self.rays
         at = np.einsum("cij,tnj->ctni", state.R, state.points) + state.t[:, None, None]
-        flat = state.focal[:, None, None, None] * at[..., :2] / at[..., 2:]
+        flat = state.bent(at)
         return np.asarray(flat - seen.rays - seen.slope * state.late[:, None, None, None])
 
     def deviations(self, size: float) -> np.ndarray:
@@ -107,7 +112,7 @@ def _beginning(
     if state is None:
         return None
     flips = exchanged(state, rays, views.std, lengths.mirror)
-    return _alternated(views, lengths, rays, slope, state, flips, _STEPS)[0]
+    return _alternated(replace(views, radial_std=np.zeros(len(rays))), lengths, rays, slope, state, flips, _STEPS)[0]
 
 
 def _alternated(
@@ -119,9 +124,9 @@ def _alternated(
     for _ in range(_ROUNDS):
         seen = RigRays(
             with_exchanged(rays, flips, lengths.mirror), with_exchanged(slope, flips, lengths.mirror), views.std,
-            views.focal_std, views.late_std,
+            views.focal_std, views.radial_std, views.late_std,
         )  # fmt: skip
-        points = triangulated(seen.rays / state.focal[:, None, None, None], state.R, state.t, cameras)
+        points = triangulated(state.straight(seen.rays), state.R, state.t, cameras)
         result = adjusted(replace(state, points=points), seen, lengths, most=steps)
         state = result.state
         new = exchanged(state, rays, views.std, lengths.mirror)
@@ -134,6 +139,7 @@ def _alternated(
 def rig_near(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: RigState) -> RigFit:
     """The rig of least cost near a state: on many instants, with the noise that the residuals show, and clocks read
     where they were found. late (C,) [s]: how much later they are read at first."""
+    prior, views = views.radial_std, replace(views, radial_std=np.zeros(len(late)))
     for k in range(_TIMES):
         late = late + state.late
         state = replace(state, late=np.zeros_like(late))
@@ -143,9 +149,20 @@ def rig_near(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: 
         result, flips, seen = _alternated(views, lengths, rays, slope, state, flips, _STEPS_AT_THE_END)
         state = result.state
         if k == 0:
-            views = replace(views, std=views.std * np.clip(result.chi, 0.5, 3.0))
+            std = views.std * np.clip(result.chi, 0.5, 3.0)
+            bending = replace(seen, std=std, radial_std=prior)
+            views = replace(views, std=std, radial_std=_shown(bending, state, lengths, instants))
     unsure = lasting(uncertainty(state, seen, lengths), instants)
     return RigFit(state, unsure, late + state.late, flips, seen, instants)
+
+
+def _shown(seen: RigRays, state: RigState, lengths: SegmentLengths, instants: np.ndarray) -> np.ndarray:
+    """Deviations (C,) of the radial terms, as they are told with the rays, where the motion shows them: where it makes
+    them surer by much. Others are left at 0, or cameras would be turned for what lenses do not do."""
+    if not np.any(seen.radial_std):
+        return seen.radial_std
+    known = lasting(uncertainty(state, seen, lengths), instants).radial_std
+    return np.where(known < _SHOWN * seen.radial_std, seen.radial_std, 0.0)
 
 
 def lasting(unsure: RigUncertainty, instants: np.ndarray) -> RigUncertainty:
@@ -153,4 +170,5 @@ def lasting(unsure: RigUncertainty, instants: np.ndarray) -> RigUncertainty:
     span = float(instants[-1] - instants[0])
     fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
     covariance = fewer * unsure.covariance + unsure.of_bias
-    return replace(unsure, covariance=covariance, late_std=np.sqrt(fewer) * unsure.late_std)
+    more = np.sqrt(fewer)
+    return replace(unsure, covariance=covariance, late_std=more * unsure.late_std, radial_std=more * unsure.radial_std)

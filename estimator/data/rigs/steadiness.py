@@ -42,7 +42,7 @@ class CameraMove:
 @dataclass(frozen=True)
 class RigPart:
     """What is seen in a part of a clip. state: of the rig that is adjusted to it. cost: of a ray by it; before: by the
-    rig that it was adjusted from. seen: the rays, free of the focal lengths."""
+    rig that it was adjusted from. seen: the rays, free of the lenses."""
 
     state: RigState
     cost: float
@@ -58,10 +58,10 @@ class RigPart:
         known = np.zeros(cameras)
         rays, slope = read(views.views, instants, late)
         flips = exchanged(state, rays, views.std, lengths.mirror)
-        right = with_exchanged(rays, flips, lengths.mirror) / state.focal[:, None, None, None]
-        seen = RigRays(right, np.zeros_like(slope), views.std, known, known)
+        right = state.straight(with_exchanged(rays, flips, lengths.mirror))
+        seen = RigRays(right, np.zeros_like(slope), views.std, known, known, known)
         points = triangulated(right, state.R, state.t, range(cameras))
-        placed = replace(state, late=known, focal=np.ones(cameras), points=points)
+        placed = replace(state, late=known, focal=np.ones(cameras), radial=known, points=points)
         whole = adjusted(placed, seen, lengths, most=_STEPS, free=())
         own = adjusted(whole.state, seen, lengths, most=_STEPS)
         count = max(1, int(np.isfinite(right).sum()))
@@ -113,7 +113,7 @@ def changed_camera(state: RigState, seen: RigRays, lengths: SegmentLengths, afte
 def strange_cameras(views: RigViews, lengths: SegmentLengths, fit: RigFit) -> tuple[int, ...]:
     """The camera whose rays meet no other camera's in most frames, as of one that sees another person; both where two
     are all there are; none where each meets one. views: as for `camera_move`."""
-    meet = _meeting(fit.rays.rays / fit.state.focal[:, None, None, None], views.std, lengths.mirror)
+    meet = _meeting(fit.state.straight(fit.rays.rays), views.std, lengths.mirror)
     if meet.min() > _MEET:
         return ()
     return (0, 1) if len(meet) == 2 else (int(np.argmin(meet)),)
