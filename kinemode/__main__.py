@@ -1,4 +1,5 @@
-"""Entry point of the command `kinemode`: what goes wrong becomes one line and an exit code."""
+"""Entry point of the command `kinemode`: what goes wrong becomes one line, or one for each fault of a manifest, and an
+exit code."""
 
 from __future__ import annotations
 
@@ -48,11 +49,21 @@ def _report(error: Exception, debug: bool) -> int:
         traceback.print_exception(type(error), error, error.__traceback__)
     problem = _users_problem(error)
     if problem is not None:
-        _say(f"error: {problem}")
+        first, *others = problem.split("\n") if isinstance(error, _several_faults()) else [problem]
+        _say(f"error: {first}")
+        for fault in others:
+            _say(fault, "  ")
         return BAD_INPUT
     hint = "" if debug else "; run with --debug and report what it shows"
     _say(f"internal error: {type(error).__name__}: {error}{hint}")
     return INTERNAL_ERROR
+
+
+def _several_faults() -> type[Exception]:
+    """The class of errors whose message has a line for each fault."""
+    from kinemode.batch.faults import ManifestError
+
+    return ManifestError
 
 
 def _users_problem(error: Exception) -> str | None:
@@ -83,8 +94,8 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _say(text: str) -> None:
-    print(" ".join(text.split()), file=sys.stderr)
+def _say(text: str, indent: str = "") -> None:
+    print(indent + " ".join(text.split()), file=sys.stderr)
 
 
 def _how_to_go_on(arguments: list[str], stop: BaseException) -> str:

@@ -1,0 +1,194 @@
+"""The columns of a manifest: a few of its own, and every option of `track`, read by the types the command line has."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import cyclopts
+
+from humanoid.support.errors import shown
+from humanoid.support.near_names import nearest
+from kinemode.commands.options import ClipArgument, Files, SubjectOption
+from kinemode.commands.tracking import track
+from kinemode.inputs.declared import AUTO
+from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK
+
+NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
+    "name", "clips", "person", "fits", "subject", "reference", "person_id",
+)  # fmt: skip
+OF_A_ROW = (NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE)
+"""Columns that are no keyword argument of `track`; its argument `person` is the column `person_id`."""
+OF_THE_BATCH = ("out", "resume", "overwrite", "workers", "progress")
+"""Arguments of `track` that no row has: the batch says them for all."""
+BY_CAMERA = {CLIPS: CLIP, "keypoints": KEYPOINTS, "mask": MASK, "background": BACKGROUND, "depth": DEPTH}
+"""Columns of [NAME=]PATH texts, and what their files are called."""
+VALUES_BY_CAMERA = ("keypoint_size", "fps", "offset", "stereo")
+"""Columns of [NAME=]VALUE texts."""
+WORDS = {"cameras": (AUTO,)}
+"""Words that columns of paths take in place of one."""
+_SPELLED = {bool: "yes or no", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
+_SHOWN = 60  # characters of a cell that are repeated
+Say = Callable[[str, str], None]
+"""Takes a problem and its remedy."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its name, and the type of its values as the command line converts it."""
+
+    name: str
+    type: Any
+
+    @property
+    def kinds(self) -> tuple[Any, ...]:
+        """The types that a value may have, None aside."""
+        return _kinds(self.type)
+
+    @property
+    def several(self) -> bool:
+        """Whether a cell has a list of texts."""
+        return any(typing.get_origin(kind) in (list, tuple) for kind in self.kinds)
+
+    @property
+    def is_path(self) -> bool:
+        """Whether a cell has one path."""
+        return Path in self.kinds
+
+    @property
+    def taken(self) -> str:
+        """What may be given."""
+        choices = [", ".join(map(str, typing.get_args(k))) for k in self.kinds if typing.get_origin(k) is Literal]
+        return " or ".join([*(_SPELLED[k] for k in self.kinds if k in _SPELLED), *choices]) or "texts"
+
+
+def _kinds(hint: Any) -> tuple[Any, ...]:
+    if typing.get_origin(hint) is Annotated:
+        return _kinds(typing.get_args(hint)[0])
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return tuple(kind for part in typing.get_args(hint) for kind in _kinds(part) if kind is not type(None))
+    return (hint,)
+
+
+@cache
+def columns() -> Mapping[str, Column]:
+    """All columns by name."""
+    options = _options(track)
+    own: dict[str, Any] = {
+        NAME: str, CLIPS: Files, PERSON: str, FITS: bool, SUBJECT: SubjectOption, REFERENCE: Path | None,
+        PERSON_ID: options.pop("person"),
+    }  # fmt: skip
+    types_by_name = own | {name: hint for name, hint in options.items() if name not in own}
+    return {name: Column(name, hint) for name, hint in types_by_name.items() if name not in OF_THE_BATCH}
+
+
+def _options(owner: Any) -> dict[str, Any]:
+    """Types of what a command or a group of options takes, by name, with those of the groups in it."""
+    options: dict[str, Any] = {}
+    for name, hint in typing.get_type_hints(owner, include_extras=True).items():
+        group = next((kind for kind in _kinds(hint) if is_dataclass(kind)), None)
+        options |= {name: hint} if group is None else _options(group)
+    return {name: hint for name, hint in options.items() if name != "return" and hint is not ClipArgument}
+
+
+def column_of(written: str) -> Column | None:
+    """The column of a name as it is written, with - or _, None where there is none."""
+    return columns().get("_".join(written.strip().lower().lstrip("-").replace("-", " ").replace("_", " ").split()))
+
+
+def unknown(written: str) -> tuple[str, str]:
+    """Problem and remedy of a name that is no column's."""
+    if written.strip().lower().lstrip("-") in OF_THE_BATCH:
+        return f"{shown(written)} is not of a clip", "leave it out: the command says it for all of them"
+    near = nearest(written, columns(), "columns")
+    return f"there is no column {shown(written)}", f"{near}; all options are in kinemode track --help"
+
+
+def is_given(value: Any) -> bool:
+    """Whether a cell says something."""
+    return not (value is None or (isinstance(value, str) and not value.strip()) or value in ([], (), {}))
+
+
+def cell_value(column: Column, given: Any, folder: Path, say: Say) -> Any:
+    """The value of a cell as JSON knows it, paths made absolute from `folder`; None, and what is wrong said, for a cell
+    that cannot be read. Files that do not exist are said too."""
+    texts = _texts(column, given, folder, say)
+    if texts is None:
+        return None
+    try:
+        value = _converted(column.type, tuple(texts))
+    except (cyclopts.CycloptsError, ValueError, OverflowError):
+        say(f"{shown(given, _SHOWN)} is not taken", f"give {column.taken}")
+        return None
+    if isinstance(value, float) and not math.isfinite(value):
+        say(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
+        return None
+    if column.name in BY_CAMERA:
+        return [_named_file(text, folder, BY_CAMERA[column.name], say) for text in value]
+    if column.is_path and texts[0] not in WORDS.get(column.name, ()):
+        return existing(texts[0], folder, say)
+    return list(value) if column.several else str(value) if isinstance(value, Path) else value
+
+
+@cache  # most cells of a column say the same
+def _converted(hint: Any, texts: tuple[str, ...]) -> Any:
+    return cyclopts.convert(hint, texts)
+
+
+def existing(text: str, folder: Path, say: Say, what: str = "file") -> str:
+    """An absolute path; where nothing is there that is said."""
+    path = os.path.abspath(folder / text)
+    if not os.path.exists(path):
+        relative = "" if os.path.isabs(text) else f"looked for in {folder}"
+        say(f"there is no such {what}: {shown(text, _SHOWN)}", relative)
+    return path
+
+
+def _named_file(text: str, folder: Path, what: str, say: Say) -> str:
+    name, separator, path = text.partition("=")
+    if not separator or os.path.exists(folder / text):  # a file may have = in its name
+        return existing(text, folder, say, what)
+    if not name or not path:
+        say(f"{shown(text, _SHOWN)} is no {what}", "write NAME=PATH or PATH")
+        return text
+    return f"{name}={existing(path, folder, say, what)}"
+
+
+def _texts(column: Column, given: Any, folder: Path, say: Say) -> list[str] | None:
+    """What a cell says, as the words of a command line."""
+    if isinstance(given, (str, Path)):
+        text = str(given).strip()
+        if not column.several or isinstance(given, Path) or os.path.exists(folder / text):
+            return [text]  # a file's name may have spaces
+        return _words(text, say)
+    if isinstance(given, (bool, int, float)):
+        return [str(given)]
+    if column.several and isinstance(given, (Mapping, list, tuple)):
+        parts = list(given.values()) if isinstance(given, Mapping) else list(given)
+        if not all(isinstance(part, (str, Path, int, float)) for part in parts):
+            say(f"{shown(given, _SHOWN)} is not taken", "give a list of texts")
+            return None
+        return (
+            [f"{name}={part}" for name, part in given.items()] if isinstance(given, Mapping) else list(map(str, parts))
+        )
+    say(f"cannot be of type {type(given).__name__}", f"give {column.taken}")
+    return None
+
+
+def _words(text: str, say: Say) -> list[str] | None:
+    """A text split at spaces as a shell does, but that a backslash is one: paths of Windows have them."""
+    lexer = shlex.shlex(text, posix=True, punctuation_chars=False)
+    lexer.whitespace_split, lexer.commenters, lexer.escape = True, "", ""
+    try:
+        return list(lexer)
+    except ValueError:
+        say(f"a quotation mark has no second: {shown(text, _SHOWN)}", 'write "names with spaces" in quotation marks')
+        return None

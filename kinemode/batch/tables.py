@@ -1,0 +1,146 @@
+"""Manifest files as tables: CSV as programs write it, and TOML."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from humanoid.support.errors import shown
+from kinemode.batch.columns import CLIPS, FITS, NAME, SUBJECT, column_of, is_given, unknown
+from kinemode.batch.faults import FaultList
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+OF_PEOPLE = (SUBJECT, "height")
+"""What a manifest may say of a person once, for all the clips of that person."""
+_OF_A_CLIP = (NAME, CLIPS, FITS)
+_SEPARATORS = ",;\t"
+_LINE = re.compile(r"\(at (line \d+), column \d+\)$")
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """Cells by the names of their columns, only those that say something. place: for messages."""
+
+    place: str
+    cells: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ManifestTable:
+    """The rows of a manifest. defaults: cells of rows that do not say it themselves. people: cells by person."""
+
+    rows: list[TableRow]
+    defaults: TableRow = TableRow("[defaults]", {})
+    people: Mapping[str, TableRow] = field(default_factory=dict)
+
+
+def text_of(content: bytes, faults: FaultList) -> str:
+    """The text of a file; raises ManifestError with the line where it is not UTF-8."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        remedy = 'save the file in UTF-8; Excel calls that "CSV UTF-8"'
+        raise faults.with_last(f"line {line}", "is not in UTF-8", remedy) from None
+
+
+def csv_table(text: str, faults: FaultList) -> ManifestTable:
+    """The table of a CSV file with commas, semicolons or tabs, whichever its head has most of."""
+    lines = list(io.StringIO(text, newline=""))
+    head_line = next((line for line in lines if line.strip()), "")
+    separator = max(_SEPARATORS, key=re.sub('"[^"]*"', "", head_line).count)
+    reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=True)
+    head: list[str | None] | None = None
+    rows: list[TableRow] = []
+    line = 1
+    try:
+        for cells in reader:
+            place, line = f"row {line}", reader.line_num + 1
+            if not any(map(is_given, cells)):
+                continue
+            if head is None:
+                head = _head(cells, place, faults)
+            else:
+                rows.append(_csv_row(cells, head, place, faults))
+    except csv.Error as error:
+        faults.add(f"row {line}", f"is not CSV: {error}", "quotation marks come in pairs, around a whole cell")
+    return ManifestTable(rows)
+
+
+def _head(cells: list[str], place: str, faults: FaultList) -> list[str | None]:
+    """Names of the columns, None of those that are not known; a column without a name is "": it may be empty."""
+    head: list[str | None] = []
+    for written in cells:
+        column = column_of(written)
+        if is_given(written) and column is None:
+            faults.add(place, *unknown(written))
+        elif column is not None and column.name in head:
+            faults.add(place, "stands twice", "keep one of them", column=column.name)
+        head.append("" if not is_given(written) else None if column is None or column.name in head else column.name)
+    return head
+
+
+def _csv_row(cells: list[str], head: list[str | None], place: str, faults: FaultList) -> TableRow:
+    nameless = [cell for cell, name in zip(cells, head, strict=False) if name == "" and is_given(cell)]
+    beyond = [cell for cell in cells[len(head) :] if is_given(cell)]
+    if beyond:
+        problem = f"has {len(cells)} cells, the head has {len(head)}: {shown(beyond[0])} is of no column"
+        faults.add(place, problem, "a cell that has the separator in it stands in quotation marks")
+    elif nameless:
+        faults.add(place, f"{shown(nameless[0])} is in a column without a name", "name the column in the head")
+    return TableRow(place, {name: cell for name, cell in zip(head, cells, strict=False) if name and is_given(cell)})
+
+
+def toml_table(text: str, faults: FaultList) -> ManifestTable:
+    """The table of a TOML file: [[clip]] for each, [defaults] for all, [people.NAME] for those of a person."""
+    try:
+        content = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        line = _LINE.search(str(error))
+        faults.add(line[1] if line else "", f"is not TOML: {error}", "a clip is a table [[clip]], see toml.io")
+        return ManifestTable([])
+    for name in content.keys() - {"clip", "defaults", "people"}:
+        faults.add("", f"there is no {shown(name)}", "[[clip]] for each clip, [defaults] and [people.NAME] are taken")
+    clips, defaults, people = content.get("clip", []), content.get("defaults", {}), content.get("people", {})
+    if not (isinstance(clips, list) and all(isinstance(clip, dict) for clip in clips)):
+        faults.add("", "clip is no list of tables", "write [[clip]] above each")
+        clips = []
+    if not isinstance(defaults, dict) or not isinstance(people, dict):
+        faults.add("", "defaults and people are tables", "write [defaults], [people.NAME]")
+        defaults, people = {}, {}
+    rows = [mapped_row(clip, f"row {i}", faults) for i, clip in enumerate(clips, 1)]
+    of_people = {name: mapped_row(cells, f"[people.{name}]", faults, only=OF_PEOPLE) for name, cells in people.items()}
+    return ManifestTable(
+        rows, mapped_row(defaults, ManifestTable.defaults.place, faults, without=_OF_A_CLIP), of_people
+    )
+
+
+def mapped_row(
+    cells: Any, place: str, faults: FaultList, *, only: tuple[str, ...] = (), without: tuple[str, ...] = ()
+) -> TableRow:
+    """A row from a mapping of names, as they are written, to values. only, without: what it may have, or not."""
+    if not isinstance(cells, Mapping):
+        faults.add(place, f"is of type {type(cells).__name__}", "a mapping of columns to values is taken")
+        return TableRow(place, {})
+    row: dict[str, Any] = {}
+    for written, value in cells.items():
+        column = column_of(str(written))
+        if column is None:
+            faults.add(place, *unknown(str(written)))
+        elif (only and column.name not in only) or column.name in without:
+            wanted = f"{' and '.join(only)} may stand here" if only else "it is of a clip: give it there"
+            faults.add(place, "does not stand here", wanted, column=column.name)
+        elif column.name in row:
+            faults.add(place, "stands twice", "keep one of them", column=column.name)
+        elif is_given(value):
+            row[column.name] = value
+    return TableRow(place, row)
