@@ -14,14 +14,12 @@ from kinemode.batch.checks import check_row, track_arguments
 from kinemode.batch.columns import CLIPS, NAME, PERSON, REFERENCE, SUBJECT
 from kinemode.batch.faults import FaultList
 from kinemode.batch.people import fitting_rows, with_people
-from kinemode.batch.row import BatchRow
+from kinemode.batch.row import LONGEST_NAME, BatchRow, fitting_name
 from kinemode.batch.tables import ManifestTable, csv_table, mapped_row, text_of, toml_table
 from kinemode.batch.values import RowValues, files_of, row_values
 from kinemode.commands.options import USUAL
 
-LONGEST_NAME = 100
 _NAME = re.compile(rf"(?!\.)[\w.-]{{1,{LONGEST_NAME}}}")
-_UNFIT = re.compile(r"[^\w.-]+")
 _TABLES = {".csv": csv_table, ".toml": toml_table}
 _BYTES = 200  # of a name: letters may take four, and a file's name may have 255
 
@@ -124,4 +122,4 @@ def _derived(row: RowValues) -> str:
     name = (files[0].name if files[0].is_dir() else files[0].stem) if len(files) == 1 else ""
     if len(files) > 1 and len(parents) == 1:
         name = parents.pop().name
-    return _UNFIT.sub("_", name).lstrip(".")[:LONGEST_NAME]
+    return fitting_name(name)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+LONGEST_NAME = 100
+_UNFIT = re.compile(r"[^\w.-]+")
 
 
 @dataclass(frozen=True)
@@ -31,3 +35,8 @@ class BatchRow:
     clips: tuple[str, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     reference: str | None = None
+
+
+def fitting_name(text: str) -> str:
+    """The name of a clip that is nearest to a text: a part of it and underscores, empty where it has no letter."""
+    return _UNFIT.sub("_", text).lstrip(".")[:LONGEST_NAME]
