@@ -161,9 +161,14 @@ def test_names_are_told_apart(tmp_path: Path) -> None:
     assert len({name.casefold() for name in names}) == len(names) == 4
 
 
+def test_links_to_folders_above(tmp_path: Path) -> None:
+    folder = fill(tmp_path / "lab", ["walk/film.mp4"])
+    (folder / "walk" / "again").symlink_to(folder)
+    assert [row["name"] for row in made(folder)[0]] == ["walk"]
+
+
 def test_folders_of_nothing(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    (tmp_path / "loop").symlink_to(tmp_path)
     for folder, problem in ((tmp_path, "no clip is in it"), (tmp_path / "gone", "there is no such folder")):
         with pytest.raises(InputError, match=problem):
             manifest_of(folder)

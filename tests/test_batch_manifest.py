@@ -18,12 +18,13 @@ import tomli_w
 import kinemode as km
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
+from kinemode import cli
 from kinemode.batch import columns
 from kinemode.batch.faults import ManifestError
 from kinemode.batch.manifest import read_manifest, rows_of
 from kinemode.batch.row import BatchRow
 from kinemode.commands import tracking
-from kinemode.commands.options import DetectorOptions, Files, InputOptions, TrackerOptions
+from kinemode.commands.options import NO_INPUT, USUAL, DetectorOptions, Files, InputOptions, TrackerOptions
 
 FILES = ("a.mp4", "b.mp4", "my walk.mp4", "a.json", "b.json", "cameras.json", "me.urdf", "a=b.mp4", "truth.npz")
 
@@ -140,6 +141,15 @@ def test_an_error_crosses_processes_and_is_printed_whole(
 )
 def test_files_that_are_no_manifest(folder: Path, name: str, text: str | bytes, fault: str) -> None:
     assert any(line.startswith(fault) for line in faults_of(folder, text, name)), faults_of(folder, text, name)
+
+
+def test_rows_are_lines_of_the_file(folder: Path) -> None:
+    """Also below a cell of two lines; backslashes, which paths of Windows have, are as they stand."""
+    text = 'clips,name,detect,detector\n"a.mp4\nb.mp4",a,,\n\n"gone\\x.mp4 b.mp4",b,maybe,onnx\n'
+    assert faults_of(folder, text) == [
+        "row 5, column clips: there is no such clip: 'gone\\\\x.mp4'",
+        "row 5, column detect: 'maybe' is not taken",
+    ]
 
 
 def test_a_fault_said_for_all_rows_is_said_once(folder: Path) -> None:
@@ -266,7 +276,6 @@ A_VALUE = {"detect": "yes", "floor": "off", "start": "index", "sync": "auto", "f
            "detector": "onnx", "tracker": "css", "phone": "iPhone13,3", "layout": "coco17", "focal": "26mm",
            "person": "a=1", "keypoint_size": "a=960x540", "fps": "a=30", "offset": "a=0.5", "stereo": "a=b",
            "subject": "human30", "height": "1.8", "end": "2", "modes": "3", "seed": "1", "people": "1"}  # fmt: skip
-CONFLICTING = {"phone": ["focal"], "lenses": ["focal", "phone"], "focal": ["phone"]}
 
 
 def option_names() -> list[str]:
@@ -296,6 +305,19 @@ def test_every_option_of_track_is_a_column(folder: Path, name: str) -> None:
     assert name in A_VALUE or "cameras.json" in str(given[argument])
     with pytest.raises(ManifestError, match=rf"row 1, column {column.replace('-', '_')}: "):
         rows_of([row | {column: {"a": object()}}], folder=folder)
+
+
+@pytest.mark.parametrize("name", sorted(A_VALUE.keys() - {"detect", "detector", "people"}))
+def test_a_value_is_that_of_the_command_line(name: str) -> None:
+    option = f"--{name.replace('_', '-')}"
+    line = ["track", "a.mp4", "--out", "a.run", option, A_VALUE[name]]
+    _, bound, _ = cli.app.parse_args(line, exit_on_error=False, print_error=False)
+    given = bound.arguments.get("files", NO_INPUT).arguments() | vars(bound.arguments.get("how", USUAL))
+    expected = (given | bound.arguments)[name]
+    (row,) = rows_of([{"keypoints": str(Path(__file__)), "person-id" if name == "person" else name: A_VALUE[name]}])
+    value = (dict(row.options) | {"subject": row.subject})[name]
+    assert value == (list(expected) if isinstance(expected, tuple) else expected)
+    assert type(value) in (str, int, float, list)
 
 
 def test_lists_of_texts_are_files_or_values() -> None:

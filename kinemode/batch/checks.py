@@ -62,7 +62,7 @@ def _collected(check: Callable[[RowValues, Callable[..., Any]], None], row: RowV
             column = column_of(error.source)
             if column is None:
                 faults.add(row.place, f"{error.source}: {error.problem}", error.remedy)
-            elif column.name not in row.faulty:  # what is said of a cell is said once
+            else:
                 place = row.places.get(column.name, row.place)
                 faults.add(place, error.problem, error.remedy, column=column.name)
 
@@ -70,7 +70,8 @@ def _collected(check: Callable[[RowValues, Callable[..., Any]], None], row: RowV
 
 
 def _arguments(row: RowValues, tried: Callable[..., None]) -> None:
-    track_arguments(row)
+    if "detect" not in row.faulty:
+        track_arguments(row)
 
 
 def _declared(row: RowValues, tried: Callable[..., None]) -> None:

@@ -191,7 +191,7 @@ def _opencap_recording(
 def _opencap_video(listing: Listing, folder: Path) -> Path | None:
     """The film of a trial: the synchronised one goes before that which the phone has sent."""
     videos = listing.videos(folder)
-    wanted = sorted(videos, key=lambda stem: (stem != f"{folder.name}_sync", "sync" not in stem, stem != folder.name))
+    wanted = sorted(videos, key=lambda stem: ("sync" not in stem.lower(), stem != folder.name))
     return videos[wanted[0]] if wanted else None
 
 

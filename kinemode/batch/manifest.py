@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -119,7 +120,7 @@ def _derived(row: RowValues) -> str:
     if not files:
         return ""
     parents = {file.parent for file in files}
-    name = (files[0].name if files[0].is_dir() else files[0].stem) if len(files) == 1 else ""
+    name = (files[0].name if os.path.isdir(files[0]) else files[0].stem) if len(files) == 1 else ""
     if len(files) > 1 and len(parents) == 1:
         name = parents.pop().name
     return fitting_name(name)
