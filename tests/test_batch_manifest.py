@@ -24,7 +24,7 @@ from kinemode.batch.faults import ManifestError
 from kinemode.batch.manifest import read_manifest, rows_of
 from kinemode.batch.row import BatchRow
 from kinemode.commands import tracking
-from kinemode.commands.options import NO_INPUT, USUAL, DetectorOptions, Files, InputOptions, TrackerOptions
+from kinemode.options import NO_INPUT, USUAL, DetectorOptions, Files, InputOptions, TrackerOptions
 
 FILES = ("a.mp4", "b.mp4", "my walk.mp4", "a.json", "b.json", "cameras.json", "me.urdf", "a=b.mp4", "truth.npz")
 
@@ -327,6 +327,21 @@ def test_lists_of_texts_are_files_or_values() -> None:
     others = {name for name, c in columns.columns().items() if c.several} - by_camera
     assert others == {columns.PERSON_ID}
     assert all(get_origin(kind) is not dict for c in columns.columns().values() for kind in c.kinds)
+
+
+@pytest.mark.parametrize(
+    ("cells", "fault"),
+    [
+        ({"detector": "yolo"}, "detector: 'yolo' is unknown"),
+        ({"detector": "onnx"}, "detector: onnx: needs a model"),
+        ({"model": "a.json"}, "detector: model: mediapipe brings its own"),
+        ({"people": 0}, "people: must be 1 or more, got 0"),
+        ({"clips": "", "keypoints": "a.json"}, "detect: there is no clip to look at"),
+    ],
+)
+def test_detectors_that_cannot_be_used(folder: Path, cells: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ManifestError, match=f"1 fault, nothing was begun\n  row 1, column {fault}"):
+        rows_of([{"clips": "a.mp4", "detect": True} | cells], folder=folder)
 
 
 def test_missing_files_are_said_without_heavy_libraries(folder: Path) -> None:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from humanoid.support.errors import InputError, shown
 from kinemode.batch.columns import BY_CAMERA, CLIPS, OF_A_ROW, PERSON, PERSON_ID, SUBJECT, column_of
 from kinemode.batch.faults import FaultList
 from kinemode.batch.values import RowValues, is_built_in
-from kinemode.commands.options import USUAL, DetectorOptions, InputOptions, TrackerOptions
+from kinemode.detection.detectors import DETECTORS, DetectorChoice
 from kinemode.inputs.declared import Declared, moment, wants_all
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import named_pairs
-from kinemode.public.detection import wanted_detector
+from kinemode.options import USUAL, DetectorOptions, InputOptions, TrackerOptions
 
 _RENAMED = {"mask": "masks"}
 """Arguments of `track` that are called otherwise than the command's options."""
@@ -114,7 +115,17 @@ def _detector(row: RowValues, tried: Callable[..., None]) -> None:
     if row.get("detect") and not row.faulty & {*names}:
         if not row.get(CLIPS) and CLIPS not in row.places:
             raise InputError("detect", "there is no clip to look at", remedy="name one in the column clips")
-        wanted_detector(**_those_of(DetectorOptions, row.values))
+        given = DetectorOptions(**_those_of(DetectorOptions, row.values))
+        if given.detector not in DETECTORS:
+            remedy = f"one of {', '.join(DETECTORS)}"
+            raise InputError("detector", f"{shown(given.detector)} is unknown", remedy=remedy)
+        if given.people < 1:
+            raise InputError("people", f"must be 1 or more, got {given.people}")
+        model, boxes = (None if path is None else Path(path) for path in (given.model, given.boxes))
+        try:
+            DetectorChoice(given.detector, model, boxes, given.people).check()
+        except InputError as error:
+            raise InputError("detector", f"{error.source}: {error.problem}", remedy=error.remedy) from None
 
 
 def _height(row: RowValues, tried: Callable[..., None]) -> None:

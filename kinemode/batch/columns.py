@@ -17,10 +17,9 @@ import cyclopts
 
 from humanoid.support.errors import shown
 from humanoid.support.near_names import nearest
-from kinemode.commands.options import ClipArgument, Files, SubjectOption
-from kinemode.commands.tracking import track
 from kinemode.inputs.declared import AUTO
 from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK
+from kinemode.options import Files, InputOptions, SubjectOption, TrackerOptions
 
 NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
     "name", "clips", "person", "fits", "subject", "reference", "person_id",
@@ -81,7 +80,7 @@ def _kinds(hint: Any) -> tuple[Any, ...]:
 @cache
 def columns() -> Mapping[str, Column]:
     """All columns by name."""
-    options = _options(track)
+    options = _options(InputOptions) | _options(TrackerOptions) | {"tracker": str}
     own: dict[str, Any] = {
         NAME: str, CLIPS: Files, PERSON: str, FITS: bool, SUBJECT: SubjectOption, REFERENCE: Path | None,
         PERSON_ID: options.pop("person"),
@@ -90,13 +89,13 @@ def columns() -> Mapping[str, Column]:
     return {name: Column(name, hint) for name, hint in types_by_name.items() if name not in OF_THE_BATCH}
 
 
-def _options(owner: Any) -> dict[str, Any]:
-    """Types of what a command or a group of options takes, by name, with those of the groups in it."""
+def _options(group_of_options: type) -> dict[str, Any]:
+    """Types of the options of a group, by name, with those of the groups in it."""
     options: dict[str, Any] = {}
-    for name, hint in typing.get_type_hints(owner, include_extras=True).items():
-        group = next((kind for kind in _kinds(hint) if is_dataclass(kind)), None)
+    for name, hint in typing.get_type_hints(group_of_options, include_extras=True).items():
+        group = next((kind for kind in _kinds(hint) if isinstance(kind, type) and is_dataclass(kind)), None)
         options |= {name: hint} if group is None else _options(group)
-    return {name: hint for name, hint in options.items() if name != "return" and hint is not ClipArgument}
+    return options
 
 
 def column_of(written: str) -> Column | None:

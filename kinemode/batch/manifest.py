@@ -18,7 +18,7 @@ from kinemode.batch.people import fitting_rows, with_people
 from kinemode.batch.row import LONGEST_NAME, BatchRow, fitting_name
 from kinemode.batch.tables import ManifestTable, csv_table, mapped_row, text_of, toml_table
 from kinemode.batch.values import RowValues, files_of, row_values
-from kinemode.commands.options import USUAL
+from kinemode.options import USUAL
 
 _NAME = re.compile(rf"(?!\.)[\w.-]{{1,{LONGEST_NAME}}}")
 _TABLES = {".csv": csv_table, ".toml": toml_table}

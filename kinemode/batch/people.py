@@ -12,8 +12,8 @@ from kinemode.batch.columns import FITS, PERSON, PERSON_ID, SUBJECT
 from kinemode.batch.faults import FaultList
 from kinemode.batch.tables import OF_PEOPLE
 from kinemode.batch.values import RowValues, is_built_in
-from kinemode.commands.options import USUAL
 from kinemode.inputs.declared import wants_all
+from kinemode.options import USUAL
 
 
 def with_people(

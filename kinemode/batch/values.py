@@ -14,7 +14,7 @@ from humanoid.support.errors import InputError
 from kinemode.batch.columns import CLIPS, SUBJECT, Column, cell_value, columns, existing
 from kinemode.batch.faults import FaultList
 from kinemode.batch.tables import TableRow
-from kinemode.commands.options import USUAL
+from kinemode.options import USUAL
 
 _BARE = re.compile(r"[\w:-]+")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
+from kinemode.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import (
+from kinemode.options import (
     NO_INPUT,
     NO_PERSON,
     ClipArgument,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import Flag
+from kinemode.options import Flag
 
 Format = Literal["npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "glb", "rrd"]
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import (
+from kinemode.options import (
     MEDIAPIPE,
     NO_INPUT,
     USUAL,
