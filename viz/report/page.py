@@ -15,6 +15,7 @@ from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS
 from humanoid.support.atomic import replacing
+from viz.page_style import page_style
 from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
@@ -51,6 +52,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
     drawings = angle_figures(run) if figures is None else figures
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=escape(f"{source} - kinemode report"),
+        style=page_style(),
         heading=escape(source),
         summary=escape(_summary(run)),
         tags=_tags(run, facts),

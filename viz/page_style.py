@@ -1,0 +1,10 @@
+"""The look that pages to read have in common: type, tables, tags, links."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def page_style() -> str:
+    """Rules for the head of a page; a page's own rules follow them. Colours are variables, which a page may change."""
+    return Path(__file__).with_name("page_style.css").read_text(encoding="utf-8")
