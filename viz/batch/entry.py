@@ -1,0 +1,117 @@
+"""What a batch shows of a clip, and which clips to look at first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.runs.run_file import Run
+from estimator.trackers.frame_result import HARD, TRACKED
+
+DONE, FAILED, WAITING = "done", "failed", "waiting"
+STATUSES = (DONE, FAILED, WAITING)
+"""Of a clip; one that was interrupted waits."""
+
+
+@dataclass(frozen=True)
+class BatchEntry:
+    """One clip of a batch as the table and the page show it.
+
+    status: one of `STATUSES`. message: the error of a failed one, else a finding. frames, hard, unobserved, doubtful:
+    see `RunFacts`. error [m]: mean joint error against the row's reference. seconds: of wall-clock time.
+    processor_seconds: of all its threads. thumbnail, report, run: paths relative to the page, "" where there is none.
+
+    Raises
+    ------
+    ValueError: another status.
+    """
+
+    name: str
+    status: str
+    person: str = ""
+    message: str = ""
+    subject: str = ""
+    tracker: str = ""
+    frames: int | None = None
+    hard: int | None = None
+    unobserved: int | None = None
+    doubtful: float | None = None
+    error: float | None = None
+    seconds: float | None = None
+    processor_seconds: float | None = None
+    thumbnail: str = ""
+    report: str = ""
+    run: str = ""
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise ValueError(f"status must be one of {', '.join(STATUSES)}, got {self.status!r}")
+
+
+class RunFacts(NamedTuple):
+    """What a run says of itself, by the names of `BatchEntry`'s fields.
+
+    frames: those that are tracked so far. hard, unobserved: how many have that status (`Run.status`, where frames that
+    the findings speak against are hard; what the statuses mean: `STATUS_MEANINGS`). doubtful: the share of frames, 0 to
+    1, that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message:
+    the first of the findings that were stored when it was finished, "" where it has none.
+    """
+
+    subject: str
+    tracker: str
+    frames: int
+    hard: int
+    unobserved: int
+    doubtful: float | None
+    message: str
+
+
+def run_facts(run: Run) -> RunFacts:
+    """What a batch shows of a run: `BatchEntry(name, "done", **run_facts(run)._asdict())`."""
+    status, count = run.status, len(run)
+    hard, unobserved, tracked = (int(np.count_nonzero(status == name)) for name in (HARD, "unobserved", TRACKED))
+    doubtful = 1.0 - tracked / count if count else None
+    message = next(iter(run.header.findings or ()), "")
+    return RunFacts(run.subject.name, run.header.tracker, count, hard, unobserved, doubtful, message)
+
+
+def known(value: float | None) -> bool:
+    """Whether there is such a number: neither None nor NaN or infinite."""
+    return value is not None and math.isfinite(value)
+
+
+def look_ranks(entries: Sequence[BatchEntry]) -> tuple[int | None, ...]:
+    """Which clip to look at first, 1, second, ...; None for those that nothing speaks against.
+
+    Failed ones first, then by the share of frames not to be trusted, by the share of hard ones, and of equal ones those
+    with a finding; else as they are given.
+    """
+    doubted = [i for i, entry in enumerate(entries) if _is_doubted(entry)]
+    ranks = {i: rank for rank, i in enumerate(sorted(doubted, key=lambda i: _sureness(entries[i])), 1)}
+    return tuple(ranks.get(i) for i in range(len(entries)))
+
+
+def _is_doubted(entry: BatchEntry) -> bool:
+    if entry.status != DONE:
+        return entry.status == FAILED
+    return bool(entry.message) or any(map(_positive, (entry.doubtful, entry.hard)))
+
+
+def _sureness(entry: BatchEntry) -> tuple[bool, float, float, bool]:
+    """Rises from what is to be looked at first."""
+    if entry.status == FAILED:
+        return False, 0.0, 0.0, False
+    hard = _number(entry.hard) / max(1.0, _number(entry.frames))
+    return True, -_number(entry.doubtful), -hard, not entry.message
+
+
+def _number(value: float | None) -> float:
+    return float(value) if value is not None and known(value) else 0.0
+
+
+def _positive(value: float | None) -> bool:
+    return _number(value) > 0.0
