@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
     from kinemode.notices import FindingWarning, InputWarning
+    from kinemode.public.batches import Batch, batch, make_manifest
     from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
     from kinemode.public.detection import detect
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
 _MODULES = {
+    "Batch": "kinemode.public.batches",
     "Body": "humanoid.kinematics.body",
     "Camera": "estimator.data.cameras.camera",
     "DetectorSettings": "estimator.synthesis.settings",
@@ -56,6 +58,7 @@ _MODULES = {
     "Tracker": "kinemode.public.stepping",
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
+    "batch": "kinemode.public.batches",
     "calibrate": "kinemode.public.cameras",
     "calibrate_from_person": "kinemode.public.rigs",
     "check_cameras": "kinemode.public.rigs",
@@ -71,6 +74,7 @@ _MODULES = {
     "load_cameras": "estimator.data.formats.cameras",
     "load_keypoints": "estimator.data.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
+    "make_manifest": "kinemode.public.batches",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "plot": "kinemode.public.results",
@@ -87,6 +91,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "Batch",
     "Body",
     "Camera",
     "DetectorSettings",
@@ -103,6 +108,7 @@ __all__ = [
     "ViewSettings",
     "__version__",
     "annotate",
+    "batch",
     "calibrate",
     "calibrate_from_person",
     "check_cameras",
@@ -118,6 +124,7 @@ __all__ = [
     "load_cameras",
     "load_keypoints",
     "load_subject",
+    "make_manifest",
     "open_run",
     "overlay",
     "plot",

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.runs.diagnosis import Diagnosis, diagnose
 from estimator.runs.run_file import Run
-from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
+from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from kinemode.explain import run_settings

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import pytest
 
-from humanoid.support.compiled_folder import locked
+from humanoid.support.locks import locked
 
 T = TypeVar("T")
 

@@ -12,9 +12,9 @@ import pytest
 import tomli_w
 
 from humanoid.support.errors import InputError
-from kinemode.batch.folders import manifest_of, write_manifest
-from kinemode.batch.manifest import read_manifest
-from kinemode.batch.row import BatchRow
+from kinemode.batches.folders import manifest_of, write_manifest
+from kinemode.batches.manifest import read_manifest
+from kinemode.batches.row import BatchRow
 
 
 def fill(folder: Path, files: Sequence[str]) -> Path:

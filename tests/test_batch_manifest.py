@@ -19,10 +19,10 @@ import kinemode as km
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import cli
-from kinemode.batch import columns
-from kinemode.batch.faults import ManifestError
-from kinemode.batch.manifest import read_manifest, rows_of
-from kinemode.batch.row import BatchRow
+from kinemode.batches import columns
+from kinemode.batches.faults import ManifestError
+from kinemode.batches.manifest import read_manifest, rows_of
+from kinemode.batches.row import BatchRow
 from kinemode.commands import tracking
 from kinemode.options import NO_INPUT, USUAL, DetectorOptions, Files, InputOptions, TrackerOptions
 
@@ -346,7 +346,7 @@ def test_detectors_that_cannot_be_used(folder: Path, cells: dict[str, Any], faul
 
 def test_missing_files_are_said_without_heavy_libraries(folder: Path) -> None:
     program = (
-        "import sys; from kinemode.batch.manifest import rows_of\n"
+        "import sys; from kinemode.batches.manifest import rows_of\n"
         "try: rows_of([{'clips': 'gone.mp4', 'keypoints': 'gone.json', 'fps': '30'}])\n"
         "except ValueError as error: print(len(error.faults))\n"
         "print([m for m in ('pinocchio', 'numba', 'cv2', 'numpy') if m in sys.modules])"

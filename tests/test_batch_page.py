@@ -111,9 +111,12 @@ def test_the_page_is_sorted_by_its_heads(opened: Any) -> None:
 
 def test_the_page_shows_the_clips_that_are_asked_for(opened: Any) -> None:
     words = opened.find_element("id", "words")
-    words.send_keys("ANN clip")
+    words.send_keys(" ANN")
     assert opened.execute_script(SHOWN) == ["clip2", "clip9"]
     assert opened.find_element("id", "shown").text == "2 of 6"
+    words.clear()
+    words.send_keys("a Finding  <script")
+    assert opened.execute_script(SHOWN) == ["found"]
     words.clear()
     words.send_keys("script")
     assert opened.execute_script(SHOWN) == ["bad", "found", ENTRIES[2].name]

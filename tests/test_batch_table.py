@@ -13,7 +13,8 @@ import pytest
 
 from humanoid import InputError, load_subject
 from tests.made_runs import made_run
-from viz.batch.entry import BatchEntry, look_ranks, run_facts
+from viz.batch.entry import BatchEntry, look_ranks
+from viz.batch.facts import run_facts
 from viz.batch.table import COLUMNS, batch_table, write_batch_table
 
 ODD = "<script>alert(\"x\")</script> & 'q'"

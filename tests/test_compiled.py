@@ -104,7 +104,8 @@ def test_another_checkout_of_the_same_sources_is_served(toy: Toy, monkeypatch: p
 def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
     file = toy.folder / "kernel.py"
     ours = {
-        ROOT / "humanoid" / "support" / name for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py")
+        ROOT / "humanoid" / "support" / name
+        for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py", "locks.py")
     }
     assert imported_files(file, "toy.kernel") - ours == {
         file,

@@ -14,7 +14,7 @@ from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.hypothesis import EXCHANGED
-from estimator.trackers.frame_result import TRACKED
+from estimator.trackers.statuses import TRACKED
 from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5

@@ -34,8 +34,9 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
-from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
+from estimator.trackers.statuses import HARD, TRACKED
 from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text

@@ -16,17 +16,6 @@ from estimator.inference.origin import Origins
 RESULT_FIELDS = {"weight": Field("f", ("K",)), **{name: f for name, f in MODE_FIELDS.items() if name != "status"}}
 """The arrays of a frame's K hypotheses; of runs made before it was kept `velocity` is missing."""
 
-TRACKED, HARD = "tracked", "hard"
-STATUS_MEANINGS = {
-    TRACKED: "the best pose explains at least half of what was seen",
-    HARD: "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
-    " faster than any body, its search ended early, or the findings speak against it: look at these frames with"
-    " `kinemode explain`, and at their keypoints",
-    "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
-    " or pictures to look at (--cues)",
-}
-"""What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""
-
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
 _KINDS = "biufU"
 _MOST, _MOST_AXES = 64, 4
@@ -37,7 +26,7 @@ class FrameResult:
     """K hypotheses for one frame, best first.
 
     index: number of the frame in the clip. time: seconds since the clip's start.
-    status: see STATUS_MEANINGS; before the first usable frame an "unobserved" one has no hypotheses.
+    status: see `estimator.trackers.statuses`; before the first usable frame an "unobserved" one has no hypotheses.
     q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.

@@ -20,8 +20,9 @@ from numba.core import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
-from humanoid.support.compiled_folder import cache_roots, locked, source_folder
+from humanoid.support.compiled_folder import cache_roots, source_folder
 from humanoid.support.compiled_sources import sources_digest
+from humanoid.support.locks import locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import functools
 import os
 import shutil
@@ -11,7 +10,7 @@ import tempfile
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 KEPT = 4  # folders of one module, the one in use included: a few checkouts and branches side by side
@@ -48,17 +47,6 @@ def source_folder(root: Path, module: str, digest: str) -> Path:
     if new:
         _tidy(folder, module)
     return folder
-
-
-@contextmanager
-def locked(file: Path) -> Iterator[None]:
-    """Alone among all processes, and threads, that come here with the same file; OSError where that cannot be had."""
-    handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
 
 
 def _tidy(used: Path, module: str) -> None:

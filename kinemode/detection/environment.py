@@ -16,8 +16,9 @@ from pathlib import Path
 
 from uv import find_uv_bin
 
-from humanoid.support.compiled_folder import cache_roots, locked
+from humanoid.support.compiled_folder import cache_roots
 from humanoid.support.errors import InputError
+from humanoid.support.locks import locked
 from kinemode.detection.detectors import Patience
 from kinemode.notices import InputWarning
 from kinemode.target import cache_folder

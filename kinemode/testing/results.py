@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from estimator.data.formats.checked_arrays import sizes_of
 from estimator.data.observation import Observation
-from estimator.trackers.frame_result import RESULT_FIELDS, STATUS_MEANINGS, FrameResult
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
+from estimator.trackers.statuses import STATUS_MEANINGS
 from humanoid.kinematics.body import Body
 from kinemode.testing.laws import require
 

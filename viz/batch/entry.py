@@ -5,13 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-import numpy as np
-
-from estimator.runs.run_file import Run
-from estimator.trackers.frame_result import HARD, TRACKED
-
+WIDTH, HEIGHT = 160, 120  # px, of thumbnails
 DONE, FAILED, WAITING = "done", "failed", "waiting"
 STATUSES = (DONE, FAILED, WAITING)
 """Of a clip; one that was interrupted waits."""
@@ -22,8 +17,9 @@ class BatchEntry:
     """One clip of a batch as the table and the page show it.
 
     status: one of `STATUSES`. message: the error of a failed one, else a finding. frames, hard, unobserved, doubtful:
-    see `RunFacts`. error [m]: mean joint error against the row's reference. seconds: of wall-clock time.
-    processor_seconds: of all its threads. thumbnail, report, run: paths relative to the page, "" where there is none.
+    see `viz.batch.facts.RunFacts`. error [m]: mean joint error against the row's reference. seconds: of wall-clock
+    time. processor_seconds: of all its threads. thumbnail, report, run: paths relative to the page, "" where there is
+    none.
 
     Raises
     ------
@@ -50,33 +46,6 @@ class BatchEntry:
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
             raise ValueError(f"status must be one of {', '.join(STATUSES)}, got {self.status!r}")
-
-
-class RunFacts(NamedTuple):
-    """What a run says of itself, by the names of `BatchEntry`'s fields.
-
-    frames: those that are tracked so far. hard, unobserved: how many have that status (`Run.status`, where frames that
-    the findings speak against are hard; what the statuses mean: `STATUS_MEANINGS`). doubtful: the share of frames, 0 to
-    1, that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message:
-    the first of the findings that were stored when it was finished, "" where it has none.
-    """
-
-    subject: str
-    tracker: str
-    frames: int
-    hard: int
-    unobserved: int
-    doubtful: float | None
-    message: str
-
-
-def run_facts(run: Run) -> RunFacts:
-    """What a batch shows of a run: `BatchEntry(name, "done", **run_facts(run)._asdict())`."""
-    status, count = run.status, len(run)
-    hard, unobserved, tracked = (int(np.count_nonzero(status == name)) for name in (HARD, "unobserved", TRACKED))
-    doubtful = 1.0 - tracked / count if count else None
-    message = next(iter(run.header.findings or ()), "")
-    return RunFacts(run.subject.name, run.header.tracker, count, hard, unobserved, doubtful, message)
 
 
 def known(value: float | None) -> bool:

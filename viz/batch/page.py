@@ -10,12 +10,10 @@ from string import Template
 from typing import NamedTuple
 from urllib.parse import quote
 
-from estimator.trackers.frame_result import HARD, STATUS_MEANINGS
+from estimator.trackers.statuses import HARD, STATUS_MEANINGS
 from humanoid.support.atomic import replacing
-from viz.batch.entry import STATUSES, WAITING, BatchEntry, known, look_ranks
-from viz.batch.thumbnail import HEIGHT, WIDTH
-from viz.page_style import page_style
-from viz.report.tables import text
+from viz.batch.entry import HEIGHT, STATUSES, WAITING, WIDTH, BatchEntry, known, look_ranks
+from viz.page_style import page_style, text
 
 _TEMPLATE = Path(__file__).with_name("batch.html")
 _COUNTS = "frames", "hard", "unobserved"

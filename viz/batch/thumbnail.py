@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 
 from estimator.runs.run_file import Run
-from estimator.trackers.frame_result import TRACKED
+from estimator.trackers.statuses import TRACKED
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from viz import palette
+from viz.batch.entry import HEIGHT, WIDTH
 from viz.pictures.overlay import reduced
 from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
 from viz.scene import Frames, Scene, as_scene
 
-WIDTH, HEIGHT = 160, 120  # px
 BYTES = 10_000
 """A thumbnail takes at most so much."""
 _QUALITIES = (82, 70, 55, 40, 25, 10, 1)  # of a JPEG

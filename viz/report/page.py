@@ -13,14 +13,14 @@ from estimator.runs.contact import contact_of_run
 from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_file import Run
-from estimator.trackers.frame_result import STATUS_MEANINGS
+from estimator.trackers.statuses import STATUS_MEANINGS
 from humanoid.support.atomic import replacing
-from viz.page_style import page_style
+from viz.page_style import page_style, text
 from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.pictures import COLOURS, angle_figures, contact_figure
-from viz.report.tables import assumed_part, cameras_table, gait_part, ranges_table, repeat_part, text
+from viz.report.tables import assumed_part, cameras_table, gait_part, ranges_table, repeat_part
 from viz.scene import Scene, as_scene
 
 _TEMPLATE = Path(__file__).with_name("report.html")

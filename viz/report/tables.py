@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
@@ -11,6 +10,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.runs.gait import METHODS, Gait
 from estimator.runs.ranges import RangeOfMotion
+from viz.page_style import text
 from viz.report.facts import Facts
 
 _SIGN = "\N{MINUS SIGN}"
@@ -66,11 +66,6 @@ def table(
     top = "".join(cell("th", k, said) for k, said in enumerate(head))
     of_kind = f' class="{kind}"' if kind else ""
     return f"<table{of_kind}><thead><tr>{top}</tr></thead><tbody>\n{body}\n</tbody></table>"
-
-
-def text(said: str) -> str:
-    """A sentence as HTML; what stands between backquotes is code."""
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(said))
 
 
 def listed(sentences: Sequence[str]) -> str:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from humanoid.support.errors import shown
-from kinemode.batch.columns import CLIPS, FITS, NAME, SUBJECT, column_of, is_given, unknown
-from kinemode.batch.faults import FaultList
+from kinemode.batches.columns import CLIPS, FITS, NAME, SUBJECT, column_of, is_given, unknown
+from kinemode.batches.faults import FaultList
 
 if sys.version_info >= (3, 11):
     import tomllib

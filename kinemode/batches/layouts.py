@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from kinemode.batch.recordings import ClipFiles, Listing, is_calibration, is_calibration_folder, with_cameras
+from kinemode.batches.recordings import ClipFiles, Listing, is_calibration, is_calibration_folder, with_cameras
 
 _CAMERA_NAME = re.compile(
     r"(int|ext)?[ ._-]?(cam|camera|view|gopro|phone|c)[ ._-]?([0-9]{1,3}|[a-d])|left|right|front|back|rear|side|top",

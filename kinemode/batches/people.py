@@ -8,10 +8,10 @@ from typing import Any
 
 from humanoid.support.errors import shown
 from humanoid.support.near_names import nearest
-from kinemode.batch.columns import FITS, PERSON, PERSON_ID, SUBJECT
-from kinemode.batch.faults import FaultList
-from kinemode.batch.tables import OF_PEOPLE
-from kinemode.batch.values import RowValues, is_built_in
+from kinemode.batches.columns import FITS, PERSON, PERSON_ID, SUBJECT
+from kinemode.batches.faults import FaultList
+from kinemode.batches.tables import OF_PEOPLE
+from kinemode.batches.values import RowValues, is_built_in
 from kinemode.inputs.declared import wants_all
 from kinemode.options import USUAL
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from humanoid.support.errors import InputError
-from kinemode.batch.columns import CLIPS, SUBJECT, Column, cell_value, columns, existing
-from kinemode.batch.faults import FaultList
-from kinemode.batch.tables import TableRow
+from kinemode.batches.columns import CLIPS, SUBJECT, Column, cell_value, columns, existing
+from kinemode.batches.faults import FaultList
+from kinemode.batches.tables import TableRow
 from kinemode.options import USUAL
 
 _BARE = re.compile(r"[\w:-]+")

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-from kinemode.batch.layouts import recordings_in
-from kinemode.batch.recordings import VIDEOS, ClipFiles, Listing
-from kinemode.batch.row import LONGEST_NAME, fitting_name
+from kinemode.batches.layouts import recordings_in
+from kinemode.batches.recordings import VIDEOS, ClipFiles, Listing
+from kinemode.batches.row import LONGEST_NAME, fitting_name
 from kinemode.target import check_absent, check_folder
 
 _ORDER = ("name", "clips", "cameras", "keypoints", "detect", "person", "height", "phone", "sync")

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from humanoid.support.errors import InputError, shown
-from kinemode.batch.columns import BY_CAMERA, CLIPS, OF_A_ROW, PERSON, PERSON_ID, SUBJECT, column_of
-from kinemode.batch.faults import FaultList
-from kinemode.batch.values import RowValues, is_built_in
+from kinemode.batches.columns import BY_CAMERA, CLIPS, OF_A_ROW, PERSON, PERSON_ID, SUBJECT, column_of
+from kinemode.batches.faults import FaultList
+from kinemode.batches.values import RowValues, is_built_in
 from kinemode.detection.detectors import DETECTORS, DetectorChoice
 from kinemode.inputs.declared import Declared, moment, wants_all
 from kinemode.inputs.files import InputFiles

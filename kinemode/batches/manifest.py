@@ -11,13 +11,13 @@ from typing import Any
 
 from humanoid.support.errors import InputError, shown
 from humanoid.support.files import read_bytes
-from kinemode.batch.checks import check_row, track_arguments
-from kinemode.batch.columns import CLIPS, NAME, PERSON, REFERENCE, SUBJECT
-from kinemode.batch.faults import FaultList
-from kinemode.batch.people import fitting_rows, with_people
-from kinemode.batch.row import LONGEST_NAME, BatchRow, fitting_name
-from kinemode.batch.tables import ManifestTable, csv_table, mapped_row, text_of, toml_table
-from kinemode.batch.values import RowValues, files_of, row_values
+from kinemode.batches.checks import check_row, track_arguments
+from kinemode.batches.columns import CLIPS, NAME, PERSON, REFERENCE, SUBJECT
+from kinemode.batches.faults import FaultList
+from kinemode.batches.people import fitting_rows, with_people
+from kinemode.batches.row import LONGEST_NAME, BatchRow, fitting_name
+from kinemode.batches.tables import ManifestTable, csv_table, mapped_row, text_of, toml_table
+from kinemode.batches.values import RowValues, files_of, row_values
 from kinemode.options import USUAL
 
 _NAME = re.compile(rf"(?!\.)[\w.-]{{1,{LONGEST_NAME}}}")

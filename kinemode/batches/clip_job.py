@@ -1,0 +1,212 @@
+"""A worker's work on one clip: what a single `kinemode track`, or `fit`, does, in a folder of the clip's own."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError, shortened
+from humanoid.support.locks import locked
+from kinemode.batches.digests import FileStamp, stamped
+from kinemode.batches.outcome import DONE, FAILED, ClipOutcome, TrackedRun
+from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
+from kinemode.notices import InputWarning
+from kinemode.target import made_folder
+
+if TYPE_CHECKING:
+    from estimator.runs.run_file import Run
+
+BEGUN, ERROR, LOCK = "begun.json", "error.txt", ".lock"
+
+
+def work(task: BatchTask) -> TaskAnswer:
+    """Do a task; what goes wrong is its outcome. Whoever comes with the same task meanwhile waits, and takes the
+    outcome."""
+    begin, used = time.perf_counter(), _processor_time()
+    with _seen_root(task) as (own, shared), warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        outcome, subject = _attempted(own)
+        outcome = replace(
+            outcome,
+            seconds=time.perf_counter() - begin,
+            processor_seconds=_processor_time() - used,
+            notes=tuple(dict.fromkeys(str(w.message) for w in told if issubclass(w.category, InputWarning))),
+        )
+        return TaskAnswer(outcome, subject, {} if shared else _files_below(own.root))
+
+
+def _processor_time() -> float:
+    """Of this process and of the programs that it has run [s]."""
+    return sum(os.times()[:4])
+
+
+@contextmanager
+def _seen_root(task: BatchTask) -> Iterator[tuple[BatchTask, bool]]:
+    """The task in the batch's folder where this machine sees it, in a temporary one elsewhere; and whether it does."""
+    with suppress(OSError):
+        if (task.root / TOKEN).read_text(encoding="utf-8") == task.token:
+            yield task, True
+            return
+    with tempfile.TemporaryDirectory(prefix="kinemode-") as folder:
+        yield replace(task, root=Path(folder)), False
+
+
+def _files_below(root: Path) -> dict[str, bytes]:
+    files = [path for path in root.rglob("*") if path.is_file() and path.name != LOCK]
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in files}
+
+
+def _attempted(task: BatchTask) -> tuple[ClipOutcome, str]:
+    """The outcome, kept where it can be, and the subject of one that fits."""
+    try:
+        check_versions(task.versions, versions(), platform.node())
+        folder = made_folder(task.folder)
+        with locked(folder / LOCK):
+            kept = ClipOutcome.kept(folder)
+            if kept is not None and task.is_done(kept):
+                return kept, _text(task.subject_file) if task.fits else ""
+            outcome, subject = _fitted(task) if task.fits else (_tracked(task), "")
+            outcome.written(folder)
+            return outcome, subject
+    except InputError as error:
+        failed = ClipOutcome(task.row.name, FAILED, str(error))
+    except Exception as error:  # of a clip that nobody has thought of; the others go on
+        failed = ClipOutcome(task.row.name, FAILED, _internal(task, error))
+    with suppress(OSError, InputError):
+        failed.written(task.folder)
+    return failed, ""
+
+
+def _internal(task: BatchTask, error: Exception) -> str:
+    where = ""
+    with suppress(OSError):
+        (task.folder / ERROR).write_text("".join(traceback.format_exception(error)), encoding="utf-8")
+        where = f"; {ERROR} in its folder shows where"
+    return shortened(" ".join(f"internal error: {type(error).__name__}: {error}{where}".split()))
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8")
+
+
+def _fitted(task: BatchTask) -> tuple[ClipOutcome, str]:
+    import kinemode as km
+
+    inputs = stamped(task.inputs)
+    file = made_folder(task.clip_folder) / f"{task.row.name}.urdf"  # the track takes the keypoints beside it too
+    km.fit(task.row.subject, task.row.clips, **task.options, out=file)
+    subject = _text(file)
+    with replacing(task.subject_file) as temporary:
+        temporary.write_text(subject, encoding="utf-8")
+    return ClipOutcome(task.row.name, DONE, options=task.digest, inputs=inputs), subject
+
+
+def _tracked(task: BatchTask) -> ClipOutcome:
+    inputs = stamped(task.inputs)
+    runs = _runs(task, inputs)
+    several = len(runs) > 1
+    told, faults = [], []
+    for run in runs:
+        facts, wrong = _around(task, run, run.file.stem if several else task.row.name)
+        told.append(facts)
+        faults += wrong
+    message = "; ".join(dict.fromkeys(faults))
+    return ClipOutcome(
+        task.row.name, FAILED if faults else DONE, message, tuple(told), options=task.digest, inputs=inputs
+    )
+
+
+def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
+    """The clip's runs: gone on with where they were begun from the same inputs and options, else begun anew."""
+    import kinemode as km
+
+    begun = json.dumps({"options": task.digest, "inputs": inputs}, sort_keys=True)
+    file, folder = task.clip_folder / f"{task.row.name}.run", task.clip_folder
+    goes_on = (folder / BEGUN).is_file() and _text(folder / BEGUN) == begun
+    if not goes_on:
+        _clear(task)
+        with replacing(folder / BEGUN) as temporary:
+            temporary.write_text(begun, encoding="utf-8")
+    if goes_on and file.is_file() and (run := km.open_run(file)).complete:
+        return [run]
+    subject = task.row.subject
+    if task.subject:
+        if not task.subject_file.is_file():
+            made_folder(task.subject_file.parent)
+            task.subject_file.write_text(task.subject, encoding="utf-8")
+        subject = str(task.subject_file)
+    try:
+        tracked = km.track(subject, task.row.clips, **task.options, out=file, resume=goes_on, overwrite=not goes_on)
+    except InputError:
+        if not goes_on:
+            raise
+        tracked = km.track(subject, task.row.clips, **task.options, out=file, overwrite=True)  # what is there is broken
+    return list(tracked.values()) if isinstance(tracked, dict) else [tracked]
+
+
+def _clear(task: BatchTask) -> None:
+    """Remove what was made of the clip when it was another; keypoints know themselves what they were made from."""
+    kept = {LOCK, f"{task.row.name}.keypoints", f"{task.row.name}.urdf"}
+    for path in task.clip_folder.iterdir():
+        if path.name not in kept:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]]:
+    """What is said and made of a run; what could not be made is said."""
+    import kinemode as km
+    from viz.batch.facts import run_facts
+    from viz.batch.thumbnail import write_thumbnail
+
+    faults: list[str] = []
+    stem = run.file.with_suffix("")
+
+    def made(what: str, file: Path) -> str:
+        try:
+            if what == "report":
+                km.report(run, file)
+            elif what == "thumbnail":
+                write_thumbnail(run, file)
+            else:
+                km.export(run, file, format=what)
+        except InputError as error:
+            faults.append(f"tracked, but its {what} was not written: {error}")
+            return ""
+        return file.relative_to(task.root).as_posix()
+
+    exports = {format: made(format, exported_file(stem, format)) for format in task.exports}
+    report = made("report", beside(stem, "html")) if task.report else ""
+    thumbnail = made("thumbnail", beside(stem, "jpg")) if run.frame_count else ""
+    error: float | None = None
+    if task.row.reference is not None:
+        try:
+            error = float(km.evaluate(run, task.row.reference).mpjpe)
+        except InputError as wrong:
+            faults.append(f"tracked, but not compared: {wrong}")
+    facts = run_facts(run)._asdict()
+    where = run.file.relative_to(task.root).as_posix()
+    given = {format: file for format, file in exports.items() if file}
+    return TrackedRun(name, where, report, thumbnail, given, error=error, **facts), faults
+
+
+def exported_file(stem: Path, format: str) -> Path:
+    """Where a format goes beside a run: its own ending, or named where several formats have one ending."""
+    ending = format.rpartition("-")[2]
+    return beside(stem, ending if ending == format else f"{format[: -len(ending) - 1]}.{ending}")
+
+
+def beside(stem: Path, ending: str) -> Path:
+    """A file of the same name but its ending; names of clips may have dots."""
+    return stem.with_name(f"{stem.name}.{ending}")

@@ -1,0 +1,84 @@
+"""What a clip's result depends on: its inputs and options, as digests that tell whether they have changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+_BLOCK = 1 << 20
+
+
+class FileStamp(NamedTuple):
+    """A file as it was: size [bytes], when it was changed [ns], SHA-256 of its bytes."""
+
+    size: int
+    changed: int
+    digest: str
+
+
+def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any], reference: str | None) -> str:
+    """Of what a row says, names of files included, not what is in them."""
+    said = json.dumps([subject, list(clips), dict(options), reference], sort_keys=True)
+    return hashlib.sha256(said.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def input_files(*said: Any) -> list[Path]:
+    """The files that texts name, in lists and mappings too, alone or as NAME=PATH; of a folder all that are in it."""
+    return sorted({file for text in _texts(said) for file in _files(text)})
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts(list(value.values()))
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _texts(part)
+
+
+def _files(text: str) -> Iterator[Path]:
+    path = text if os.path.exists(text) else text.partition("=")[2]
+    if not os.path.isabs(path):  # a word like any other: paths of rows are absolute
+        return
+    if os.path.isfile(path):
+        yield Path(path)
+    for folder, _, names in os.walk(path):
+        yield from (Path(folder, name) for name in names)
+
+
+def stamped(files: Sequence[Path]) -> dict[str, FileStamp]:
+    """Every file's stamp; one that is not there has none."""
+    return {str(file): stamp for file in files if (stamp := _stamp(file)) is not None}
+
+
+def _stamp(file: Path) -> FileStamp | None:
+    total = hashlib.sha256()
+    try:
+        with file.open("rb") as content:
+            state = os.fstat(content.fileno())
+            while block := content.read(_BLOCK):
+                total.update(block)
+    except OSError:
+        return None
+    return FileStamp(state.st_size, state.st_mtime_ns, total.hexdigest())
+
+
+def unchanged(files: Sequence[Path], stamps: Mapping[str, FileStamp]) -> bool:
+    """Whether files are what they were; only those whose time or size is another are read."""
+    return {str(file) for file in files} == set(stamps) and all(_same(file, stamps[str(file)]) for file in files)
+
+
+def _same(file: Path, stamp: FileStamp) -> bool:
+    try:
+        state = file.stat()
+    except OSError:
+        return False
+    if (state.st_size, state.st_mtime_ns) == stamp[:2]:
+        return True
+    now = _stamp(file) if state.st_size == stamp.size else None
+    return now is not None and now.digest == stamp.digest

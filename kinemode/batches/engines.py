@@ -1,0 +1,200 @@
+"""Who does the work of a batch: processes of this machine, by pebble, or the workers of a Dask scheduler. Both answer a
+task with a future of `concurrent.futures`."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, Protocol
+
+from humanoid.support.errors import InputError
+from humanoid.support.extras import optional
+from kinemode.batches.task import check_versions, versions
+
+ENGINES = ("processes", "dask")
+MOST = 256
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS")
+_PATIENCE = 15.0  # s, until a scheduler has answered
+_DASK = "a batch on several machines"
+
+
+class Engine(Protocol):
+    """Who does work, while it is entered; what is not finished at its end is ended."""
+
+    def workers(self) -> int:
+        """How many work at once now."""
+        ...
+
+    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
+        """Have it done. The future raises one of `died` where the process that did it is gone."""
+        ...
+
+    def once_a_machine(self, work: Callable[[], None]) -> None:
+        """Have it done by one worker of each machine, and wait for it."""
+        ...
+
+    @property
+    def died(self) -> tuple[type[Exception], ...]:
+        """What futures raise of which the process is gone."""
+        ...
+
+
+def processors() -> int:
+    """How many of them this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class ProcessEngine:
+    """Processes of this machine, each with one thread; see `Engine`."""
+
+    def __init__(self, count: int) -> None:
+        from pebble import ProcessExpired, ProcessPool
+
+        self._count, self._died = count, (ProcessExpired,)
+        # spawned: what a process has compiled or opened is not to be shared by halves
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPool(max_workers=count, initializer=_as_worker, context=context)
+        self._threads: AbstractContextManager[None] = _one_thread_each()
+
+    def __enter__(self) -> ProcessEngine:
+        self._threads.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.stop()
+        self._pool.join()
+        self._threads.__exit__(None, None, None)
+
+    @property
+    def died(self) -> tuple[type[Exception], ...]:
+        """See `Engine`."""
+        return self._died
+
+    def workers(self) -> int:
+        """See `Engine`."""
+        return self._count
+
+    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
+        """See `Engine`."""
+        future: Future[Any] = self._pool.schedule(work, args=[task])
+        return future
+
+    def once_a_machine(self, work: Callable[[], None]) -> None:
+        """See `Engine`."""
+        self._pool.schedule(work).result()
+
+
+def _as_worker() -> None:
+    """What a process does first: Ctrl-C is the leader's to see, and without a leader there is nobody to work for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leader = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if leader is not None:
+            leader.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that are started within it have one thread each, as libraries read it when they are loaded."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class DaskEngine:
+    """The workers of a Dask scheduler that runs already; see `Engine`.
+
+    Raises
+    ------
+    InputError: no such scheduler, or none of the versions here; a worker with other versions, or of several threads.
+    """
+
+    def __init__(self, scheduler: str) -> None:
+        distributed = optional("distributed", "dask", _DASK)
+        self._died = (distributed.KilledWorker,)
+        try:
+            self._client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            remedy = "start one with dask scheduler; addresses are as tcp://192.168.0.5:8786"
+            problem = f"cannot be reached: {' '.join(str(error).split())}"
+            raise InputError(f"scheduler {scheduler}", problem, remedy=remedy) from None
+        self._executor = self._client.get_executor(pure=False)
+
+    def __enter__(self) -> DaskEngine:
+        try:
+            self._check()
+        except BaseException:
+            self._client.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown(wait=False)
+        self._client.close()
+
+    def _check(self) -> None:
+        for worker, threads in self._client.nthreads().items():
+            if threads != 1:
+                problem = f"has {threads} threads, of which one would change what another does"
+                raise InputError(f"worker {worker}", problem, remedy="start it with --nthreads 1 --nworkers N")
+        own = versions()
+        theirs: Mapping[str, Any] = self._client.run(versions, on_error="return")
+        for worker, found_there in theirs.items():
+            if isinstance(found_there, Exception):
+                raise InputError(f"worker {worker}", f"cannot work: {found_there}", remedy="install kinemode there")
+            check_versions(own, found_there, worker)
+
+    @property
+    def died(self) -> tuple[type[Exception], ...]:
+        """See `Engine`."""
+        return self._died
+
+    def workers(self) -> int:
+        """See `Engine`."""
+        return max(1, len(self._client.nthreads()))
+
+    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
+        """See `Engine`."""
+        future: Future[Any] = self._executor.submit(work, task)
+        return future
+
+    def once_a_machine(self, work: Callable[[], None]) -> None:
+        """See `Engine`."""
+        by_machine = {address.rpartition(":")[0]: address for address in self._client.nthreads()}
+        self._client.run(work, workers=list(by_machine.values()))
+
+
+def engine_of(name: str, workers: int | None, scheduler: str | None) -> ProcessEngine | DaskEngine:
+    """An engine by the arguments of `kinemode.batch`. Raises InputError for what they cannot be."""
+    if name not in ENGINES:
+        raise InputError("engine", f"{name!r} is unknown", remedy=f"one of {', '.join(ENGINES)}")
+    if name == "dask":
+        if scheduler is None:
+            raise InputError(
+                "scheduler", "is needed by the engine dask", remedy="its address, as tcp://192.168.0.5:8786"
+            )
+        if workers is not None:
+            raise InputError("workers", "are the scheduler's", remedy="leave it out")
+        return DaskEngine(scheduler)
+    if scheduler is not None:
+        raise InputError("scheduler", "is of the engine dask", remedy="--engine dask, or leave it out")
+    count = processors() if workers is None else workers
+    if not 1 <= count <= MOST:
+        raise InputError("workers", f"{count} processes cannot share the work", remedy=f"1 to {MOST}")
+    return ProcessEngine(count)

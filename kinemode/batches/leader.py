@@ -1,0 +1,181 @@
+"""Which clip is done next: what is finished is left, a person is fitted before that person's clips are tracked, and who
+dies is followed by another."""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+from humanoid.support.locks import held
+from kinemode.batches.clip_job import work
+from kinemode.batches.engines import Engine
+from kinemode.batches.kernels import made_kernels
+from kinemode.batches.outcome import DONE, FAILED, ClipOutcome
+from kinemode.batches.row import BatchRow
+from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, versions
+from kinemode.target import made_folder
+
+_AHEAD = 2  # tasks a worker, that none waits for the leader
+_DEATHS = 3  # of processes, after which it is the clip's fault
+_LOOK = 1.0  # s
+
+Told = Callable[[ClipOutcome], None]
+"""Takes the outcome of a clip as soon as there is one."""
+
+
+@dataclass(frozen=True)
+class BatchPlan:
+    """What is to be done. rows: the clips. root: the batch's folder, absolute. exports, report: for every clip."""
+
+    rows: Sequence[BatchRow]
+    root: Path
+    exports: tuple[str, ...] = ()
+    report: bool = False
+
+
+@contextmanager
+def opened_root(root: Path) -> Iterator[str]:
+    """The folder of a batch, made and held against another batch; the token that its workers know it by.
+
+    Raises InputError where it cannot be written to, or another batch works in it.
+    """
+    made_folder(root)
+    with held(root / f"{TOKEN}.lock") as ours:
+        if not ours:
+            raise InputError(root, "another batch works in it", remedy="wait for it, or name another folder")
+        token = secrets.token_hex(8)
+        with replacing(root / TOKEN) as temporary:
+            temporary.write_text(token, encoding="utf-8")
+        yield token
+
+
+class Leader:
+    """Hands the tasks of a plan to an engine.
+
+    Nothing is held of a clip that has been told, so that a batch may be as long as one likes.
+    """
+
+    def __init__(
+        self, plan: BatchPlan, engine: Engine, token: str, told: Told, job: Callable[[BatchTask], TaskAnswer] = work
+    ) -> None:
+        self._engine, self._told, self._job = engine, told, job
+        self._base = BatchTask(
+            plan.rows[0], plan.root, token, exports=plan.exports, report=plan.report, versions=versions()
+        )
+        self._rows = plan.rows
+        self._subjects: dict[str, str] = {}  # of the persons that are fitted
+        self._unfitted: dict[str, str] = {}  # why persons are not
+        self._waiting: dict[str, list[BatchRow]] = {}
+        self._again: deque[BatchTask] = deque()
+        self._deaths: Counter[tuple[str, bool]] = Counter()
+
+    def run(self) -> None:
+        """Until every clip has an outcome."""
+        tasks = self._tasks()
+        pending: dict[Future[TaskAnswer], BatchTask] = {}
+        begun = False
+        while True:
+            while len(pending) < _AHEAD * self._engine.workers() and (task := self._next(tasks)) is not None:
+                begun = begun or self._make_kernels()
+                pending[self._engine.submit(self._job, task)] = task
+            if not pending:
+                return
+            done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
+            for future in done:
+                self._answered(pending.pop(future), future)
+
+    def _make_kernels(self) -> bool:
+        """Before the workers need them all at once; True."""
+        with suppress(*self._engine.died):
+            self._engine.once_a_machine(made_kernels)
+        return True
+
+    def _next(self, tasks: Iterator[BatchTask]) -> BatchTask | None:
+        return self._again.popleft() if self._again else next(tasks, None)
+
+    def _tasks(self) -> Iterator[BatchTask]:
+        """Persons first, so that nobody waits for them at the end; then the clips that have their subjects."""
+        fitted_from = {row.person: row for row in self._rows if row.fits}
+        self._waiting = {person: [] for person in fitted_from}
+        for row in fitted_from.values():
+            task = replace(self._base, row=row, fits=True)
+            if task.is_done(ClipOutcome.kept(task.folder)):
+                self._fitted(row.person, task.subject_file.read_text(encoding="utf-8"))
+            else:
+                yield task
+        for row in self._rows:
+            if row.person in self._waiting:
+                self._waiting[row.person].append(row)
+            else:
+                yield from self._clip(row)
+
+    def _clip(self, row: BatchRow) -> Iterator[BatchTask]:
+        """The task of a clip, unless it is done, or cannot be."""
+        if row.person in self._unfitted:
+            why = f"{row.person} has no subject: {self._unfitted[row.person]}"
+            self._told(ClipOutcome(row.name, FAILED, why))
+            return
+        task = replace(self._base, row=row, subject=self._subjects.get(row.person, ""))
+        kept = ClipOutcome.kept(task.folder)
+        if kept is not None and task.is_done(kept):
+            self._told(kept)
+        else:
+            yield task
+
+    def _fitted(self, person: str, subject: str) -> None:
+        """What becomes of a person's clips once it is known: of an empty subject nothing."""
+        if subject:
+            self._subjects[person] = subject
+        for row in self._waiting.pop(person, []):
+            self._again.extend(self._clip(row))
+
+    def _answered(self, task: BatchTask, future: Future[TaskAnswer]) -> None:
+        try:
+            answer = future.result()
+        except self._engine.died as error:
+            last = self._died(task, error)
+            if last is None:
+                return
+            answer = last
+        except Exception as error:  # the answer was lost on its way
+            answer = TaskAnswer(ClipOutcome(task.row.name, FAILED, f"no answer: {type(error).__name__}: {error}"))
+        outcome = self._with_files(task, answer)
+        if not task.fits:
+            self._told(outcome)
+        elif outcome.status == DONE:
+            self._fitted(task.row.person, answer.subject)
+        else:
+            self._unfitted[task.row.person] = f"the fit from {task.row.name} failed: {outcome.message}"
+            self._fitted(task.row.person, "")
+
+    def _died(self, task: BatchTask, error: Exception) -> TaskAnswer | None:
+        """None where the task is done once more."""
+        key = (task.row.name, task.fits)
+        self._deaths[key] += 1
+        if self._deaths[key] < _DEATHS:
+            self._again.append(task)
+            return None
+        why = f"its process was killed {_DEATHS} times, the last time so: {' '.join(str(error).split())}"
+        outcome = ClipOutcome(task.row.name, FAILED, f"{why} (is there memory for it?)")
+        with suppress(InputError, OSError):
+            outcome.written(made_folder(task.folder))
+        return TaskAnswer(outcome)
+
+    def _with_files(self, task: BatchTask, answer: TaskAnswer) -> ClipOutcome:
+        """The outcome, with the files of a worker elsewhere in their places."""
+        try:
+            for name, content in answer.files.items():
+                file = task.root / name
+                made_folder(file.parent)
+                with replacing(file) as temporary:
+                    temporary.write_bytes(content)
+        except InputError as error:
+            return replace(answer.outcome, status=FAILED, message=str(error))
+        return answer.outcome

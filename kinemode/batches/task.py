@@ -1,0 +1,118 @@
+"""What a worker is asked to do, and what it answers: small, and made of plain values, for they travel."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from humanoid.support.errors import InputError
+from kinemode.batches.digests import input_files, options_digest, unchanged
+from kinemode.batches.outcome import DONE, ClipOutcome
+from kinemode.batches.row import BatchRow, fitting_name
+
+TOKEN = ".batch"
+"""The file in the folder of a batch by whose content a worker knows that it sees the same folder as the leader."""
+_LIBRARIES = ("numpy", "pin")
+OF_TRACK_ALONE = ("tracker", "modes", "settings", "index", "fit")
+"""Options of rows that `fit` does not take."""
+_OF_THE_FIT = ("fit", "height")  # which `track` refuses of a subject that is fitted
+
+
+@dataclass(frozen=True)
+class BatchTask:
+    """A clip to be tracked, or a person to be fitted from it.
+
+    row: the clip. root: folder of the batch, absolute. token: what its file `TOKEN` says. fits: whether the person is
+    to be fitted. subject: the person's URDF, once that is fitted, "" of a row that takes its own. exports: formats.
+    report: whether one is written. versions: those of the leader, by library.
+    """
+
+    row: BatchRow
+    root: Path
+    token: str
+    fits: bool = False
+    subject: str = ""
+    exports: tuple[str, ...] = ()
+    report: bool = False
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def clip_folder(self) -> Path:
+        """Where everything about the clip is kept."""
+        return self.root / "clips" / self.row.name
+
+    @property
+    def folder(self) -> Path:
+        """Where the outcome is kept."""
+        return self.subject_file.parent if self.fits else self.clip_folder
+
+    @property
+    def subject_file(self) -> Path:
+        """The person's URDF."""
+        name = fitting_name(self.row.person)
+        if name != self.row.person:  # two persons must not share a folder
+            name = f"{name}-{hashlib.sha256(self.row.person.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}"
+        return self.root / "people" / name / f"{name}.urdf"
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """As `track` takes them, or `fit`."""
+        given = dict(self.row.options)
+        if self.fits:
+            return {n: v for n, v in given.items() if n not in OF_TRACK_ALONE and (n, v) != ("start", "index")}
+        return {n: v for n, v in given.items() if n not in _OF_THE_FIT} if self.subject else given
+
+    @property
+    def digest(self) -> str:
+        """Of what is asked, files by name alone."""
+        what = self.subject or self.row.subject
+        return options_digest(f"fit {what}" if self.fits else what, self.row.clips, self.options, self.row.reference)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The files that it depends on."""
+        own = "" if self.subject else self.row.subject
+        return input_files(own, self.row.clips, self.options, self.row.reference)
+
+    def is_done(self, outcome: ClipOutcome | None) -> bool:
+        """Whether an outcome that was kept is that of this task: of the same options, inputs as they are, with all that
+        is asked besides."""
+        if outcome is None or outcome.status != DONE or outcome.options != self.digest:
+            return False
+        if self.fits:
+            return self.subject_file.is_file() and unchanged(self.inputs, outcome.inputs)
+        there = all(self._has(run.run, *run.exports.values()) for run in outcome.runs)
+        asked = all(set(self.exports) <= run.exports.keys() and (run.report or not self.report) for run in outcome.runs)
+        return there and asked and unchanged(self.inputs, outcome.inputs)
+
+    def _has(self, *files: str) -> bool:
+        return all((self.root / file).is_file() for file in files)
+
+
+@dataclass(frozen=True)
+class TaskAnswer:
+    """What became of a task. subject: the URDF that was fitted. files: by their paths relative to the batch's folder,
+    where the worker does not see that."""
+
+    outcome: ClipOutcome
+    subject: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def versions() -> dict[str, str]:
+    """Those of what results depend on."""
+    from kinemode import __version__
+
+    return {"kinemode": __version__, **{name: metadata.version(name) for name in _LIBRARIES}}
+
+
+def check_versions(leaders: Mapping[str, str], workers: Mapping[str, str], where: str) -> None:
+    """Raise InputError unless a worker has what the leader has; where: its address."""
+    for name, version in leaders.items():
+        if workers.get(name) != version:
+            problem = f"has {name} {workers.get(name, 'in no version')}, and the leader has {version}"
+            raise InputError(f"worker {where}", problem, remedy="install the same versions everywhere")

@@ -1,0 +1,145 @@
+"""`batch`: many clips by one call, on this machine or several."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from humanoid.support.errors import InputError
+from kinemode.batches.manifest import read_manifest, rows_of
+from kinemode.batches.outcome import DONE, ClipOutcome
+from kinemode.inputs.named import PathLike
+from kinemode.notices import InputWarning
+from kinemode.public.arguments import check_arguments, check_as
+from kinemode.terminal.progress import Reporter, unreported
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What became of the clips of a batch.
+
+    Attributes
+    ----------
+    folder: where everything is; clips/NAME/NAME.run are the runs.
+    outcomes: by the names of the clips, in the order of the manifest.
+    table, page: the CSV file and the page of all clips.
+    """
+
+    folder: Path
+    outcomes: Mapping[str, ClipOutcome]
+    table: Path
+    page: Path
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """Why clips failed, by name."""
+        return {name: outcome.message for name, outcome in self.outcomes.items() if outcome.status != DONE}
+
+
+def batch(
+    manifest: PathLike | Sequence[Mapping[str, Any]],
+    *,
+    out: PathLike,
+    engine: str = "processes",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    export: str | Iterable[str] = (),
+    report: bool = False,
+    progress: Reporter | None = None,
+) -> Batch:
+    """Track many clips, each as `kinemode.track` does; what is finished is not done again by the same call.
+
+    A clip that fails stops no other. What was made of a clip is kept as long as its options and the content of its
+    files are the same. A person that several rows name is fitted once, from the first clip or that whose `fits` says
+    so. Every clip is worked on by one thread, and its run is that of a single `track`.
+
+    Parameters
+    ----------
+    manifest: a CSV or TOML file, or a mapping for each clip, see `kinemode.batches.manifest.read_manifest`.
+    out: the folder for runs, summary.csv and index.html; made if it is not there.
+    engine: "processes" of this machine, or "dask", the workers of a scheduler (kinemode[dask]).
+    workers: how many processes; as many as processors unless given.
+    scheduler: the address of Dask's, as "tcp://192.168.0.5:8786". Its workers see the clips under the same paths; where
+        they do not see `out` their files are sent.
+    export: formats for every clip, see `kinemode.export`, as names or separated by commas. report: also its report.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    A script needs `if __name__ == "__main__":` around what it runs.
+
+    Raises
+    ------
+    ManifestError: with all faults of the manifest, before anything is begun.
+    InputError: other arguments that cannot be; another batch in the folder; a scheduler that cannot be reached, or
+        whose workers have other versions.
+    """
+    check_arguments(progress=progress)
+    check_as("file", out=out)
+    check_as("overwrite", report=report)
+    formats = _formats(export)
+    rows = read_manifest(manifest) if isinstance(manifest, (str, os.PathLike)) else rows_of(manifest)
+    from kinemode.batches.engines import engine_of
+    from kinemode.batches.leader import BatchPlan, Leader, opened_root
+    from kinemode.batches.shown import PAGE, TABLE, ShownBatch
+
+    root = Path(out).absolute()
+    plan = BatchPlan(rows, root, formats, report)
+    title = Path(manifest).name if isinstance(manifest, (str, os.PathLike)) else root.name
+    outcomes: dict[str, ClipOutcome] = {}
+    with opened_root(root) as token, engine_of(engine, workers, scheduler) as crew:
+        shown = ShownBatch(rows, root, title)
+        with (progress or unreported)("clips") as report_progress:
+
+            def told(outcome: ClipOutcome) -> None:
+                outcomes[outcome.name] = outcome
+                shown.put(outcome)
+                report_progress(len(outcomes), len(rows))
+
+            try:
+                Leader(plan, crew, token, told).run()
+            finally:
+                shown.write()
+    return Batch(root, {row.name: outcomes[row.name] for row in rows}, root / TABLE, root / PAGE)
+
+
+def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -> list[dict[str, str]]:
+    """Write a manifest for `kinemode.batch` of the clips in a folder and below it, and return its rows.
+
+    What is guessed and what could not be placed is told as warnings; clips without keypoints are to be detected.
+
+    Parameters
+    ----------
+    folder: of videos beside each other, or in folders of one or several cameras; of sessions of Pose2Sim or OpenCap.
+    out: the CSV file. overwrite: replace it if it is there.
+
+    Raises
+    ------
+    InputError: no folder, no clip in it, a file that cannot be written.
+    """
+    check_as("file", folder=folder, out=out)
+    check_arguments(overwrite=overwrite)
+    from kinemode.batches.folders import manifest_of, write_manifest
+
+    made = manifest_of(folder)
+    write_manifest(made, out, overwrite=overwrite)
+    for sentence in made.left_out:
+        warnings.warn(sentence, InputWarning, stacklevel=2)
+    return made.rows(Path(out).absolute().parent)
+
+
+def _formats(export: str | Iterable[str]) -> tuple[str, ...]:
+    """Names of formats that there are, each once."""
+    named = export.split(",") if isinstance(export, str) else list(export)
+    names = tuple(dict.fromkeys(name.strip().lstrip(".") for name in named if name.strip()))
+    if not names:
+        return ()
+    import viz.exporters  # noqa: F401 - registers those that show the body
+    from estimator.runs.export import EXPORTERS
+
+    for name in names:
+        if name not in EXPORTERS:
+            raise InputError("export", f"{name!r} is unknown", remedy=f"some of {', '.join(sorted(EXPORTERS))}")
+    return names
