@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -20,15 +19,15 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import locked
 from kinemode.batches.digests import FileStamp, stamped
-from kinemode.batches.outcome import DONE, FAILED, ClipOutcome, TrackedRun
-from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
+from kinemode.batches.outcome import DONE, FAILED, FILE, ClipOutcome, TrackedRun
+from kinemode.batches.task import LOCK, TOKEN, BatchTask, TaskAnswer, check_versions, own_folder, versions
 from kinemode.notices import InputWarning
 from kinemode.target import made_folder
 
 if TYPE_CHECKING:
     from estimator.runs.run_file import Run
 
-BEGUN, ERROR, LOCK = "begun.json", "error.txt", ".lock"
+BEGUN, ERROR = "begun.json", "error.txt"
 
 
 def work(task: BatchTask) -> TaskAnswer:
@@ -37,13 +36,13 @@ def work(task: BatchTask) -> TaskAnswer:
     begin, used = time.perf_counter(), _processor_time()
     with _seen_root(task) as (own, shared), warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        outcome, subject = _attempted(own)
-        outcome = replace(
-            outcome,
-            seconds=time.perf_counter() - begin,
-            processor_seconds=_processor_time() - used,
-            notes=tuple(dict.fromkeys(str(w.message) for w in told if issubclass(w.category, InputWarning))),
-        )
+
+        def ended(outcome: ClipOutcome) -> ClipOutcome:
+            notes = dict.fromkeys(str(w.message) for w in told if issubclass(w.category, InputWarning))
+            seconds, spent = time.perf_counter() - begin, _processor_time() - used
+            return replace(outcome, seconds=seconds, processor_seconds=spent, notes=tuple(notes))
+
+        outcome, subject = _attempted(own, ended)
         return TaskAnswer(outcome, subject, {} if shared else _files_below(own.root))
 
 
@@ -68,31 +67,33 @@ def _files_below(root: Path) -> dict[str, bytes]:
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in files}
 
 
-def _attempted(task: BatchTask) -> tuple[ClipOutcome, str]:
-    """The outcome, kept where it can be, and the subject of one that fits."""
+def _attempted(task: BatchTask, ended: Callable[[ClipOutcome], ClipOutcome]) -> tuple[ClipOutcome, str]:
+    """The outcome, kept where it can be, and the subject of one that fits; ended: adds what the work took."""
     try:
         check_versions(task.versions, versions(), platform.node())
-        folder = made_folder(task.folder)
+        folder = own_folder(task.folder)
         with locked(folder / LOCK):
             kept = ClipOutcome.kept(folder)
             if kept is not None and task.is_done(kept):
                 return kept, _text(task.subject_file) if task.fits else ""
             outcome, subject = _fitted(task) if task.fits else (_tracked(task), "")
+            outcome = ended(outcome)
             outcome.written(folder)
             return outcome, subject
     except InputError as error:
-        failed = ClipOutcome(task.row.name, FAILED, str(error))
+        failed = ended(ClipOutcome(task.row.name, FAILED, str(error)))
     except Exception as error:  # of a clip that nobody has thought of; the others go on
-        failed = ClipOutcome(task.row.name, FAILED, _internal(task, error))
+        failed = ended(ClipOutcome(task.row.name, FAILED, _internal(task, error)))
     with suppress(OSError, InputError):
-        failed.written(task.folder)
+        if (task.folder / LOCK).exists():
+            failed.written(task.folder)
     return failed, ""
 
 
 def _internal(task: BatchTask, error: Exception) -> str:
     where = ""
-    with suppress(OSError):
-        (task.folder / ERROR).write_text("".join(traceback.format_exception(error)), encoding="utf-8")
+    with suppress(OSError, InputError):
+        (own_folder(task.folder) / ERROR).write_text("".join(traceback.format_exception(error)), encoding="utf-8")
         where = f"; {ERROR} in its folder shows where"
     return shortened(" ".join(f"internal error: {type(error).__name__}: {error}{where}".split()))
 
@@ -105,7 +106,7 @@ def _fitted(task: BatchTask) -> tuple[ClipOutcome, str]:
     import kinemode as km
 
     inputs = stamped(task.inputs)
-    file = made_folder(task.clip_folder) / f"{task.row.name}.urdf"  # the track takes the keypoints beside it too
+    file = own_folder(task.clip_folder) / f"{task.row.name}.urdf"  # the track takes the keypoints beside it too
     km.fit(task.row.subject, task.row.clips, **task.options, out=file)
     subject = _text(file)
     with replacing(task.subject_file) as temporary:
@@ -132,12 +133,13 @@ def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
     """The clip's runs: gone on with where they were begun from the same inputs and options, else begun anew."""
     import kinemode as km
 
-    begun = json.dumps({"options": task.digest, "inputs": inputs}, sort_keys=True)
-    file, folder = task.clip_folder / f"{task.row.name}.run", task.clip_folder
-    goes_on = (folder / BEGUN).is_file() and _text(folder / BEGUN) == begun
+    said = {"options": task.digest, "inputs": {name: stamp.digest for name, stamp in inputs.items()}, **versions()}
+    begun, note = json.dumps(said, sort_keys=True), task.clip_folder / BEGUN
+    file = task.clip_folder / f"{task.row.name}.run"
+    goes_on = note.is_file() and _text(note) == begun and _opens(file)
     if not goes_on:
         _clear(task)
-        with replacing(folder / BEGUN) as temporary:
+        with replacing(note) as temporary:
             temporary.write_text(begun, encoding="utf-8")
     if goes_on and file.is_file() and (run := km.open_run(file)).complete:
         return [run]
@@ -147,21 +149,29 @@ def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
             made_folder(task.subject_file.parent)
             task.subject_file.write_text(task.subject, encoding="utf-8")
         subject = str(task.subject_file)
-    try:
-        tracked = km.track(subject, task.row.clips, **task.options, out=file, resume=goes_on, overwrite=not goes_on)
-    except InputError:
-        if not goes_on:
-            raise
-        tracked = km.track(subject, task.row.clips, **task.options, out=file, overwrite=True)  # what is there is broken
+    tracked = km.track(subject, task.row.clips, **task.options, out=file, resume=goes_on, overwrite=not goes_on)
     return list(tracked.values()) if isinstance(tracked, dict) else [tracked]
 
 
+def _opens(file: Path) -> bool:
+    """Whether a run can be gone on with, or none is there yet."""
+    import kinemode as km
+
+    with suppress(InputError):
+        return not file.exists() or km.open_run(file) is not None
+    return False
+
+
 def _clear(task: BatchTask) -> None:
-    """Remove what was made of the clip when it was another; keypoints know themselves what they were made from."""
-    kept = {LOCK, f"{task.row.name}.keypoints", f"{task.row.name}.urdf"}
-    for path in task.clip_folder.iterdir():
-        if path.name not in kept:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    """Remove what was made of the clip when it was another, and no other file; keypoints know themselves what they
+    were made from."""
+    kept = ClipOutcome.kept(task.clip_folder)
+    for run in kept.runs if kept is not None else ():
+        for name in (run.run, run.report, run.thumbnail, *run.exports.values()):
+            if name:
+                (task.root / name).unlink(missing_ok=True)
+    for name in (FILE, ERROR):
+        (task.clip_folder / name).unlink(missing_ok=True)
 
 
 def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]]:

@@ -12,11 +12,21 @@ from humanoid.support.compiled_sources import sources_digest
 _FRAMES, _RATE = 6, 30.0
 
 
+def are_made() -> bool:
+    """Whether these sources were compiled on this machine before."""
+    mark = _mark()
+    return mark is not None and mark.exists()
+
+
+def _mark() -> Path | None:
+    root = next(cache_roots(), None)
+    return None if root is None else root / f"kernels-{sources_digest(Path(__file__), __name__)}"
+
+
 def made_kernels() -> None:
     """Track somebody who stands, from keypoints: fit, frames and smoothing leave what they have compiled in the cache,
     from where other processes on this machine take it. Nothing is done where these sources were compiled before."""
-    root = next(cache_roots(), None)
-    mark = root / f"kernels-{sources_digest(Path(__file__), __name__)}" if root is not None else None
+    mark = _mark()
     if mark is None or mark.exists():
         return
     _tracked_stand()

@@ -16,12 +16,15 @@ from humanoid.support.errors import InputError
 from humanoid.support.locks import held
 from kinemode.batches.clip_job import work
 from kinemode.batches.engines import Engine
-from kinemode.batches.kernels import made_kernels
+from kinemode.batches.kernels import are_made, made_kernels
 from kinemode.batches.outcome import DONE, FAILED, ClipOutcome
 from kinemode.batches.row import BatchRow
-from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, versions
-from kinemode.target import made_folder
+from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, own_folder, versions
+from kinemode.target import check_absent, made_folder
+from kinemode.terminal.progress import Reporter, unreported
 
+TABLE, PAGE = SHOWN = ("summary.csv", "index.html")
+"""What is shown of all clips."""
 _AHEAD = 2  # tasks a worker, that none waits for the leader
 _DEATHS = 3  # of processes, after which it is the clip's fault
 _LOOK = 1.0  # s
@@ -44,9 +47,12 @@ class BatchPlan:
 def opened_root(root: Path) -> Iterator[str]:
     """The folder of a batch, made and held against another batch; the token that its workers know it by.
 
-    Raises InputError where it cannot be written to, or another batch works in it.
+    Raises InputError where it cannot be written to, another batch works in it, or it has files of others in the places
+    of its own.
     """
     made_folder(root)
+    if not (root / TOKEN).exists():
+        check_absent([root / name for name in SHOWN], False, False, "name another folder for the batch")
     with held(root / f"{TOKEN}.lock") as ours:
         if not ours:
             raise InputError(root, "another batch works in it", remedy="wait for it, or name another folder")
@@ -73,34 +79,38 @@ class Leader:
         self._subjects: dict[str, str] = {}  # of the persons that are fitted
         self._unfitted: dict[str, str] = {}  # why persons are not
         self._waiting: dict[str, list[BatchRow]] = {}
-        self._again: deque[BatchTask] = deque()
+        self._tasks, self._again = self._planned(), deque[BatchTask]()
         self._deaths: Counter[tuple[str, bool]] = Counter()
 
-    def run(self) -> None:
-        """Until every clip has an outcome."""
-        tasks = self._tasks()
+    def run(self, looked: Callable[[], None] = lambda: None) -> None:
+        """Until every clip has an outcome; looked: called at first, and whenever something was answered."""
+        looked()
         pending: dict[Future[TaskAnswer], BatchTask] = {}
-        begun = False
         while True:
-            while len(pending) < _AHEAD * self._engine.workers() and (task := self._next(tasks)) is not None:
-                begun = begun or self._make_kernels()
+            while len(pending) < _AHEAD * self._engine.workers() and (task := self._next()) is not None:
                 pending[self._engine.submit(self._job, task)] = task
             if not pending:
                 return
             done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
             for future in done:
                 self._answered(pending.pop(future), future)
+            looked()
 
-    def _make_kernels(self) -> bool:
-        """Before the workers need them all at once; True."""
-        with suppress(*self._engine.died):
-            self._engine.once_a_machine(made_kernels)
-        return True
+    def prepare(self, progress: Reporter) -> None:
+        """Tell what is done already; where there is more to do compile functions before all workers need them."""
+        first = self._next()
+        if first is None:
+            return
+        self._again.append(first)
+        with (unreported if are_made() else progress)("compiling, once") as report, suppress(Exception):
+            report(0, 1)
+            self._engine.once_a_machine(made_kernels)  # what is wrong with it is said by the clips
+            report(1, 1)
 
-    def _next(self, tasks: Iterator[BatchTask]) -> BatchTask | None:
-        return self._again.popleft() if self._again else next(tasks, None)
+    def _next(self) -> BatchTask | None:
+        return self._again.popleft() if self._again else next(self._tasks, None)
 
-    def _tasks(self) -> Iterator[BatchTask]:
+    def _planned(self) -> Iterator[BatchTask]:
         """Persons first, so that nobody waits for them at the end; then the clips that have their subjects."""
         fitted_from = {row.person: row for row in self._rows if row.fits}
         self._waiting = {person: [] for person in fitted_from}
@@ -165,12 +175,15 @@ class Leader:
         why = f"its process was killed {_DEATHS} times, the last time so: {' '.join(str(error).split())}"
         outcome = ClipOutcome(task.row.name, FAILED, f"{why} (is there memory for it?)")
         with suppress(InputError, OSError):
-            outcome.written(made_folder(task.folder))
+            outcome.written(own_folder(task.folder))
         return TaskAnswer(outcome)
 
     def _with_files(self, task: BatchTask, answer: TaskAnswer) -> ClipOutcome:
         """The outcome, with the files of a worker elsewhere in their places."""
         try:
+            if answer.files:
+                own_folder(task.folder)
+                own_folder(task.clip_folder)
             for name, content in answer.files.items():
                 file = task.root / name
                 made_folder(file.parent)

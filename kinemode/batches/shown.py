@@ -8,13 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from humanoid.support.errors import InputError
+from kinemode.batches.leader import PAGE, TABLE
 from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow
 from viz.batch.entry import DONE, FAILED, WAITING, BatchEntry
 from viz.batch.page import write_batch_page
 from viz.batch.table import write_batch_table
 
-TABLE, PAGE = "summary.csv", "index.html"
 _SELDOM = 3.0  # s between two pages at least
 _SHARE = 0.02  # of the time, that is spent with writing them
 

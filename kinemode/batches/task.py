@@ -9,13 +9,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
 from kinemode.batches.digests import input_files, options_digest, unchanged
 from kinemode.batches.outcome import DONE, ClipOutcome
 from kinemode.batches.row import BatchRow, fitting_name
+from kinemode.target import made_folder
 
 TOKEN = ".batch"
 """The file in the folder of a batch by whose content a worker knows that it sees the same folder as the leader."""
+LOCK = ".lock"
+"""The file by which a folder is known as one of a batch, and held by who works in it."""
 _LIBRARIES = ("numpy", "pin")
 OF_TRACK_ALONE = ("tracker", "modes", "settings", "index", "fit")
 """Options of rows that `fit` does not take."""
@@ -101,6 +105,20 @@ class TaskAnswer:
     outcome: ClipOutcome
     subject: str = ""
     files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def own_folder(folder: Path) -> Path:
+    """A folder of the batch, made if it is not there. Raises InputError where it has files of others, which are not to
+    be touched."""
+    others = folder.is_dir() and not (folder / LOCK).exists() and any(folder.iterdir())
+    if others:
+        raise InputError(folder, "has files that no batch has made", remedy="name another folder for the batch")
+    made_folder(folder)
+    try:
+        (folder / LOCK).touch()
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    return folder
 
 
 def versions() -> dict[str, str]:

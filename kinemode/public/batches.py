@@ -82,26 +82,30 @@ def batch(
     formats = _formats(export)
     rows = read_manifest(manifest) if isinstance(manifest, (str, os.PathLike)) else rows_of(manifest)
     from kinemode.batches.engines import engine_of
-    from kinemode.batches.leader import BatchPlan, Leader, opened_root
-    from kinemode.batches.shown import PAGE, TABLE, ShownBatch
+    from kinemode.batches.leader import PAGE, TABLE, BatchPlan, Leader, opened_root
+    from kinemode.batches.shown import ShownBatch
 
     root = Path(out).absolute()
     plan = BatchPlan(rows, root, formats, report)
     title = Path(manifest).name if isinstance(manifest, (str, os.PathLike)) else root.name
     outcomes: dict[str, ClipOutcome] = {}
     with opened_root(root) as token, engine_of(engine, workers, scheduler) as crew:
-        shown = ShownBatch(rows, root, title)
-        with (progress or unreported)("clips") as report_progress:
+        shown, reporter = ShownBatch(rows, root, title), progress or unreported
 
-            def told(outcome: ClipOutcome) -> None:
-                outcomes[outcome.name] = outcome
-                shown.put(outcome)
-                report_progress(len(outcomes), len(rows))
+        def told(outcome: ClipOutcome) -> None:
+            outcomes[outcome.name] = outcome
+            shown.put(outcome)
 
-            try:
-                Leader(plan, crew, token, told).run()
-            finally:
-                shown.write()
+        try:
+            leader = Leader(plan, crew, token, told)
+            leader.prepare(reporter)
+            with reporter("clips") as reported:
+                leader.run(lambda: reported(len(outcomes), len(rows)))
+        except KeyboardInterrupt as stop:
+            done = f"{len(outcomes)} of {len(rows)} clips are done, and what was tracked of others is kept"
+            raise KeyboardInterrupt(f"interrupted; {done}: the same command goes on with it") from stop
+        finally:
+            shown.write()
     return Batch(root, {row.name: outcomes[row.name] for row in rows}, root / TABLE, root / PAGE)
 
 
