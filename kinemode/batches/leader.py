@@ -82,9 +82,9 @@ class Leader:
         self._tasks, self._again = self._planned(), deque[BatchTask]()
         self._deaths: Counter[tuple[str, bool]] = Counter()
 
-    def run(self, looked: Callable[[], None] = lambda: None) -> None:
-        """Until every clip has an outcome; looked: called at first, and whenever something was answered."""
-        looked()
+    def run(self, after: Callable[[], None] = lambda: None) -> None:
+        """Until every clip has an outcome; after: called at first, and whenever something was answered."""
+        after()
         pending: dict[Future[TaskAnswer], BatchTask] = {}
         while True:
             while len(pending) < _AHEAD * self._engine.workers() and (task := self._next()) is not None:
@@ -94,7 +94,7 @@ class Leader:
             done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
             for future in done:
                 self._answered(pending.pop(future), future)
-            looked()
+            after()
 
     def prepare(self, progress: Reporter) -> None:
         """Tell what is done already; where there is more to do compile functions before all workers need them."""

@@ -103,7 +103,7 @@ def batch(
                 leader.run(lambda: reported(len(outcomes), len(rows)))
         except KeyboardInterrupt as stop:
             done = f"{len(outcomes)} of {len(rows)} clips are done, and what was tracked of others is kept"
-            raise KeyboardInterrupt(f"interrupted; {done}: the same command goes on with it") from stop
+            raise KeyboardInterrupt(f"interrupted; {done}: the same command resumes it") from stop
         finally:
             shown.write()
     return Batch(root, {row.name: outcomes[row.name] for row in rows}, root / TABLE, root / PAGE)
