@@ -113,7 +113,7 @@ def test_a_batch_that_is_killed_goes_on(clips: Path, tmp_path: Path) -> None:
     code, out, errors = ended(kinemode_process(line))
     assert code == 2
     assert "2 of 3 clips tracked" in out
-    assert "1 clips failed" in errors
+    assert "1 clip failed" in errors
     assert first.stat().st_mtime_ns == kept
     second = tmp_path / "out" / "clips" / "second" / "second.run"
     assert content(second) == content(single(clips, "second", tmp_path / "second.run").file)

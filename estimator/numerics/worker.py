@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from estimator.numerics.worker_main import PARTING, Failure, Sealed, main, uninterrupted
 from humanoid.support.errors import InputError
 
-_GUARD = 'a script needs `if __name__ == "__main__":` around what it runs'
+GUARD = 'a script needs `if __name__ == "__main__":` around what it runs'
 
 
 class Worker:
@@ -82,14 +82,14 @@ class Worker:
                 break
         self._process.join(PARTING)
         code = self._process.exitcode
-        remedy = _GUARD if code == 1 else "too little memory is the usual cause; --workers 1 does without"
+        remedy = GUARD if code == 1 else "too little memory is the usual cause; --workers 1 does without"
         raise InputError("workers", f"a worker process has ended (exit code {code})", remedy=remedy) from None
 
 
 def check_not_imported_again() -> None:
     """Raises InputError where a spawned process runs the script that spawned it once more, for want of a guard."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise InputError("workers", "a worker process runs the whole script again", remedy=_GUARD)
+        raise InputError("workers", "a worker process runs the whole script again", remedy=GUARD)
 
 
 def _checked(answer: Any) -> Any:

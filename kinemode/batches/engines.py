@@ -12,6 +12,7 @@ from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Protocol
 
+from estimator.numerics.worker import GUARD, check_not_imported_again
 from humanoid.support.errors import InputError
 from humanoid.support.extras import optional
 from kinemode.batches.task import check_versions, versions
@@ -81,12 +82,18 @@ class ProcessEngine:
 
     def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
         """See `Engine`."""
-        future: Future[Any] = self._pool.schedule(work, args=[task])
-        return future
+        return self._scheduled(work, task)
 
     def once_a_machine(self, work: Callable[[], None]) -> None:
         """See `Engine`."""
-        self._pool.schedule(work).result()
+        self._scheduled(work).result()
+
+    def _scheduled(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        try:
+            future: Future[Any] = self._pool.schedule(work, args=arguments)
+        except RuntimeError as error:  # a script without its guard runs again in every process, which then ends
+            raise InputError("workers", f"end as soon as they begin ({error})", remedy=GUARD) from None
+        return future
 
 
 def _as_worker() -> None:
@@ -194,6 +201,7 @@ def engine_of(name: str, workers: int | None, scheduler: str | None) -> ProcessE
         return DaskEngine(scheduler)
     if scheduler is not None:
         raise InputError("scheduler", "is of the engine dask", remedy="--engine dask, or leave it out")
+    check_not_imported_again()
     count = processors() if workers is None else workers
     if not 1 <= count <= MOST:
         raise InputError("workers", f"{count} processes cannot share the work", remedy=f"1 to {MOST}")

@@ -76,7 +76,8 @@ def batch(
     for name, why in list(failed.items())[:_SHOWN]:
         print(f"  {name}: {why}")
     if failed:
-        raise km.InputError(manifest, f"{len(failed)} clips failed", remedy=f"all of them are in {done.table}")
+        count = "1 clip" if len(failed) == 1 else f"{len(failed)} clips"
+        raise km.InputError(manifest, f"{count} failed", remedy=f"all of them are in {done.table}")
 
 
 def _make(manifest: Path | None, folder: Path, out: Path, overwrite: bool) -> None:
