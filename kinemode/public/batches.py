@@ -105,7 +105,10 @@ def batch(
             done = f"{len(outcomes)} of {len(rows)} clips are done, and what was tracked of others is kept"
             raise KeyboardInterrupt(f"interrupted; {done}: the same command resumes it") from stop
         finally:
-            shown.write()
+            try:
+                shown.write()
+            except InputError as full:  # what became of the clips is told all the same
+                warnings.warn(str(full), InputWarning, stacklevel=2)
     return Batch(root, {row.name: outcomes[row.name] for row in rows}, root / TABLE, root / PAGE)
 
 
