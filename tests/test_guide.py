@@ -3,6 +3,8 @@ reference pages, which have every command, setting, tracker, format and public n
 
 from __future__ import annotations
 
+import csv
+import inspect
 import io
 import re
 import shlex
@@ -11,7 +13,7 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import cyclopts
@@ -23,10 +25,12 @@ from estimator.tracking import registry
 from estimator.tracking.setting_changes import changed
 from kinemode import __main__ as front
 from kinemode import cli, jobs
+from kinemode.batches.manifest import read_manifest
 from kinemode.detection import clip as detection
 from tests.made_once import made_once
 from tests.tiers import later
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
+from viz.batch.table import COLUMNS
 
 DOCS = ROOT / "docs"
 GUIDE = sorted((DOCS / "guide").glob("*.md"))
@@ -34,12 +38,15 @@ FIRST = "first-clip"
 RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues")
 QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
 """Pages whose tracks are made with few searches and of the subject as it is: other pages fit it."""
-PAGES = (FIRST, *RUNNABLE, *QUICKLY, "conventions", "install", "troubleshooting", "two-phones")
+BATCH = "batch"
+PAGES = (FIRST, *RUNNABLE, *QUICKLY, BATCH, "conventions", "install", "troubleshooting", "two-phones")
+MANIFESTS = {"text": "clips.csv", "toml": "clips.toml"}
+"""Files that the page of batches shows, by the kinds of their blocks."""
 COMMANDS = {name for name in cli.app if not name.startswith("-")}
 ALWAYS = {"--help", "--debug"}
 QUIET = "ignore:.*Check CHANGES for Sphinx API modifications"
 SECONDS = re.compile(r"--seconds [0-9.]+")
-BLOCK = re.compile(r"^ *```(sh|python|console)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^ *```(sh|python|console|text|toml)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 MENTIONED = re.compile(r"`(?:\.venv/bin/)?kinemode ([a-z][a-z-]*)((?:[^`]|\n)*)`")
 
 
@@ -89,8 +96,8 @@ def few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def follow(name: str, folder: Path) -> None:
     """Do what a page says, all of it in this process, and of shorter clips: what takes long is the same frame after
-    frame. Blocks called "console" need files or devices that a test does not have."""
-    steps = [block for block in blocks(name) if block[0] != "console"]
+    frame. Blocks called "console" need files or devices that a test does not have; manifests of batches are written."""
+    steps = [block for block in blocks(name) if block[0] in ("sh", "python", *(MANIFESTS if name == BATCH else ()))]
     assert steps
     names: dict[str, Any] = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
@@ -98,6 +105,10 @@ def follow(name: str, folder: Path) -> None:
         for kind, text in steps:
             if kind == "python":
                 exec(compile(text, f"{name}.md", "exec"), names)
+                continue
+            if kind in MANIFESTS:
+                Path(MANIFESTS[kind]).write_text(text, encoding="utf-8")
+                read_manifest(MANIFESTS[kind])
                 continue
             for line in text.splitlines():
                 program, *words = shlex.split(SECONDS.sub("--seconds 0.1", line))
@@ -118,6 +129,71 @@ def test_what_a_page_says_works(name: str, folder: Path) -> None:
 @pytest.mark.parametrize("name", QUICKLY)
 def test_what_a_page_says_works_with_few_searches(name: str, folder: Path) -> None:
     follow(name, folder)
+
+
+class StandIn:
+    """In place of a cluster that takes other machines: a scheduler and one worker in this process, started with the
+    arguments that the cluster takes. names: those of its arguments."""
+
+    def __init__(self, *names: str) -> None:
+        self._names = {*names}
+        self.started = 0
+
+    def __call__(self, *hosts: list[str], **options: Any) -> Any:
+        from distributed import LocalCluster
+
+        assert options.keys() | ({"hosts"} if hosts else set()) <= self._names
+        self.started += 1
+        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0")
+        usual = cluster.scale  # which closing needs
+        cluster.scale = lambda n=0, jobs=0: None if jobs else usual(n)
+        cluster.wait_for_workers = lambda count: None
+        return cluster
+
+
+@pytest.fixture
+def far_clusters(monkeypatch: pytest.MonkeyPatch) -> list[StandIn]:
+    """Dask's clusters of other machines, whose work is done here."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    ssh = StandIn(*inspect.signature(distributed.SSHCluster).parameters)
+    slurm = StandIn("queue", "cores", "processes", "memory", "walltime")  # of dask-jobqueue 0.9
+    monkeypatch.setattr(distributed, "SSHCluster", ssh)
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=slurm))
+    return [ssh, slurm]
+
+
+def test_what_the_page_of_batches_says_works(folder: Path, far_clusters: list[StandIn]) -> None:
+    follow(BATCH, folder)
+    with (folder / "tracked" / "summary.csv").open(newline="", encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    assert [(row["name"], row["status"], row["person"]) for row in rows] == [
+        (n, "done", "anna") for n in ("reach", "turn")
+    ]
+    text = page_of(BATCH).read_text(encoding="utf-8")
+    assert set(re.findall(r"`([a-z_]+)`", text.partition("The columns of `summary.csv`")[2])) >= set(COLUMNS)
+    assert [cluster.started for cluster in far_clusters] == [1, 1]
+
+
+def understood_by_dask(line: str) -> bool:
+    """Whether Dask's own command takes a command line."""
+    import click
+    from distributed.cli import dask_scheduler, dask_worker
+
+    _, name, *words = shlex.split(line)
+    try:
+        {"scheduler": dask_scheduler, "worker": dask_worker}[name].main.make_context(name, words)
+    except click.ClickException:
+        return False
+    return True
+
+
+def test_commands_of_dask_are_understood() -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    lines = [line for kind, text in blocks(BATCH) if kind == "console" for line in text.splitlines()]
+    of_dask = [line for line in lines if line.startswith("dask ")]
+    assert len(of_dask) == 2
+    assert all(map(understood_by_dask, of_dask))
+    assert not understood_by_dask("dask worker tcp://192.168.0.5:8786 --nthread 1")
 
 
 def understood(line: str) -> bool:
@@ -149,7 +225,7 @@ def options(command: str) -> set[str]:
 
 def test_every_command_with_files_of_a_reader_is_understood() -> None:
     lines = [line for name in PAGES for kind, text in blocks(name) if kind == "console" for line in text.splitlines()]
-    ours = [line for line in map(str.strip, lines) if not line.startswith(("make ", "pip "))]
+    ours = [line for line in map(str.strip, lines) if not line.startswith(("make ", "pip ", "dask "))]
     gait_models = re.findall(r"^    (kinemode .*)$", (DOCS / "opensim.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert len(ours) > 10
     assert len(gait_models) > 5
@@ -176,7 +252,7 @@ def test_every_page_is_tested_and_no_block_is_without_a_kind() -> None:
     assert set(PAGES) == {"README", *(path.stem for path in GUIDE)}
     for name in PAGES:
         fences = re.findall(r"^ *```(\w*)$", page_of(name).read_text(encoding="utf-8"), re.MULTILINE)
-        assert set(fences[::2]) <= {"sh", "python", "console", "toml"}, name
+        assert set(fences[::2]) <= {"sh", "python", "console", "text", "toml"}, name
         assert set(fences[1::2]) <= {""}, name
 
 
