@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from humanoid.kinematics.body import Body
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
+    from kinemode.batches.faults import ManifestError
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.batches import Batch, batch, make_manifest
     from kinemode.public.cameras import calibrate
@@ -51,6 +52,7 @@ _MODULES = {
     "InputError": "humanoid.support.errors",
     "InputWarning": "kinemode.notices",
     "KeypointTrack": "estimator.data.formats.keypoints",
+    "ManifestError": "kinemode.batches.faults",
     "Reference": "estimator.runs.reference_motion",
     "Run": "estimator.runs.run_file",
     "SceneSettings": "estimator.synthesis.settings",
@@ -100,6 +102,7 @@ __all__ = [
     "InputError",
     "InputWarning",
     "KeypointTrack",
+    "ManifestError",
     "Reference",
     "Run",
     "SceneSettings",

@@ -124,9 +124,8 @@ def _tracked(task: BatchTask) -> ClipOutcome:
         told.append(facts)
         faults += wrong
     message = "; ".join(dict.fromkeys(faults))
-    return ClipOutcome(
-        task.row.name, FAILED if faults else DONE, message, tuple(told), options=task.digest, inputs=inputs
-    )
+    status = FAILED if faults else DONE
+    return ClipOutcome(task.row.name, status, message, tuple(told), task.digest, inputs, stamped(task.reference))
 
 
 def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:

@@ -20,9 +20,9 @@ class FileStamp(NamedTuple):
     digest: str
 
 
-def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any], reference: str | None) -> str:
+def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any]) -> str:
     """Of what a row says, names of files included, not what is in them."""
-    said = json.dumps([subject, list(clips), dict(options), reference], sort_keys=True)
+    said = json.dumps([subject, list(clips), dict(options)], sort_keys=True)
     return hashlib.sha256(said.encode("utf-8", "surrogateescape")).hexdigest()
 
 

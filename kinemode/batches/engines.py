@@ -25,7 +25,10 @@ _DASK = "a batch on several machines"
 
 
 class Engine(Protocol):
-    """Who does work, while it is entered; what is not finished at its end is ended."""
+    """Who does work, while it is entered; what is not finished at its end is ended. deaths: after so many of processes
+    that worked on a task it is the task's fault."""
+
+    deaths: int
 
     def workers(self) -> int:
         """How many work at once now."""
@@ -52,6 +55,8 @@ def processors() -> int:
 
 class ProcessEngine:
     """Processes of this machine, each with one thread; see `Engine`."""
+
+    deaths = 3
 
     def __init__(self, count: int) -> None:
         from pebble import ProcessExpired, ProcessPool
@@ -131,6 +136,8 @@ class DaskEngine:
     ------
     InputError: no such scheduler, or none of the versions here; a worker with other versions, or of several threads.
     """
+
+    deaths = 1  # the scheduler has tried several workers before it tells
 
     def __init__(self, scheduler: str) -> None:
         distributed = optional("distributed", "dask", _DASK)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import held
 from kinemode.batches.clip_job import work
 from kinemode.batches.engines import Engine
@@ -26,7 +26,7 @@ from kinemode.terminal.progress import Reporter, unreported
 TABLE, PAGE = SHOWN = ("summary.csv", "index.html")
 """What is shown of all clips."""
 _AHEAD = 2  # tasks a worker, that none waits for the leader
-_DEATHS = 3  # of processes, after which it is the clip's fault
+_LONGEST = 200  # characters of why a process died
 _LOOK = 1.0  # s
 
 Told = Callable[[ClipOutcome], None]
@@ -169,11 +169,11 @@ class Leader:
         """None where the task is done once more."""
         key = (task.row.name, task.fits)
         self._deaths[key] += 1
-        if self._deaths[key] < _DEATHS:
+        if self._deaths[key] < self._engine.deaths:
             self._again.append(task)
             return None
-        why = f"its process was killed {_DEATHS} times, the last time so: {' '.join(str(error).split())}"
-        outcome = ClipOutcome(task.row.name, FAILED, f"{why} (is there memory for it?)")
+        why = f"every process that worked on it was killed (is there memory for it?): {' '.join(str(error).split())}"
+        outcome = ClipOutcome(task.row.name, FAILED, shortened(why, _LONGEST))
         with suppress(InputError, OSError):
             outcome.written(own_folder(task.folder))
         return TaskAnswer(outcome)

@@ -40,9 +40,9 @@ class TrackedRun:
 class ClipOutcome:
     """What became of a clip.
 
-    status: "done" or "failed". message: why it failed. runs: of one that was tracked. options, inputs: what it
-    depends on, see `kinemode.batches.digests`. seconds: of wall-clock time; processor_seconds: of
-    processor time, programs that it started included. notes: what was assumed.
+    status: "done" or "failed". message: why it failed. runs: of one that was tracked. options, inputs: what it depends
+    on, see `kinemode.batches.digests`; reference: what it was compared with. seconds: of wall-clock time;
+    processor_seconds: of processor time, programs that it started included. notes: what was assumed.
     """
 
     name: str
@@ -51,6 +51,7 @@ class ClipOutcome:
     runs: tuple[TrackedRun, ...] = ()
     options: str = ""
     inputs: Mapping[str, FileStamp] = field(default_factory=dict)
+    reference: Mapping[str, FileStamp] = field(default_factory=dict)
     seconds: float = 0.0
     processor_seconds: float = 0.0
     notes: tuple[str, ...] = ()
@@ -66,6 +67,9 @@ class ClipOutcome:
         with suppress(OSError, ValueError, KeyError, TypeError):
             said: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8", errors="surrogateescape"))
             runs = tuple(TrackedRun(**run) for run in said.pop("runs"))
-            inputs = {name: FileStamp(*stamp) for name, stamp in said.pop("inputs").items()}
-            return ClipOutcome(**{**said, "runs": runs, "inputs": inputs, "notes": tuple(said["notes"])})
+            stamps = {
+                which: {name: FileStamp(*stamp) for name, stamp in said.pop(which).items()}
+                for which in ("inputs", "reference")
+            }
+            return ClipOutcome(**{**said, **stamps, "runs": runs, "notes": tuple(said["notes"])})
         return None

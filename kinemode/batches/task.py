@@ -74,13 +74,18 @@ class BatchTask:
     def digest(self) -> str:
         """Of what is asked, files by name alone."""
         what = self.subject or self.row.subject
-        return options_digest(f"fit {what}" if self.fits else what, self.row.clips, self.options, self.row.reference)
+        return options_digest(f"fit {what}" if self.fits else what, self.row.clips, self.options)
 
     @property
     def inputs(self) -> list[Path]:
         """The files that it depends on."""
         own = "" if self.subject else self.row.subject
-        return input_files(own, self.row.clips, self.options, self.row.reference)
+        return input_files(own, self.row.clips, self.options)
+
+    @property
+    def reference(self) -> list[Path]:
+        """The files that the run is compared with."""
+        return input_files(self.row.reference)
 
     def is_done(self, outcome: ClipOutcome | None) -> bool:
         """Whether an outcome that was kept is that of this task: of the same options, inputs as they are, with all that
@@ -91,7 +96,8 @@ class BatchTask:
             return self.subject_file.is_file() and unchanged(self.inputs, outcome.inputs)
         there = all(self._has(run.run, *run.exports.values()) for run in outcome.runs)
         asked = all(set(self.exports) <= run.exports.keys() and (run.report or not self.report) for run in outcome.runs)
-        return there and asked and unchanged(self.inputs, outcome.inputs)
+        compared = unchanged(self.reference, outcome.reference)
+        return there and asked and compared and unchanged(self.inputs, outcome.inputs)
 
     def _has(self, *files: str) -> bool:
         return all((self.root / file).is_file() for file in files)

@@ -76,8 +76,7 @@ def batch(
     for name, why in list(failed.items())[:_SHOWN]:
         print(f"  {name}: {why}")
     if failed:
-        count = "1 clip" if len(failed) == 1 else f"{len(failed)} clips"
-        raise km.InputError(manifest, f"{count} failed", remedy=f"all of them are in {done.table}")
+        raise km.InputError(manifest, f"{_counted(len(failed))} failed", remedy=f"all of them are in {done.table}")
 
 
 def _make(manifest: Path | None, folder: Path, out: Path, overwrite: bool) -> None:
@@ -86,4 +85,8 @@ def _make(manifest: Path | None, folder: Path, out: Path, overwrite: bool) -> No
     if manifest is not None:
         raise km.InputError(manifest, "is not needed to make one", remedy="--make FOLDER --out MANIFEST")
     clips = km.make_manifest(folder, out, overwrite=overwrite)
-    print(f"{len(clips)} clips: {out}")
+    print(f"{_counted(len(clips))}: {out}")
+
+
+def _counted(count: int) -> str:
+    return "1 clip" if count == 1 else f"{count} clips"
