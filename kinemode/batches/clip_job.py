@@ -54,10 +54,12 @@ def _processor_time() -> float:
 @contextmanager
 def _seen_root(task: BatchTask) -> Iterator[tuple[BatchTask, bool]]:
     """The task in the batch's folder where this machine sees it, in a temporary one elsewhere; and whether it does."""
+    token = ""
     with suppress(OSError):
-        if (task.root / TOKEN).read_text(encoding="utf-8") == task.token:
-            yield task, True
-            return
+        token = _text(task.root / TOKEN)
+    if token == task.token:
+        yield task, True
+        return
     with tempfile.TemporaryDirectory(prefix="kinemode-") as folder:
         yield replace(task, root=Path(folder)), False
 
