@@ -302,7 +302,7 @@ def _track_into(
                 writer, tracker, observations, job.seed,
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
-        results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
+        results = list(Run.open(target.path).paths())  # as stored, so that a resumed run is told the same
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
             with job.progress("smoothing") as report:
@@ -319,8 +319,8 @@ def _track_into(
 def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple[str, ...], tuple[int, ...]]:
     """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
     speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together."""
-    results = list(run)
-    leapt = leap_note(leaps(run.body, results))
+    results = list(run.paths())
+    leapt = leap_note(leaps(run.body, run.streamed()))
     own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
     against: Sequence[int] = ()

@@ -109,17 +109,30 @@ class Run(Summarised):
     @cached_property
     def _frames(self) -> list[dict[str, np.ndarray]]:
         """The arrays of every frame as they are stored."""
+        return list(self._stored())
+
+    def _stored(self) -> Iterator[dict[str, np.ndarray]]:
+        """One frame's arrays after the other's."""
+        count, before = 0, None
         with run_store.reading(self.file) as connection:
             query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
-            rows = connection.execute(query, (self.frame_count,)).fetchall()
-        if len(rows) != self.frame_count:
-            raise InputError(self.file, f"is damaged: {self.frame_count - len(rows)} of its frames are missing")
-        frames: list[dict[str, np.ndarray]] = []
-        for i, (data,) in enumerate(rows):
-            before = len(frames[-1]["weight"]) if frames else None
-            check = partial(check_frame, body=self.body, planned=self.planned_count, before=before)
-            frames.append(self._unpacked(data, f"frame {i}", check))
-        return frames
+            for i, (data,) in enumerate(connection.execute(query, (self.frame_count,))):
+                check = partial(check_frame, body=self.body, planned=self.planned_count, before=before)
+                arrays = self._unpacked(data, f"frame {i}", check)
+                count, before = count + 1, len(arrays["weight"])
+                yield arrays
+        if count != self.frame_count:
+            raise InputError(self.file, f"is damaged: {self.frame_count - count} of its frames are missing")
+
+    def streamed(self) -> Iterator[FrameResult]:
+        """One frame after the other, read when it is asked for and not kept: of a long run all are more than fits into
+        memory."""
+        return (frame_result(arrays, self.body) for arrays in self._stored())
+
+    def paths(self) -> Iterator[FrameResult]:
+        """`streamed` without what takes most room: covariances are (K, 0, 0), and there are no extra arrays."""
+        for result in self.streamed():
+            yield replace(result, covariance=np.zeros((len(result.weight), 0, 0)), extra={})
 
     def _unpacked(
         self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]
