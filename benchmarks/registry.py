@@ -433,6 +433,13 @@ MEASURES = (
         (BEAM4CAM,),
     ),
     Measure(
+        "benchmarks.robustness.batch",
+        "A batch of clips by several processes and by Dask: time, equal bits; killed, of idle jobs, and very long.",
+        "two processes >= 1.8 of one, Dask >= 0.9 of them; equal bits",
+        (NOTHING,),
+        (EXTRA,),
+    ),
+    Measure(
         "benchmarks.robustness.fuzz",
         "Damaged files through every reader and through the commands: a result or one short line.",
         "0 faults",
