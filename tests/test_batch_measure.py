@@ -25,6 +25,7 @@ from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.outcome import DONE, FAILED, ClipOutcome
 from kinemode.batches.task import BatchTask
 from tests.made_runs import made_run
+from tests.waiting import until
 
 SUBJECT = body_of("human34").subject
 
@@ -121,8 +122,8 @@ def test_the_system_tells_of_processes() -> None:
     ours, theirs = context.Pipe()
     worker = context.Process(target=theirs.recv)
     worker.start()
+    until(lambda: worker.pid in spawned_workers(), "the worker's program has begun")
     assert worker.pid is not None
-    assert worker.pid in spawned_workers()
     assert is_alive(worker.pid)
     worker.kill()
     worker.join()
