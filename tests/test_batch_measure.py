@@ -16,7 +16,7 @@ from benchmarks.robustness.batch_clips import batch_run, unequal_runs, write_csv
 from benchmarks.robustness.batch_engines import ONE, TWO, BatchTimes, ratio
 from benchmarks.robustness.batch_kills import WORKERS, done_again, finished_clips, message_of, moments_of
 from benchmarks.robustness.batch_overhead import more_ms
-from benchmarks.robustness.batch_soak import WorkerSample, grown
+from benchmarks.robustness.batch_soak import WorkerSample, grown, measure_soak
 from benchmarks.robustness.batch_stubs import LeaderCost, answer_alone, written_outcome
 from benchmarks.support.proc import ResidentMemory, is_alive, memory, seconds_until_gone, spawned_workers
 from humanoid.support.errors import InputError
@@ -113,6 +113,12 @@ def test_growth_is_that_of_workers_that_are_there() -> None:
     first = WorkerSample(10, {1: ResidentMemory(90.0, 100.0), 2: ResidentMemory(90.0, 100.0)})
     last = WorkerSample(200, {1: ResidentMemory(80.0, 110.0), 3: ResidentMemory(500.0, 500.0)})
     assert grown([first, last]) == [pytest.approx(1.1)]
+
+
+@pytest.mark.parametrize("window", [2, 51])
+def test_a_soak_of_less_than_two_windows_is_refused(tmp_path: Path, window: int) -> None:
+    with pytest.raises(InputError, match="must be 3 to 50"):
+        measure_soak(tmp_path, 100, window, "off", None)
 
 
 def test_the_system_tells_of_processes() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -22,6 +23,7 @@ from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
 from estimator.synthesis import ViewSettings
+from humanoid.support.errors import InputError
 from kinemode.terminal import report
 from kinemode.terminal.progress import Progress
 
@@ -91,10 +93,15 @@ def sampled_track(task: LongClip) -> list[SoakSample]:
 
 
 def measure_soak(folder: Path, frames: int, window: int, cues: str, settings: Path | None) -> dict[str, Any]:
-    """Print the windows; the figures."""
+    """Print the windows; the figures. Raises InputError for fewer than two windows, or a killed process."""
+    if not 2 < window <= frames // 2:
+        raise InputError("--window", f"must be 3 to {frames // 2}, half of --length, got {window}")
     given = long_clip(folder / "inputs", frames, cues, settings)
-    with ProcessPoolExecutor(1, get_context("spawn"), quiet) as pool:
-        samples = pool.submit(sampled_track, LongClip(given, folder / "long.run", window)).result()
+    try:
+        with ProcessPoolExecutor(1, get_context("spawn"), quiet) as pool:
+            samples = pool.submit(sampled_track, LongClip(given, folder / "long.run", window)).result()
+    except BrokenProcessPool:
+        raise InputError("--soak", "the process that tracks was killed", remedy="is there memory for it?") from None
     *windows, last = samples
     made = report.table(f"{frames} frames, {cues}", "frames", "ms a frame, processor", "memory now", "peak [MB]")
     times = [1e3 * (b.processor - a.processor) / (b.frames - a.frames) for a, b in pairwise(windows)]
