@@ -14,6 +14,7 @@ from humanoid.subject.landmarks import relative_spread
 LEAST_PRECISION = 1e-6
 """Of what neither landmarks nor rest positions hold."""
 _SEEN = 0.02  # m: how sure landmarks are seen, beside the rest positions
+_NEAR = 1e-6  # m^2: of a body in the camera itself
 
 
 def camera_covariances(
@@ -47,7 +48,7 @@ def _distance_covariance(body: Body, posed: PosedBody, camera: Camera, size_std:
     R_camera_root = camera.R_camera_world @ posed.rotations[1]
     place = camera.R_camera_world @ posed.translations[1] + camera.t_camera_world
     farther = np.array([0.0, 0.0, place[2]])  # by the focal length's own share of itself
-    turn = np.cross(place, farther) / (place @ place)  # of the ray to it
+    turn = np.cross(place, farther) / max(place @ place, _NEAR)  # of the ray to it
     modes = np.zeros((2, body.nv))
     modes[0, ROOT_PLACE_V] = size_std * (R_camera_root.T @ place)
     modes[1, ROOT_PLACE_V] = camera.focal_std * (R_camera_root.T @ farther)
