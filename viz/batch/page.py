@@ -157,7 +157,7 @@ def _thumbnail(entry: BatchEntry) -> str:
     if not entry.thumbnail:
         return ""
     size = f'width="{round(_SHOWN * WIDTH)}" height="{round(_SHOWN * HEIGHT)}"'
-    return f'<img src="{address(entry.thumbnail)}" {size} loading="lazy" decoding="async" alt="">'
+    return f'<img src="{address(entry.thumbnail)}" {size} loading=lazy decoding="async" alt="">'
 
 
 def _clip(entry: BatchEntry) -> str:
