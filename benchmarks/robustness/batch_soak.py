@@ -144,7 +144,7 @@ def measure_many(folder: Path, clips: int, frames: int, settings: Path | None) -
     @contextmanager
     def progress(stage: str) -> Iterator[Progress]:
         def mark(done: int, total: int) -> None:
-            if done % FIRST == 0 or done == total:
+            if done and (done % FIRST == 0 or done == total):
                 samples.append(WorkerSample(done, {pid: memory(pid) for pid in spawned_workers()}))
                 each = ", ".join(f"{now:.0f} ({peak:.0f})" for now, peak in samples[-1].workers.values())
                 tell(f"{done} of {total} clips: {each} MB")
