@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from humanoid import Body, InputError, Subject, load_subject
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.example_robots import PREFIX, installed
-from humanoid.subject.subject import subject_from_text, subject_names
+from humanoid.subject.subject import Marker, subject_from_text, subject_names
 from humanoid.subject.urdf_flesh import limb_capsule
 
 SIZES = {  # nq, nv
@@ -310,3 +310,24 @@ def test_meshes_are_kept_by_absolute_path(tmp_path: Path) -> None:
     mesh = tmp_path / "pkg" / "urdf" / "m.stl"
     mesh.touch()
     assert load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf").urdf.count(f'filename="{mesh.resolve()}"') == 2
+
+
+def test_markers_are_kept_in_the_text_resized_with_the_body_and_placed_by_its_kinematics() -> None:
+    subject = load_subject("human34")
+    toe = Marker("L toe", "left_foot", (0.15, 0.01, -0.03), 0.012)
+    marked = subject.with_markers([toe, Marker("r.ASIS", "pelvis", (0.08, -0.12, 0.09), 0.01)])
+    again = subject_from_text(marked.urdf, source="human34", base="free")
+    assert again.markers == marked.markers
+    assert again.markers[0] == toe
+    larger = marked.resized(1.1).markers[0]
+    assert np.allclose(larger.xyz, 1.1 * np.array(toe.xyz))
+    assert np.isclose(larger.std, 1.1 * toe.std)
+    body = Body(marked)
+    posed = body.at(body.neutral)
+    place = points_in_world(posed, body.marker_joint, body.marker_local)[0]
+    ankle = body.landmarks(posed)[body.landmark_names.index("left_ankle")]
+    turned = posed.rotations[body.marker_joint[0]]
+    assert np.allclose(place, ankle + turned @ np.array(toe.xyz))
+    with pytest.raises(InputError, match="no link 'left_fot'"):
+        subject.with_markers([replace(toe, link="left_fot")])
+    assert not marked.with_markers([]).markers

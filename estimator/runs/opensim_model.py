@@ -19,8 +19,8 @@ from estimator.data.formats.osim import (
     Axis,
     Coupling,
     Joint,
-    Marker,
     Model,
+    OsimMarker,
     OsimPlacement,
     OsimShape,
     Segment,
@@ -58,12 +58,18 @@ def opensim_model(body: Body, name: str) -> Model:
         again = made.name in {joint.name for joint in joints}
         joints.append(replace(made, name=component_name(group.entries[0].name)) if again else made)
         segments.append(_segment(body, group.last, names[group.last], masses[group.last]))
-    markers = [
-        Marker(landmark, names[carrier[int(j)]], R_OPENSIM_WORLD @ place)
-        for landmark, j, place in zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
-    ]
+    markers = _markers(body, {j: names[last] for j, last in carrier.items() if last in names})
     credits = f"Written by kinemode of the subject {body.subject.name}. {mass_source}"
     return Model(name, credits, tuple(segments), tuple(joints), tuple(markers), tuple(_couplings(body)))
+
+
+def _markers(body: Body, segments: dict[int, str]) -> list[OsimMarker]:
+    """The landmarks, and the markers that are called otherwise, on the segments of their joints."""
+    known, points = set(body.landmark_names), list[tuple[str, int, np.ndarray]]()
+    points += zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
+    own = zip(body.marker_names, body.marker_joint, body.marker_local, strict=True)
+    points += [each for each in own if each[0] not in known]
+    return [OsimMarker(name, segments[int(j)], R_OPENSIM_WORLD @ place) for name, j, place in points]
 
 
 @dataclass(frozen=True)

@@ -135,6 +135,8 @@ class Body(Summarised):
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     landmark_support (L, nv) bool: which degrees of freedom move each landmark.
+    marker_names (M), marker_joint (M,), marker_local (M, 3), marker_std (M,): the same of markers, and how unsure
+    their places are [m].
     column_support (njoints, nc) bool: which columns of the spatial Jacobian move each joint. follows: whether joints
     follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
@@ -152,6 +154,11 @@ class Body(Summarised):
         self.landmark_names = tuple(landmark.name for landmark in subject.landmarks)
         self.landmark_joint, self.landmark_local = points_on_links(
             model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
+        )
+        self.marker_names = tuple(marker.name for marker in subject.markers)
+        self.marker_std = np.array([marker.std for marker in subject.markers])
+        self.marker_joint, self.marker_local = points_on_links(
+            model, [(marker.link, marker.xyz) for marker in subject.markers]
         )
         self.column_support = _supports(model)
         more = set(range(model.nvExtended)) - set(self.tree.dof_column.tolist())

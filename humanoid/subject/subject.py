@@ -17,7 +17,7 @@ from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, check_with_yourdfpy, natural_base
 from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
-from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, UprightElement
+from humanoid.subject.urdf_elements import Landmark, Marker, Proportion, Stabiliser, UprightElement
 from humanoid.subject.urdf_flesh import Flesh
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
@@ -32,6 +32,7 @@ from humanoid.support.summary import Facts, Summarised
 __all__ = [
     "Flesh",
     "Landmark",
+    "Marker",
     "Proportion",
     "Stabiliser",
     "Subject",
@@ -67,7 +68,8 @@ class Subject(Summarised):
         subject from it, wherever it is kept.
     base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
     model: Pinocchio model; shared, never changed.
-    landmarks, flesh, stabilisers, proportions, upright: the extra elements (see `humanoid.subject.urdf_elements`).
+    landmarks, markers, flesh, stabilisers, proportions, upright: the extra elements (see
+        `humanoid.subject.urdf_elements`).
     mimics: joints that follow others; they are joints of the model, but have no entries in q and in the tangent space.
     notes: what was done to the file that a user should know, one sentence each.
     """
@@ -84,6 +86,7 @@ class Subject(Summarised):
     upright: UprightElement | None = None
     notes: tuple[str, ...] = ()
     mimics: tuple[Mimic, ...] = ()
+    markers: tuple[Marker, ...] = ()
 
     def _called(self) -> str:
         return self.name
@@ -123,6 +126,12 @@ class Subject(Summarised):
         document = read_document(self.urdf, self.source)
         reshape(document, shapes)
         return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
+
+    def with_markers(self, markers: Sequence[Marker]) -> Subject:
+        """This subject with these markers in place of its own. Raises InputError for a link that it does not have, a
+        name given twice, or a deviation that is not positive."""
+        text = urdf_elements.with_markers(self.urdf, self.source, markers)
+        return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
 
     def write(self, path: str | Path) -> None:
         """Write the URDF; `load_subject(path)` gives the same subject. Raises InputError if it cannot be written."""
@@ -189,6 +198,7 @@ def _subject(document: Document, text: str, source: str, base: Base, notes: tupl
         upright=read.upright,
         notes=notes,
         mimics=read.mimics,
+        markers=read.markers,
     )
 
 

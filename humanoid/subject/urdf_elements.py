@@ -1,10 +1,11 @@
-"""The elements kinemode adds to a URDF: <subject>, <flesh>, <landmark>, <upright>, <stabiliser>, <proportion>.
+"""The elements kinemode adds to a URDF: subject, flesh, landmark, marker, upright, stabiliser and proportion.
 
 URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
 
     <subject base="free|fixed"/>
     <link ...><flesh .../></link>                     see `humanoid.subject.urdf_flesh`
     <landmark name link xyz/>
+    <marker name link xyz std/>                       a point that is measured in space; std of its place [m]
     <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
     <stabiliser joint rest std [quickness]/>          rest position and standard deviation [rad or m]; how quickly the
                                                       joint moves, as a factor of the settings' speed and acceleration
@@ -44,6 +45,7 @@ _URDF = ("link", "joint", "material", "transmission", "gazebo", "inertial", "vis
 _ROOT: dict[str, tuple[str, ...]] = {
     "subject": ("base",),
     "landmark": ("name", "link", "xyz"),
+    "marker": ("name", "link", "xyz", "std"),
     "upright": ("link", "xyz", "std"),
     "stabiliser": ("joint", "rest", "std", "quickness"),
     "proportion": ("joint", "scale_min", "scale_max", "mean", "std", "symmetric_with"),
@@ -65,6 +67,19 @@ class Landmark:
     name: str
     link: str
     xyz: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A point that is measured in space, such as one on the skin: `xyz` [m] in the frame of `link`.
+
+    std [m]: how far from there it may be, as one standard deviation along each axis.
+    """
+
+    name: str
+    link: str
+    xyz: tuple[float, float, float]
+    std: float
 
 
 @dataclass(frozen=True)
@@ -118,6 +133,7 @@ class Elements:
     proportions: tuple[Proportion, ...]
     upright: UprightElement | None
     mimics: tuple[Mimic, ...] = ()
+    markers: tuple[Marker, ...] = ()
 
 
 def parse(text: str, source: str) -> Elements:
@@ -151,6 +167,7 @@ def read_elements(document: Document) -> Elements:
         proportions=proportions,
         upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
         mimics=read_mimics(document),
+        markers=_each(document, "marker", "name", lambda e: _marker(document, e, links)),
     )
 
 
@@ -213,10 +230,32 @@ def _base(document: Document) -> str | None:
 
 
 def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
+    return Landmark(document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz"))
+
+
+def _marker(document: Document, e: ET.Element, links: set[str]) -> Marker:
+    std = document.plausible(e, "std")
+    if std < LEAST_STD:
+        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in m, above 0")
+    return Marker(document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz"), std)
+
+
+def _link(document: Document, e: ET.Element, links: set[str]) -> str:
     link = document.attribute(e, "link")
     if link not in links:
         raise document.fault(e, f"there is no link {link!r}", nearest(link, links, "links"))
-    return Landmark(document.attribute(e, "name"), link, document.triple(e, "xyz"))
+    return link
+
+
+def with_markers(text: str, source: str, markers: Sequence[Marker]) -> str:
+    """The same URDF with these markers in place of its own."""
+    document = read_document(text, source)
+    for old in list(elements(document.root, "marker")):
+        document.root.remove(old)
+    for m in markers:
+        attributes = {"name": m.name, "link": m.link, "xyz": numbers_text(np.array(m.xyz)), "std": f"{m.std:.17g}"}
+        ET.SubElement(document.root, "marker", attributes).tail = "\n"
+    return document.text()
 
 
 def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[str, ET.Element]) -> ET.Element:

@@ -10,7 +10,8 @@ from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_flesh import numbers_text
 
 _LENGTHS = {
-    "origin": ("xyz",), "landmark": ("xyz",), "flesh": ("xyz", "radii", "radius", "length", "clearance"),
+    "origin": ("xyz",), "landmark": ("xyz",), "marker": ("xyz", "std"),
+    "flesh": ("xyz", "radii", "radius", "length", "clearance"),
     "box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
     "mesh": ("scale",),
 }  # fmt: skip

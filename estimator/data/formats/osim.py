@@ -92,7 +92,7 @@ class Coupling:
 
 
 @dataclass(frozen=True)
-class Marker:
+class OsimMarker:
     """A named point (3,) [m] of a segment."""
 
     name: str
@@ -108,7 +108,7 @@ class Model:
     credits: str
     segments: tuple[Segment, ...]
     joints: tuple[Joint, ...]
-    markers: tuple[Marker, ...]
+    markers: tuple[OsimMarker, ...]
     couplings: tuple[Coupling, ...] = ()
 
 
@@ -257,7 +257,7 @@ def body_xyz(R: np.ndarray) -> np.ndarray:
     return np.array([np.arctan2(-R[1, 2], R[2, 2]), b, np.arctan2(-R[0, 1], R[0, 0])])
 
 
-def _marker(marker: Marker) -> ET.Element:
+def _marker(marker: OsimMarker) -> ET.Element:
     element = ET.Element("Marker", name=component_name(marker.name))
     _text(element, "socket_parent_frame", f"/bodyset/{marker.segment}")
     _text(element, "location", _numbers(marker.place))
