@@ -164,7 +164,15 @@ def _laboratory() -> dict[str, list[Files]]:
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
         write_trc(Path(folder) / "a.trc", names, where, np.arange(FRAMES) / 100.0)
         text = (Path(folder) / "a.trc").read_bytes()
-    return {"c3d": [{"a.c3d": whole}, {"a.c3d": floats}], "trc": [{"a.trc": text}]}
+        np.savez(Path(folder) / "a.npz", points=where, names=np.array(names), fps=100.0, unit="m", up="z")
+        arrays = (Path(folder) / "a.npz").read_bytes()
+    head = ",".join(["time", *(f"{name}_{axis}_mm" for name in names for axis in "xyz")])
+    rows = [",".join([f"{t / 100.0}", *(f"{1e3 * v:.2f}" for v in row.ravel())]) for t, row in enumerate(where)]
+    table = "\n".join(["# up=z", head, *rows]).replace("nan", "").encode()
+    return {
+        "c3d": [{"a.c3d": whole}, {"a.c3d": floats}], "trc": [{"a.trc": text}],
+        "points npz": [{"a.npz": arrays}], "points csv": [{"a.csv": table}],
+    }  # fmt: skip
 
 
 @contextmanager
@@ -334,8 +342,8 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}, *laboratory["trc"]]
     return {
         "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
-        "motion csv": tables, "motion npz": arrays, "c3d": laboratory["c3d"],
-        "angles": angles,
+        "motion csv": tables, "motion npz": arrays, "angles": angles,
+        **{name: laboratory[name] for name in ("c3d", "points npz", "points csv")},
     }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from random import Random
 
@@ -21,6 +21,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.checked_json import read_json
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.data.formats.motion_table import read_motion_table
+from estimator.data.markers.load import load_points
 from estimator.data.media.clip import Clip
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run, RunWriter
@@ -159,6 +160,10 @@ READERS = {
     "trc": Reader("text", Reference.load, 0.05),
     "angles": Reader("text", Reference.load, 0.02),
     "c3d": Reader("binary", Reference.load, 0.03),
+    "points trc": Reader("text", load_points, 0.02),
+    "points c3d": Reader("binary", partial(load_points, up="z"), 0.02),
+    "points npz": Reader("npz", load_points, 0.02),
+    "points csv": Reader("text", load_points, 0.02),
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),
     "limb file": Reader("text", _limb_file, 0.004),
@@ -172,4 +177,4 @@ READERS = {
     "background": Reader("binary", _plate, 0.004),
 }
 """By name; "state" reads runs that were not finished."""
-CORPUS_OF = {"state": "unfinished run"}
+CORPUS_OF = {"state": "unfinished run", "points trc": "trc", "points c3d": "c3d"}

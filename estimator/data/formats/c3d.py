@@ -16,8 +16,9 @@ import numpy as np
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.c3d_content import Parameters, read_content
+from estimator.data.formats.marker_names import of_one_person
 from estimator.data.formats.opensim import MarkerFile, frame_rate, metres_in, upright_world
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError
 from humanoid.support.extras import optional
 
 _MILLIMETRES = 1e3
@@ -86,10 +87,11 @@ def _as_points(channels: Channels) -> np.ndarray:
     return np.concatenate([values, np.zeros_like(values), np.zeros_like(values)], axis=2)
 
 
-def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
+def read_c3d(path: Path, up: str | None = None, unit: str | None = None) -> MarkerFile:
     """The points of a C3D file; those with a residual below 0 are missing, channels and unlabelled points are left out.
 
-    up: the axis of its world that points up; unless given POINT:Y_SCREEN says it, else it is z.
+    up: the axis of its world that points up; unless given POINT:Y_SCREEN says it, else it is z. unit: instead of what
+    the file says.
 
     Raises
     ------
@@ -102,13 +104,19 @@ def read_c3d(path: Path, up: str | None = None) -> MarkerFile:
     kept = [i for i, label in enumerate(labels) if label and not label.startswith("*") and label not in channels]
     if not kept:
         raise InputError(path, "has no points with a name")
-    unit = _word(point, "UNITS").lower()
-    unit = _UNITS.get(unit, unit)
+    said = _word(point, "UNITS").lower()
+    said = _UNITS.get(said, said)
+    unit = said if unit is None else unit
     world = metres_in(unit, path, "POINT:UNITS") * points[:, kept]
     axis, notes = _up(point, up)
     count = np.arange(content.first, content.first + len(world))
     time = count / content.rate if content.rate > 0.0 else np.full(len(world), np.nan)
-    return MarkerFile(_of_one_person(path, [labels[i] for i in kept]), world @ upright_world(axis).T, time, unit, notes)
+    names = of_one_person(path, [labels[i] for i in kept])
+    return MarkerFile(
+        names, world @ upright_world(axis).T, time, unit, notes, said_unit=said, said_up=_said_up(point),
+        rate=content.rate if content.rate > 0.0 else np.nan,
+        unnamed=points.shape[1] - len(kept) - len(channels.intersection(labels)),
+    )  # fmt: skip
 
 
 def _label_keys(point: Parameters) -> list[str]:
@@ -121,18 +129,15 @@ def _word(point: Parameters, key: str) -> str:
     return str(next(iter(point.get(key, ())), "")).strip()
 
 
+def _said_up(point: Parameters) -> str | None:
+    """The axis that the file says points up."""
+    said = _word(point, "Y_SCREEN").lower().lstrip("+")
+    return said if said in UPS else None
+
+
 def _up(point: Parameters, up: str | None) -> tuple[str, tuple[str, ...]]:
     """The axis that points up, and a note where nobody says which."""
-    said = _word(point, "Y_SCREEN").lower().lstrip("+")
-    if up is not None or said in UPS:
-        return up or said, ()
+    axis = up or _said_up(point)
+    if axis is not None:
+        return axis, ()
     return "z", ("the c3d does not say which axis points up (POINT:Y_SCREEN): z is taken, --up says another",)
-
-
-def _of_one_person(path: Path, labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels without the name of whom they are of, as in `ann:LKNE`."""
-    people = sorted({label.rpartition(":")[0] for label in labels} - {""})
-    if len(people) > 1:
-        problem = f"has the markers of several people: {shown(', '.join(people))}"
-        raise InputError(path, problem, remedy="keep those of one")
-    return tuple(label.rpartition(":")[2] for label in labels)

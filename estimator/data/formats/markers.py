@@ -63,15 +63,19 @@ def named_points(names: Sequence[str], points: np.ndarray) -> NamedPoints:
     return NamedPoints(all_names, np.concatenate([points, *added], axis=1), sources)
 
 
-def check_spread(points: np.ndarray, unit: str, path: Path) -> None:
-    """Raise InputError where the markers (T, L, 3) [m] of a frame are nearer or further apart than in any body."""
+def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = "") -> None:
+    """Raise InputError where the markers (T, L, 3) [m] of a frame are nearer or further apart than in any body; option:
+    what else may say the unit."""
     known = points[np.isfinite(points).all(axis=2).sum(axis=1) > 1]
     if not len(known):
         return
     spread = float(np.median(np.linalg.norm(np.nanmax(known, axis=1) - np.nanmin(known, axis=1), axis=1)))
     if not _SPREADS[0] <= spread <= _SPREADS[1]:
         problem = f"its markers are spread over {spread:.3g} m, read in {unit}"
-        raise InputError(path, problem, place="Units", remedy=f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: mend the unit")
+        remedy = f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: mend the unit" + (
+            f", or say it with {option}" if option else ""
+        )
+        raise InputError(path, problem, place="Units", remedy=remedy)
 
 
 def _places(names: Sequence[str]) -> dict[str, tuple[int, ...]]:

@@ -7,7 +7,7 @@ OpenSim's ground is y up: x forward, y up, z to the right. A point of kinemode's
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +18,8 @@ from estimator.data.formats.checked_json import read_text
 from humanoid.support.errors import InputError, shown
 
 R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+"""Metres in each unit of length that is read."""
 _HEADER_LINES = 5
 _MOST = 1e10  # millimetres, or seconds
 
@@ -47,21 +48,28 @@ def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.nda
 
 class MarkerFile(NamedTuple):
     """A file of markers. names (L). points (T, L, 3): in the z-up world [m], NaN where missing. time (T,) [s].
-    unit: of the file. notes: what is worth knowing."""
+    unit: by which it was read. notes: what is worth knowing. said_unit, said_up, rate: what the file says of its unit,
+    the axis that points up and its frames per second; empty, None and NaN where it says nothing. frames: how many it
+    says it has, -1 where it does not. unnamed: how many of its points have no name."""
 
     names: tuple[str, ...]
     points: np.ndarray
     time: np.ndarray
     unit: str
     notes: tuple[str, ...] = ()
+    said_unit: str = ""
+    said_up: str | None = None
+    rate: float = np.nan
+    frames: int = -1
+    unnamed: int = 0
 
 
-def metres_in(unit: str, path: Path, place: str) -> float:
+def metres_in(unit: str, path: str | Path, place: str) -> float:
     """Metres in a unit of length; raises InputError for one that is not read."""
-    if unit not in _METRES:
+    if unit not in METRES:
         problem = f"unknown unit {shown(unit)}" if unit else "has no unit of length"
-        raise InputError(path, problem, place=place, remedy=f"one of {', '.join(_METRES)}")
-    return _METRES[unit]
+        raise InputError(path, problem, place=place, remedy=f"one of {', '.join(METRES)}")
+    return METRES[unit]
 
 
 def upright_world(up: str) -> np.ndarray:
@@ -69,8 +77,8 @@ def upright_world(up: str) -> np.ndarray:
     return world_with_up(axis_of(up))
 
 
-def read_trc(path: Path, up: str = "y") -> MarkerFile:
-    """The markers of a TRC file, in whose world `up` points up.
+def read_trc(path: Path, up: str = "y", unit: str | None = None) -> MarkerFile:
+    """The markers of a TRC file, in whose world `up` points up; unit: instead of what the file says.
 
     Raises
     ------
@@ -80,8 +88,8 @@ def read_trc(path: Path, up: str = "y") -> MarkerFile:
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise InputError(path, "is no TRC file", place="line 1")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    unit = header.get("Units", "")
-    metres = metres_in(unit, path, "line 3, Units")
+    said = header.get("Units", "")
+    metres = metres_in(said if unit is None else unit, path, "line 3, Units")
     names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
     if not names:
         raise InputError(path, "has no markers", place="line 4")
@@ -92,7 +100,11 @@ def read_trc(path: Path, up: str = "y") -> MarkerFile:
     ]
     values = np.array(rows).reshape(-1, 3 * len(names) + 2)
     points = values[:, 2:].reshape(-1, len(names), 3) * metres
-    return MarkerFile(names, points @ upright_world(up).T, values[:, 1], unit)
+    rate, frames = _said_number(header, "DataRate"), _said_number(header, "NumFrames")
+    return MarkerFile(
+        names, points @ upright_world(up).T, values[:, 1], said if unit is None else unit, said_unit=said, rate=rate,
+        frames=-1 if np.isnan(frames) else int(frames),
+    )  # fmt: skip
 
 
 ROOT_NOTE = "A free root's x, z and y are along OpenSim's ground X, Y and -Z."
@@ -169,6 +181,15 @@ def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
 def frame_rate(time: np.ndarray) -> float:
     """Frames per second of times (T,) [s]; 30 where there are fewer than two."""
     return float(1.0 / np.median(np.diff(time))) if len(time) > 1 else 30.0
+
+
+def _said_number(header: Mapping[str, str], key: str) -> float:
+    """A number of a header, NaN where it says none that can be."""
+    try:
+        value = float(header.get(key, ""))
+    except ValueError:
+        return np.nan
+    return value if 0.0 < value < _MOST else np.nan
 
 
 def _trc_row(line: str, count: int, path: Path, number: int) -> list[float]:

@@ -11,11 +11,10 @@ import numpy as np
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.angle_files import AngleFile, read_angle_csv, read_opensim_angles
 from estimator.data.formats.c3d import read_c3d
-from estimator.data.formats.checked_json import LARGEST
 from estimator.data.formats.markers import check_spread, named_points
 from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_trc
-from estimator.data.media.clip import FPS_RANGE
+from estimator.data.formats.point_arrays import checked_points, checked_rate, name_list, number_array, rising_times
 from humanoid.subject.landmarks import landmark_name
 from humanoid.support.errors import InputError, shown
 
@@ -73,9 +72,9 @@ def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
 def _markers(path: Path, file: MarkerFile) -> ReferenceFile:
     if file.points.size == 0:
         raise InputError(path, "has no points")
-    time = _rising(path, file.time, len(file.points))
-    _checked_rate(path, frame_rate(time))
-    points = _checked_points(path, file.points)
+    time = rising_times(path, file.time, len(file.points))
+    checked_rate(path, frame_rate(time))
+    points = checked_points(path, file.points)
     check_spread(points, file.unit, path)
     named = named_points(file.names, points)
     return ReferenceFile(named.names, named.points, time, None, True, named.sources, file.notes)
@@ -85,7 +84,7 @@ def _angles(path: Path, file: AngleFile) -> ReferenceFile:
     count = len(file.time)
     if file.coordinates.values.size == 0:
         raise InputError(path, "has no coordinates")
-    time = _rising(path, file.time, count)
+    time = rising_times(path, file.time, count)
     return ReferenceFile((), np.zeros((count, 0, 3)), time, file.coordinates, notes=file.notes)
 
 
@@ -109,17 +108,17 @@ def _npz(path: Path) -> ReferenceFile:
 def _landmarks(
     path: Path, arrays: Mapping[str, np.ndarray], points_key: str, names_key: str
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    points, names = _numbers(arrays[points_key], path, points_key), _texts(arrays[names_key], path, names_key)
+    points, names = number_array(arrays[points_key], path, points_key), name_list(arrays[names_key], path, names_key)
     if points.ndim != 3 or points.shape[1:] != (len(names), 3):
         problem = f"{len(names)} names do not fit an array of shape {points.shape}"
         raise InputError(path, problem, place=points_key, remedy="(frames, names, 3) is needed")
     if points.size == 0:
         raise InputError(path, "has no points")
-    return _named(names), _checked_points(path, points)
+    return _named(names), checked_points(path, points)
 
 
 def _coordinates(path: Path, arrays: Mapping[str, np.ndarray]) -> Coordinates:
-    values, names = _numbers(arrays["q"], path, "q"), _texts(arrays["q_names"], path, "q_names")
+    values, names = number_array(arrays["q"], path, "q"), name_list(arrays["q_names"], path, "q_names")
     if values.ndim != 2 or values.shape[1] != len(names):
         problem = f"{len(names)} names do not fit an array of shape {values.shape}"
         raise InputError(path, problem, place="q", remedy="(frames, names) is needed")
@@ -129,43 +128,11 @@ def _coordinates(path: Path, arrays: Mapping[str, np.ndarray]) -> Coordinates:
 def _times(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> np.ndarray:
     """Time (T,) [s] of each frame, by their rate or one by one."""
     if "fps" not in arrays and "time" in arrays:
-        return _rising(path, _numbers(arrays["time"], path, "time"), count)
-    rate = _numbers(arrays.get("fps", np.array(frame_rate(np.zeros(0)))), path, "fps")
+        return rising_times(path, number_array(arrays["time"], path, "time"), count)
+    rate = number_array(arrays.get("fps", np.array(frame_rate(np.zeros(0)))), path, "fps")
     if rate.size != 1:
         raise InputError(path, "one number is needed", place="fps")
-    return np.arange(count) / _checked_rate(path, float(rate.reshape(())))
-
-
-def _numbers(array: np.ndarray, path: Path, place: str) -> np.ndarray:
-    if array.dtype.kind not in "iuf":
-        raise InputError(path, "numbers are needed", place=place)
-    return array.astype(np.float64)
-
-
-def _texts(array: np.ndarray, path: Path, place: str) -> tuple[str, ...]:
-    if array.ndim != 1 or array.dtype.kind not in "US":
-        raise InputError(path, "a list of names is needed", place=place)
-    return tuple(str(name) for name in array)
-
-
-def _checked_points(path: Path, points: np.ndarray) -> np.ndarray:
-    if not (np.isnan(points) | (np.abs(points) < LARGEST)).all():
-        problem = "has a point that is infinite, or at least 1e7 in size"
-        raise InputError(path, problem, remedy=f"metres below {LARGEST:g}, NaN where a point is missing")
-    return points
-
-
-def _checked_rate(path: Path, fps: float) -> float:
-    low, high = FPS_RANGE
-    if not low <= fps <= high:
-        raise InputError(path, f"must be {low:g} to {high:g}, got {fps:g}", place="fps")
-    return fps
-
-
-def _rising(path: Path, time: np.ndarray, count: int) -> np.ndarray:
-    if time.shape != (count,) or not np.isfinite(time).all() or np.any(np.diff(time) <= 0.0):
-        raise InputError(path, f"is no {count} rising numbers", place="time", remedy="the time of each frame [s]")
-    return time
+    return np.arange(count) / checked_rate(path, float(rate.reshape(())))
 
 
 def _named(names: Sequence[str]) -> tuple[str, ...]:

@@ -1,0 +1,1 @@
+"""Points in space over time that are given instead of pictures: a laboratory's markers, triangulated keypoints."""

@@ -1,0 +1,108 @@
+"""Points in space over time from files, brought to metres, one clock and a world whose z points up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimator.data.cameras.camera import UPS
+from estimator.data.formats.checked_json import LARGEST
+from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person
+from estimator.data.formats.markers import check_spread
+from estimator.data.formats.opensim import METRES, metres_in
+from estimator.data.formats.point_arrays import checked_rate
+from estimator.data.markers.clock import with_clock
+from estimator.data.markers.merging import merged
+from estimator.data.markers.readers import read_points
+from estimator.data.markers.track import MarkerTrack, PointFile, Said
+from humanoid.support.errors import InputError, first_of, shown
+
+_LISTED = 6  # names in a note
+
+
+def load_points(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    up: str | None = None,
+    unit: str | None = None,
+    fps: float | None = None,
+) -> MarkerTrack:
+    """Points from a TRC, C3D, npz or csv file, or from several files of the same instants.
+
+    npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and `unit` and `up` if they are there; or a run's export.
+    csv: see `estimator.data.markers.table`. Names lose the name of whom they are of (`ann:LKNE`), points that nobody
+    has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero is missing, as many programs write
+    it; notes say so.
+
+    Parameters
+    ----------
+    up: the axis that points up, one of `UPS`; unless given what the file says, y of TRC.
+    unit: of length, m, cm or mm; unless given what the file says.
+    fps: frames per second, where the file says neither them nor times, or both and they differ.
+
+    Raises
+    ------
+    InputError: a file that is missing, damaged, or of another kind; a unit, an axis or a rate that nobody says, or that
+        is none; times that do not rise; points that are infinite or implausibly far apart; none at all; a name that is
+        there twice; files of other instants.
+    """
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if not given:
+        raise InputError("points", "no file is given", remedy="a .trc, .c3d, .npz or .csv")
+    said = _checked(Said(up, unit, fps))
+    track = merged([_sound(with_clock(read_points(Path(path), unit), said), said) for path in given], said.up)
+    seen = np.isfinite(track.points).all(axis=2).any(axis=0)
+    never = [name for name, is_seen in zip(track.names, seen, strict=True) if not is_seen]
+    notes = (f"never seen: {first_of(never, _LISTED)}",) if never else ()
+    return track._replace(notes=(*track.notes, *notes))
+
+
+def _checked(said: Said) -> Said:
+    """Options that can be."""
+    if said.up is not None and said.up not in UPS:
+        raise InputError("up", f"{shown(said.up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+    if said.unit is not None and said.unit not in METRES:
+        raise InputError("unit", f"{shown(said.unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+    if said.fps is not None:
+        checked_rate("fps", said.fps)
+    return said
+
+
+def _sound(file: PointFile, said: Said) -> PointFile:
+    """The points of a file in metres, those that have a name and are no zeros; raises InputError where none are."""
+    path, notes = file.path, list(file.notes)
+    unit = said.unit or file.unit
+    if not unit:
+        raise InputError(path, "does not say its unit of length", remedy="--unit m, cm or mm says it")
+    if file.unit and unit != file.unit:
+        notes.append(f"{path.name} says {file.unit}: --unit {unit} is taken")
+    kept = [i for i, name in enumerate(file.names) if not is_unnamed(name)]
+    if len(kept) < len(file.names):
+        left = [name for name in file.names if is_unnamed(name)]
+        notes.append(f"{path.name}: points without a name left out: {first_of(left, _LISTED)}")
+    if not kept or not len(file.points):
+        raise InputError(path, "has no points" if not len(file.points) else "has no points with a name")
+    names = of_one_person(path, [file.names[i] for i in kept])
+    check_names(path, names)
+    points = file.points[:, kept]
+    zero = (points == 0.0).all(axis=2)
+    if zero.any():
+        notes.append(f"{path.name}: {zero.sum()} points at exactly zero are taken for missing")
+    missing = zero | np.isnan(points).any(axis=2)
+    points = np.where(missing[..., None], np.nan, metres_in(unit, path, "unit") * points)
+    _check_numbers(file, names, points)
+    if missing.all():
+        raise InputError(path, "has no point that is seen: all are missing")
+    check_spread(points, unit, path, "--unit")
+    return file._replace(names=names, points=points, unit=unit, notes=tuple(notes))
+
+
+def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) -> None:
+    """Raise InputError for a point that is infinite or too far away, with its frame and name."""
+    wrong = np.argwhere((np.abs(points) >= LARGEST).any(axis=2))
+    if len(wrong):
+        frame, marker = wrong[0]
+        place, remedy = f"frame {frame}, {shown(names[marker])}", "leave it empty where it is missing"
+        raise InputError(file.path, f"is infinite, or at least {LARGEST:g} m away", place=place, remedy=remedy)

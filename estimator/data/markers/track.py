@@ -1,0 +1,47 @@
+"""Points over time, as they are read and as they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+
+class MarkerTrack(NamedTuple):
+    """Named points over time. names (M). points (T, M, 3): in a world whose z points up [m], NaN where missing.
+    time (T,) [s], rising. source: the names of the files. notes: what is worth knowing."""
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    time: np.ndarray
+    source: str
+    notes: tuple[str, ...] = ()
+
+
+class PointFile(NamedTuple):
+    """What one file says. names (M). points (T, M, 3): along the axes of the file, in `unit`, NaN where missing.
+    time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where nobody says them. notes: what is worth knowing."""
+
+    path: Path
+    names: tuple[str, ...]
+    points: np.ndarray
+    time: np.ndarray
+    unit: str = ""
+    up: str | None = None
+    rate: float = np.nan
+    notes: tuple[str, ...] = ()
+
+
+class Said(NamedTuple):
+    """What the user says of files: the axis that points up, the unit of length, frames per second [1/s]."""
+
+    up: str | None = None
+    unit: str | None = None
+    fps: float | None = None
+
+    @property
+    def options(self) -> Mapping[str, str]:
+        """Values by the name of their option, those that are given."""
+        return {name: f"{value}" for name, value in self._asdict().items() if value is not None}

@@ -1,0 +1,215 @@
+"""Points in space from files: the same points whatever the kind of file, and every fault in a line with its remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.robustness.c3d_files import c3d_file
+from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
+from estimator.data.markers.load import load_points
+from estimator.data.markers.track import MarkerTrack
+from humanoid.support.errors import InputError
+
+NAMES = ("LASI", "RASI", "SACR", "LANK")
+FRAMES, RATE = 5, 100.0
+TIME = np.arange(FRAMES) / RATE
+
+
+def points() -> np.ndarray:
+    """(5, 4, 3) [m] in a z-up world, one missing."""
+    places = np.array([[0.1, 0.12, 1.0], [0.1, -0.12, 1.0], [-0.08, 0.01, 1.02], [0.02, 0.1, 0.08]])
+    made = places + 0.01 * np.random.default_rng(4).normal(size=(FRAMES, 4, 3))
+    made[2, 1] = np.nan
+    return made
+
+
+def csv_text(names: tuple[str, ...], values: np.ndarray, ends: str = "_x _y _z", clock: str = "time") -> str:
+    head = ",".join([clock, *(name + end for name in names for end in ends.split())])
+    times = range(len(values)) if clock == "frame" else TIME
+    rows = [
+        ",".join([f"{t:.6g}", *("" if np.isnan(v) else f"{v:.9g}" for v in row.ravel())])
+        for t, row in zip(times, values, strict=True)
+    ]
+    return "\n".join([head, *rows]) + "\n"
+
+
+def write_all(folder: Path) -> dict[str, dict[str, Any]]:
+    """The same points in files of every kind, and what has to be said of each."""
+    made, y_up = points(), points() @ R_OPENSIM_WORLD.T
+    write_trc(folder / "a.trc", tuple(f"ann:{name}" for name in NAMES), made, TIME)
+    write_trc(folder / "z.trc", NAMES, made @ R_OPENSIM_WORLD, TIME)
+    for name, up in (("y.c3d", "+Y"), ("z.c3d", "+Z"), ("u.c3d", "")):
+        own = y_up if up == "+Y" else made
+        (folder / name).write_bytes(c3d_file(NAMES, 1e3 * own, up=up, rate=RATE, first=1, whole=False))
+    names = np.array(NAMES)
+    np.savez(folder / "said.npz", points=100 * y_up, names=names, time=TIME, unit="cm", up="y")
+    np.savez(folder / "plain.npz", points=made, names=names, fps=RATE)
+    np.savez(folder / "run.npz", landmarks=made, landmark_names=names, time=TIME)
+    (folder / "a.csv").write_text(csv_text(NAMES, 1e3 * made, "_x_mm _y_mm _z_mm"))
+    (folder / "b.csv").write_text("# unit = cm\n# up = y\n" + csv_text(NAMES, 100 * y_up, ".X .Y .Z"))
+    (folder / "c.csv").write_text(csv_text(NAMES, made, ":x :y :z", clock="frame"))
+    return {
+        "a.trc": {}, "z.trc": {"up": "z"}, "y.c3d": {}, "z.c3d": {}, "u.c3d": {"up": "z"}, "said.npz": {},
+        "plain.npz": {"up": "z", "unit": "m"}, "run.npz": {}, "a.csv": {"up": "z"}, "b.csv": {},
+        "c.csv": {"up": "z", "unit": "m", "fps": RATE},
+    }  # fmt: skip
+
+
+def test_the_same_points_from_every_kind_of_file(tmp_path: Path) -> None:
+    for name, said in write_all(tmp_path).items():
+        track = load_points(tmp_path / name, **said)
+        assert track.names == NAMES, name
+        np.testing.assert_allclose(track.points, points(), atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(track.time, TIME, atol=1e-6, err_msg=name)
+        assert track.notes == (), name
+        assert track.source == name
+
+
+def test_files_of_the_same_instants_are_one(tmp_path: Path) -> None:
+    write_trc(tmp_path / "a.trc", NAMES[:2], points()[:, :2], TIME)
+    np.savez(tmp_path / "b.npz", points=1e3 * points()[:, 2:], names=np.array(NAMES[2:]), fps=RATE, unit="mm", up="z")
+    track = load_points([tmp_path / "a.trc", tmp_path / "b.npz"])
+    assert (track.names, track.source) == (NAMES, "a.trc, b.npz")
+    np.testing.assert_allclose(track.points, points(), atol=1e-6)
+    for change, said in (
+        (
+            {"fps": 50.0},
+            "b.npz: is of other instants than a.trc: 5 frames at 50/s from 0 s on against 5 frames",
+        ),
+        ({"names": np.array(["LASI", "b"])}, "b.npz: the point 'LASI' is in a.trc, too"),
+    ):
+        content = dict(np.load(tmp_path / "b.npz")) | change
+        np.savez(tmp_path / "b2.npz", **content)
+        with pytest.raises(InputError, match=said.replace("b.npz", "b2.npz")):
+            load_points([tmp_path / "a.trc", tmp_path / "b2.npz"])
+
+
+def test_what_is_left_out_or_taken_otherwise_is_said(tmp_path: Path) -> None:
+    made = points()
+    made[1, 0], made[:, 3] = 0.0, np.nan
+    names = ("LASI", "*12", "SACR", "LANK")
+    write_trc(tmp_path / "a.trc", names, made, TIME)
+    track = load_points(tmp_path / "a.trc")
+    assert track.names == ("LASI", "SACR", "LANK")
+    assert np.isnan(track.points[1, 0]).all()
+    assert np.isfinite(track.points[[0, 2, 3, 4], 0]).all()
+    for said in ("without a name left out: *12", "1 points at exactly zero", "never seen: LANK"):
+        assert sum(said in note for note in track.notes) == 1
+    text = (tmp_path / "a.trc").read_text().splitlines()
+    (tmp_path / "b.trc").write_text("\n".join(text[:-1]))
+    assert "4 frames, its header says 5" in load_points(tmp_path / "b.trc").notes[0]
+    (tmp_path / "c.c3d").write_bytes(c3d_file(("A", "*1", ""), 1e3 * points()[:, :3], rate=RATE))
+    assert "2 points without a name" in load_points(tmp_path / "c.c3d", up="z").notes[0]
+    for options, said in (({"unit": "cm"}, "says mm: --unit cm is taken"), ({"fps": 50.0}, "100 frames .*--fps 50")):
+        track = load_points(tmp_path / "a.trc", **options)  # type: ignore[arg-type]
+        assert any(said.partition(" .*")[0] in note for note in track.notes)
+    np.testing.assert_allclose(track.time, 2.0 * TIME)
+
+
+def trc(change: Callable[[list[str]], object]) -> Callable[[Path], object]:
+    """A TRC file of which lines are changed."""
+
+    def write(path: Path) -> None:
+        write_trc(path, NAMES, points(), TIME)
+        lines = path.read_text().splitlines()
+        change(lines)
+        path.write_text("\n".join(lines) + "\n")
+
+    return write
+
+
+def set_line(number: int, old: str, new: str) -> Callable[[Path], object]:
+    def change(lines: list[str]) -> None:
+        assert old in lines[number - 1]
+        lines[number - 1] = lines[number - 1].replace(old, new)
+
+    return trc(change)
+
+
+def npz(**arrays: Any) -> Callable[[Path], object]:
+    whole = {"points": points(), "names": np.array(NAMES), "fps": RATE, "unit": "m", "up": "z"} | arrays
+    return lambda path: np.savez(path, **{name: array for name, array in whole.items() if array is not None})
+
+
+def text(content: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(content)
+
+
+CSV = csv_text(NAMES, points())
+FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
+    ("a.trc", set_line(3, "mm", "inch"), "line 3, Units: unknown unit 'inch' .one of mm, cm, m"),
+    ("a.trc", set_line(3, "mm", "m"), "Units: its markers are spread over .* read in m .*--unit"),
+    ("a.trc", set_line(3, "100", "60"), "time: its times have 100 frames per second, its header says 60 .*--fps"),
+    ("a.trc", set_line(8, "0.010000", "0.000000"), "frame 1: times do not rise: 0 s is followed by 0 s .*--fps"),
+    ("a.trc", set_line(4, "RASI", "LASI"), "the point 'LASI' is there twice"),
+    ("a.trc", set_line(4, "\t\t\tLANK", ""), "line 7: has 14 columns, 11 are expected"),
+    ("a.trc", set_line(4, "LASI\t\t\tRASI", "ann:LASI\t\t\tbob:RASI"), "markers of several people: 'ann, bob'"),
+    ("a.trc", trc(lambda lines: lines.__setitem__(slice(6, None), [])), "has no points"),
+    ("a.npz", npz(points=np.full((2, 4, 3), np.nan)), "all are missing"),
+    ("a.npz", npz(unit=None), "does not say its unit of length .--unit"),
+    ("a.npz", npz(unit="furlong"), "unknown unit 'furlong'"),
+    ("a.npz", npz(fps=None), "neither times nor frames per second .--fps"),
+    ("a.npz", npz(fps=0.0), "fps: must be 0.5 to 2000, got 0"),
+    ("a.npz", npz(time=TIME * 2), "its times have 50 frames per second, its header says 100"),
+    ("a.npz", npz(time=TIME[:3]), "has 3 times of 5 frames"),
+    ("a.npz", npz(up="up"), "up: 'up' is no axis"),
+    ("a.npz", npz(names=np.array(NAMES[:2])), "2 names do not fit an array of shape"),
+    ("a.npz", npz(points=None), "has no arrays points and names"),
+    ("a.npz", npz(points=np.where(np.isnan(points()), np.inf, points())), "frame 2, 'RASI': is infinite, or at least"),
+    ("a.npz", npz(names=np.array(["*1", "U2", "unlabeled", "Unlabeled_3"])), "has no points with a name"),
+    ("a.csv", text("x\n1\n"), "line 1: has no column of time .*--fps"),
+    ("a.csv", text("time,a\n1,2\n"), "line 1: has no points .columns NAME_x, NAME_y and NAME_z"),
+    ("a.csv", text(CSV.replace("LASI_z", "LASI_w")), "the point 'LASI' has no column z"),
+    ("a.csv", text(CSV.replace("RASI_x", "LASI.x")), "two columns x of the point 'LASI'"),
+    ("a.csv", text(CSV.replace("LASI_x", "LASI_x_mm").replace("LASI_y", "LASI_y_cm")), "columns in cm and mm"),
+    ("a.csv", text(CSV), "does not say its unit of length .--unit"),
+    ("a.csv", text("# up=w\n" + CSV), "'w' is no axis"),
+    ("a.csv", text("# unit=m\n" + CSV.replace("0.02,", "oops,")), "no number"),
+    ("a.csv", text(csv_text(NAMES, points(), clock="frame")), "neither times nor frames per second .--fps"),
+    ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=RATE)[:-400]), "within its 5 frames"),
+    ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=0.0)), "--fps"),
+    ("a.bvh", text("HIERARCHY"), "is no file of points .one of .trc, .c3d, .npz, .csv"),
+    ("a.trc", lambda path: None, "no such file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "write", "said"), FAULTS, ids=[f"{name}: {said[:40]}" for name, _, said in FAULTS])
+def test_faults_are_said_in_a_line(tmp_path: Path, name: str, write: Callable[[Path], object], said: str) -> None:
+    write(tmp_path / name)
+    with pytest.raises(InputError, match=said):
+        load_points(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"up": "w"}, "up: 'w' is no axis"), ({"unit": "ft"}, "unit: 'ft' is no unit"), ({"fps": -1.0}, "fps: must be")],
+)
+def test_options_that_cannot_be(tmp_path: Path, options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_points(tmp_path / "a.trc", **options)
+    with pytest.raises(InputError, match="no file is given"):
+        load_points([])
+
+
+def test_what_options_say_mends_a_file(tmp_path: Path) -> None:
+    """Each remedy that an error names leads to the points."""
+
+    def read(name: str, write: Callable[[Path], object], **options: Any) -> MarkerTrack:
+        write(tmp_path / name)
+        return load_points(tmp_path / name, **options)
+
+    for track in (
+        read("a.trc", set_line(3, "mm", "inch"), unit="mm"),
+        read("a.trc", set_line(3, "mm", "m"), unit="mm"),
+        read("a.trc", set_line(3, "100", "60"), fps=100.0),
+        read("a.trc", set_line(8, "0.010000", "0.000000"), fps=100.0),
+        read("a.csv", text(csv_text(NAMES, points(), clock="frame")), fps=100.0, unit="m", up="z"),
+        read("a.npz", npz(fps=None, unit=None), fps=100.0, unit="m"),
+    ):
+        np.testing.assert_allclose(track.points, points(), atol=1e-6)
+        np.testing.assert_allclose(track.time, TIME, atol=1e-6)
