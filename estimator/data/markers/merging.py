@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.data.formats.opensim import frame_rate, upright_world
+from estimator.data.markers.gravity import up_by_motion
 from estimator.data.markers.track import MarkerTrack, PointFile
 from humanoid.support.errors import InputError, shown
 
@@ -30,14 +31,30 @@ def merged(files: Sequence[PointFile], up: str | None) -> MarkerTrack:
                     file.path, f"the point {shown(twice)} is in {before.path.name}, too", remedy="drop one"
                 )
     notes = [note for file in files for note in file.notes]
-    axes = [up or file.up for file in files]
-    if None in axes:
-        unsaid = files[axes.index(None)]
-        raise InputError(unsaid.path, "does not say which axis points up", remedy="--up x, y or z says it, or -z")
-    points = [file.points @ upright_world(axis or "z").T for file, axis in zip(files, axes, strict=True)]
+    axes, told = _axes(files, up)
+    points = [file.points @ upright_world(axis).T for file, axis in zip(files, axes, strict=True)]
     names = tuple(name for file in files for name in file.names)
     source = ", ".join(file.path.name for file in files)
-    return MarkerTrack(names, np.concatenate(points, axis=1), first.time, source, tuple(notes))
+    return MarkerTrack(names, np.concatenate(points, axis=1), first.time, source, (*notes, *told))
+
+
+def _axes(files: Sequence[PointFile], up: str | None) -> tuple[list[str], tuple[str, ...]]:
+    """The axis of every file that points up, and notes: what a file does not say its motion may; else InputError."""
+    if up is not None:
+        return [up] * len(files), ()
+    unsaid = [file for file in files if file.up is None]
+    notes = tuple(
+        f"{file.path.name}: {file.up} is taken to point up, but the body moves as if {moves} did: --up says which"
+        for file in files
+        if file.up is not None and (moves := up_by_motion(file.points, file.time)) not in (None, file.up)
+    )
+    told = up_by_motion(np.concatenate([file.points for file in unsaid], axis=1), files[0].time) if unsaid else None
+    if unsaid and told is None:
+        problem = "does not say which axis points up, and its motion leaves it open"
+        raise InputError(unsaid[0].path, problem, remedy="--up x, y or z says it, or -z")
+    if told is not None:
+        notes += (f"{unsaid[0].path.name} does not say which axis points up: {told}, by its motion; --up says another",)
+    return [file.up or told or "z" for file in files], notes
 
 
 def _check_instants(first: PointFile, other: PointFile) -> None:

@@ -1,0 +1,54 @@
+"""Which axis points up, by how a person stands and walks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.data.cameras.camera import UPS, axis_of
+
+_TALLER = 1.4  # extent along the axis over that along the others
+_STEADY = 0.9  # of frames in which it is the longest
+_STILLER = 0.5  # speed of the planted end over that of the other
+_SEEN = 0.5  # of the points that a frame needs
+_END = 0.25  # of the extent that counts as an end
+_FASTER = 0.05  # [m/s] that the upper end has to move at
+
+
+def up_by_motion(points: np.ndarray, time: np.ndarray) -> str | None:
+    """The axis, one of `UPS`, that points up in points (T, M, 3) [m] of somebody upright; None where it is not clear.
+
+    The body is longest along it in nearly all frames, and at its lower end some point stands still while the upper end
+    moves, as feet do on a floor. Who lies, spreads the arms or does not move leaves it open.
+    """
+    seen = np.isfinite(points).all(axis=2)
+    enough = seen.mean(axis=1) >= _SEEN * seen.mean(axis=1).max(initial=0.0)
+    usable = enough & (seen.sum(axis=1) >= 4)
+    if usable.sum() < 3:
+        return None
+    chosen = points[usable]
+    extent = np.nanmax(chosen, axis=1) - np.nanmin(chosen, axis=1)
+    order = np.argsort(np.median(extent, axis=0))
+    longest, next_longest = np.median(extent, axis=0)[order[[2, 1]]]
+    if longest < _TALLER * next_longest or (np.argmax(extent, axis=1) == order[2]).mean() < _STEADY:
+        return None
+    low, high = (_end_speed(points, usable, time, sign * axis_of("xyz"[order[2]])) for sign in (1.0, -1.0))
+    slow, fast = sorted((low, high))
+    if not (fast > _FASTER and slow < _STILLER * fast):
+        return None
+    name = "xyz"[order[2]]
+    return UPS[UPS.index(name if low < high else f"-{name}")]
+
+
+def _end_speed(points: np.ndarray, usable: np.ndarray, time: np.ndarray, up: np.ndarray) -> float:
+    """How fast the stillest point of the lower end moves [m/s], as a root mean square over the file."""
+    height = points @ up
+    low, high = (pick(height[usable], axis=1)[:, None] for pick in (np.nanmin, np.nanmax))
+    at_end = height[usable] <= low + _END * (high - low)
+    step = max(1, round(0.05 / float(np.median(np.diff(time))))) if len(time) > 1 else 1
+    speed = np.full(points.shape[:2], np.nan)
+    if len(points) > step:
+        moved = np.linalg.norm(points[step:] - points[:-step], axis=2)
+        speed[: len(moved)] = moved / (time[step:] - time[:-step])[:, None]
+    stillest = np.where(at_end & np.isfinite(speed[usable]), speed[usable], np.inf).min(axis=1)
+    stillest = stillest[np.isfinite(stillest)]
+    return float(np.sqrt(np.mean(stillest**2))) if len(stillest) else np.inf
