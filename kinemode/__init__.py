@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from kinemode.public.detection import detect
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
+    from kinemode.public.markers import marker_start
     from kinemode.public.results import contact, evaluate, export, gait, open_run, overlay, plot, report, samples, view
     from kinemode.public.rigs import calibrate_from_person, check_cameras
     from kinemode.public.stepping import Tracker
@@ -72,6 +73,7 @@ _MODULES = {
     "fit": "kinemode.public.tracking",
     "gait": "kinemode.public.results",
     "landmark_start": "kinemode.public.landmarks",
+    "marker_start": "kinemode.public.markers",
     "live": "kinemode.public.live",
     "load_cameras": "estimator.data.formats.cameras",
     "load_keypoints": "estimator.data.formats.keypoints",
@@ -128,6 +130,7 @@ __all__ = [
     "load_keypoints",
     "load_subject",
     "make_manifest",
+    "marker_start",
     "open_run",
     "overlay",
     "plot",

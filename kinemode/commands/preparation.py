@@ -308,8 +308,14 @@ def settings(*, tracker: str = "css", out: Path | None = None) -> None:
         print(write_settings(out, tracker))
 
 
-def subjects(*, landmarks: str | None = None, out: Path | None = None) -> None:
-    """List the subjects that have a name, or begin a landmark file for a URDF.
+def subjects(
+    *,
+    landmarks: str | None = None,
+    markers: Path | None = None,
+    set_: Annotated[str | None, Parameter(name="--set")] = None,
+    out: Path | None = None,
+) -> None:
+    """List the subjects that have a name, or begin a landmark file for a URDF, or a set of markers for a laboratory.
 
     Any other URDF is loaded by its path; its landmarks stand in NAME.landmarks.toml next to NAME.urdf. The file that is
     begun loads as it is: a landmark at every joint, under COCO's names where the links' names tell a person's joints,
@@ -321,17 +327,27 @@ def subjects(*, landmarks: str | None = None, out: Path | None = None) -> None:
 
     kinemode subjects --landmarks robot.urdf --out robot.landmarks.toml
 
+    kinemode subjects --markers walk.trc --out markers.toml
+
     Parameters
     ----------
     landmarks
         A URDF, by path or by name: print the beginning of its landmark file.
+    markers
+        A file of points (.trc, .c3d, .npz, .csv): print the beginning of a set of markers with its names. Those that a
+        built-in set knows have their places, the others wait in comments for theirs.
+    set_
+        The set whose places go before those of the others: a built-in one, or a file.
     out
         Write it here instead; a file that is there is left alone.
     """
-    if landmarks is not None:
+    if landmarks is not None or markers is not None:
         import kinemode as km
 
-        text = km.landmark_start(landmarks, out=out)
+        if landmarks is not None and markers is not None:
+            raise km.InputError("--markers", "begins another file than --landmarks", remedy="give one of them")
+        begun = km.landmark_start(landmarks, out=out) if landmarks is not None else None
+        text = begun if begun is not None else km.marker_start(markers or "", begin=set_, out=out)
         print(out if out is not None else text, end="\n" if out is not None else "")
         return
     from kinemode.terminal import report

@@ -60,6 +60,17 @@ def load_points(
     return track._replace(notes=(*track.notes, *notes))
 
 
+def point_names(path: str | Path) -> tuple[str, ...]:
+    """The names of a file's points, as `load_points` has them, whatever its unit and axes are; raises InputError as
+    that does."""
+    names = [name for name in read_points(Path(path), "m").names if not is_unnamed(name)]
+    if not names:
+        raise InputError(path, "has no points with a name")
+    own = of_one_person(path, names)
+    check_names(path, own)
+    return own
+
+
 def _checked(said: Said) -> Said:
     """Options that can be."""
     if said.up is not None and said.up not in UPS:
