@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from random import Random
 
@@ -161,7 +161,7 @@ READERS = {
     "angles": Reader("text", Reference.load, 0.02),
     "c3d": Reader("binary", Reference.load, 0.03),
     "points trc": Reader("text", load_points, 0.02),
-    "points c3d": Reader("binary", load_points, 0.02),
+    "points c3d": Reader("binary", partial(load_points, up="z"), 0.02),
     "points npz": Reader("npz", load_points, 0.02),
     "points csv": Reader("text", load_points, 0.02),
     "urdf": Reader("text", _body, 0.008),
