@@ -22,6 +22,7 @@ from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
+from estimator.tracking.fitting.markers import fit_markers
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into, stored_state
@@ -167,6 +168,9 @@ def _fitted(
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
             return stored.subject, known, ()  # fitted when the run began
+    if inputs.observations[0].markers is not None:
+        fit = fit_markers(subject, inputs.observations, seed=job.seed, track_settings=job.settings)
+        return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes
     shown = cues if job.fit == "auto" else None
     fit = person.fit_person(
         subject,
@@ -362,6 +366,7 @@ def _header(
         },
         R_upright_given=inputs.R_upright_given,
         floor=inputs.floor,
+        points=tuple(os.path.abspath(path) for path in inputs.points),
     )
 
 

@@ -21,6 +21,7 @@ from tests.tiny_clip import FEW_STARTS
 FEW: dict[str, dict[str, object]] = {
     "css": {"samples": 4, "budget": {"searches": 12}},
     "single_mode": {},
+    "markers": {"samples": 4},
     "condensation": {"particles": 60},
     "annealed": {"layers": 4, "particles": 40},
     "multiple_hypothesis": {"starts": 4},

@@ -47,6 +47,8 @@ class Observation:
     standing (L,): probability that a landmark has not moved in the last moments (`estimator.data.standing`); None where
         that was not asked.
     lifted: the pose in space that the keypoint file has beside the keypoints of the only camera; None without.
+    markers (M, 3): where the body's markers were measured, in the world [m], NaN where missing; None where none are
+        given.
     """
 
     index: int
@@ -61,11 +63,19 @@ class Observation:
     spread: np.ndarray | None = None
     standing: np.ndarray | None = None
     lifted: LiftedPose | None = None
+    markers: np.ndarray | None = None
 
     @property
     def count(self) -> int:
         """How many keypoints there are, over all cameras."""
         return int(np.count_nonzero(self.confidence > 0.0))
+
+    @property
+    def known_markers(self) -> np.ndarray:
+        """Numbers of the markers that were measured."""
+        if self.markers is None:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(np.isfinite(self.markers).all(axis=1))
 
     @property
     def known_pixels(self) -> np.ndarray:

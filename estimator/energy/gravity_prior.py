@@ -61,8 +61,11 @@ class GravityPrior(BatchTerm):
 def world_up(cameras: Sequence[Camera]) -> np.ndarray:
     """The axis of the world, one of +-x, +-y, +-z, nearest to the cameras' mean upward direction, (3,).
 
-    Worlds have z up, or y up, or are a camera's own with y down; cameras are held more or less level.
+    Worlds have z up, or y up, or are a camera's own with y down; cameras are held more or less level. Without cameras
+    it is z: points in space are read so.
     """
+    if not cameras:
+        return np.array([0.0, 0.0, 1.0])
     upward = -np.sum([c.R_camera_world[1] for c in cameras], axis=0)
     axis = np.zeros(3)
     k = int(np.argmax(np.abs(upward)))

@@ -57,12 +57,14 @@ class PointTargets(BatchTerm):
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
-        value: float = target_loads(
-            posed.placements, self._joint, self._local, self._target, self._precision, self._weight, self._kind,
-            self._nu, exact, self._loaded.points, self._loaded.force, self._loaded.weight,
-        )  # fmt: skip
+        value = self._load(posed, exact)
         accumulate_points(self._body, posed, self._loaded, gradient, hessian, exact)
         return value
+
+    def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (N, 3) [1/m] and Gauss-Newton Hessian (N, 3, 3) of the value with respect to each point."""
+        self._load(posed, False)
+        return self._loaded.force.copy(), self._loaded.weight.copy()
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
@@ -72,6 +74,13 @@ class PointTargets(BatchTerm):
             self._nu, values,
         )  # fmt: skip
         return values
+
+    def _load(self, posed: PosedBody, exact: bool) -> float:
+        value: float = target_loads(
+            posed.placements, self._joint, self._local, self._target, self._precision, self._weight, self._kind,
+            self._nu, exact, self._loaded.points, self._loaded.force, self._loaded.weight,
+        )  # fmt: skip
+        return value
 
 
 def _sized(name: str, given: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.numerics.typical import typical_distance
+from estimator.runs.marker_residuals import marker_residuals
 from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -51,6 +52,14 @@ class Far(NamedTuple):
     deviations: float
 
 
+class FarMarker(NamedTuple):
+    """A marker far from its place on the body: median over the frames in metres and in standard deviations."""
+
+    marker: str
+    apart: float
+    deviations: float
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """What contradicts subject or input; empty for a good run.
@@ -58,6 +67,7 @@ class Diagnosis:
     frame: the one that was looked at, None for the whole run. resting, far: worst first.
     cameras: in which most landmarks are far, with the median distance in standard deviations.
     exchanged: share of the frames whose keypoints were taken with left and right exchanged, 0 unless of most.
+    far_markers: worst first.
     """
 
     frame: int | None
@@ -65,6 +75,7 @@ class Diagnosis:
     far: tuple[Far, ...]
     cameras: tuple[tuple[str, float], ...]
     exchanged: float
+    far_markers: tuple[FarMarker, ...] = ()
 
     @property
     def contradicts_input(self) -> bool:
@@ -100,6 +111,12 @@ class Diagnosis:
                 f"left and right of the keypoints are exchanged in {self.exchanged:.0%} of the frames: check which side"
                 " is which in the subject's landmarks and in the keypoints"
             )
+        if self.far_markers:
+            markers = [f"{f.marker} ({1e3 * f.apart:.0f} mm)" for f in self.far_markers]
+            findings.append(
+                f"markers that lie far from their places on the body {self._when}: {_few(markers)}. Check the set of"
+                " markers, and the labels of left and right"
+            )
         return tuple(findings)
 
     @property
@@ -120,7 +137,8 @@ def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited:
     exchanged = float(np.mean(_associations(run)[rows] == EXCHANGED)) if frame is None else 0.0
     resting = _resting(run, rows) if limited else ()
     far, cameras = _far(run, cost, rows)
-    return Diagnosis(frame, resting, far, cameras, exchanged if exchanged > MOST else 0.0)
+    exchanged = exchanged if exchanged > MOST else 0.0
+    return Diagnosis(frame, resting, far, cameras, exchanged, _far_markers(run, cost, rows))
 
 
 def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
@@ -130,7 +148,7 @@ def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
     the keypoints fit.
     """
     rows = np.flatnonzero((run.status == TRACKED) & np.isfinite(run.q).all(axis=1))
-    if not len(rows) or not len(run.pixels):
+    if not len(rows) or not run.header.cameras or not len(run.pixels):
         return ()
     _, deviations = _distances(run, cost, rows)
     seen = np.isfinite(deviations).sum(axis=(1, 2))
@@ -182,7 +200,9 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[JointAtLimit, ...]:
 
 def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...], tuple[tuple[str, float], ...]]:
     """Landmarks far from their keypoints, and cameras in which most are."""
-    if not len(run.pixels):  # runs of the library alone may have been written without keypoints
+    if not run.header.cameras or not len(
+        run.pixels
+    ):  # runs of the library alone may have been written without keypoints
         return (), ()
     fewest = min(FEWEST, len(rows))
     pixels, deviations = _distances(run, cost, _sampled(rows))
@@ -198,6 +218,19 @@ def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...
         else:
             far_landmarks += [Far(run.body.landmark_names[k], camera.name, *map(float, medians[k])) for k in far]
     return tuple(sorted(far_landmarks, key=lambda f: -f.deviations)), tuple(cameras)
+
+
+def _far_markers(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[FarMarker, ...]:
+    residuals = marker_residuals(run, cost.marker_noise)
+    if residuals is None:
+        return ()
+    own = residuals._replace(apart=residuals.apart[rows])
+    far = [
+        FarMarker(name, float(apart), float(apart / std))
+        for name, apart, std in zip(own.names, own.median, own.std, strict=True)
+        if apart > FAR * std
+    ]
+    return tuple(sorted(far, key=lambda f: -f.deviations))
 
 
 def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -39,6 +39,7 @@ _VELOCITY = {"velocity": RESULT_FIELDS["velocity"]}  # runs made before it was k
 _ORIGINS = {PREFIX + name: field for name, field in ORIGIN_FIELDS.items()}
 _ESTIMATE = {"estimate_q": Field("f", ("nq",)), "estimate_covariance": Field("f", ("nv", "nv"))}
 _LIFTED = {"lifted": Field("f", ("L", "3"), finite=False), "lifted_share": Field("f")}
+_MARKERS = {"markers": Field("f", ("M", "3"), finite=False)}
 _OBSERVATION = {
     "pixels": Field("f", ("C", "L", "2"), finite=False),
     "confidence": Field("f", ("C", "L")),
@@ -132,6 +133,10 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
         check_arrays(arrays, _LIFTED, {"L": len(body.landmark_names), "3": 3})
         if np.isinf(arrays["lifted"]).any() or not 0.0 <= arrays["lifted_share"] <= 1.0:
             raise DamageError("lifted has numbers that cannot be")
+    if "markers" in arrays:
+        check_arrays(arrays, _MARKERS, {"M": len(body.marker_names), "3": 3})
+        if np.isinf(arrays["markers"]).any():
+            raise DamageError("markers are infinite")
 
 
 def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:

@@ -196,4 +196,5 @@ class RunWriter:
 def _knowledge_of(o: Observation) -> dict[str, np.ndarray]:
     estimate, lifted = o.estimate, o.lifted
     arrays = {} if estimate is None else {"estimate_q": estimate.q, "estimate_covariance": estimate.covariance}
-    return arrays if lifted is None else {**arrays, "lifted": lifted.points, "lifted_share": np.array(lifted.share)}
+    arrays |= {} if lifted is None else {"lifted": lifted.points, "lifted_share": np.array(lifted.share)}
+    return arrays if o.markers is None else {**arrays, "markers": o.markers}

@@ -36,7 +36,8 @@ class RunHeader:
     depth pictures.
     R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
     world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
-    floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet.
+    floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet. points: paths of the
+    files of points in space, in place of cameras; none where cameras see the body.
     """
 
     subject_urdf: str
@@ -61,6 +62,7 @@ class RunHeader:
     R_upright_given: np.ndarray | None = None
     contradicted: tuple[int, ...] = ()
     floor: KnownFloor = None
+    points: tuple[str, ...] = ()
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""
@@ -125,6 +127,7 @@ class RunHeader:
         if self.contradicted:
             extra[_CONTRADICTED] = list(self.contradicted)
         extra |= {} if self.R_upright_given is None else {_TURN: self.R_upright_given.tolist()}
+        extra |= {_POINTS: list(self.points)} if self.points else {}
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -142,11 +145,14 @@ class RunHeader:
                 raise
             raise InputError(source, "is damaged: its header is not JSON") from None
         cameras = entries.list("cameras")
+        points = entries.texts(_POINTS) if _POINTS in entries.value else ()
         return RunHeader(
             subject_urdf=entries.text("subject"),
             subject_source=entries.text("subject_source"),
             subject_base=entries.text("base", ("free", "fixed")),
-            cameras=entries.distinct(camera_from_json(c, source, f"cameras[{i}]") for i, c in enumerate(cameras)),
+            cameras=entries.distinct(
+                (camera_from_json(c, source, f"cameras[{i}]") for i, c in enumerate(cameras)), needed=not points
+            ),
             clips=entries.paths("clips", missing=True),
             image_sizes={
                 name: image_size(size, source, f"image sizes, {name}")
@@ -168,6 +174,7 @@ class RunHeader:
             R_upright_given=entries.turn(_TURN) if _TURN in entries.value else None,
             contradicted=entries.rows(_CONTRADICTED) if _CONTRADICTED in entries.value else (),
             floor=entries.floor(_FLOOR) if _FLOOR in entries.value else None,
+            points=points,
         )
 
 
@@ -181,7 +188,7 @@ def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int
     return json.dumps(values)
 
 
-_TURN, _CONTRADICTED, _FLOOR = "turn to upright", "contradicted frames", "floor"
+_TURN, _CONTRADICTED, _FLOOR, _POINTS = "turn to upright", "contradicted frames", "floor", "points"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
@@ -265,8 +272,8 @@ class _Entries:
             raise InputError(self.source, "is damaged: a whole number from 0 is needed", place=key)
         return seed
 
-    def distinct(self, cameras: Iterable[Camera]) -> tuple[Camera, ...]:
+    def distinct(self, cameras: Iterable[Camera], *, needed: bool) -> tuple[Camera, ...]:
         distinct = tuple(cameras)
-        if not distinct or len({camera.name for camera in distinct}) < len(distinct):
+        if (needed and not distinct) or len({camera.name for camera in distinct}) < len(distinct):
             raise InputError(self.source, "is damaged: cameras of different names are needed", place="cameras")
         return distinct

@@ -176,7 +176,7 @@ class Run(Summarised):
         estimate = PoseEstimate(a["estimate_q"], a["estimate_covariance"]) if "estimate_q" in a else None
         seen = Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
         lifted = LiftedPose(a["lifted"], float(a["lifted_share"])) if "lifted" in a else None
-        return replace(seen, estimate=estimate, lifted=lifted)
+        return replace(seen, estimate=estimate, lifted=lifted, markers=a.get("markers"))
 
     @property
     def estimates(self) -> dict[int, PoseEstimate] | None:
@@ -478,6 +478,16 @@ class Run(Summarised):
     def confidence(self) -> np.ndarray:
         """(planned T, C, L) of `pixels`."""
         return self._keypoints[1]
+
+    @cached_property
+    def markers(self) -> np.ndarray | None:
+        """(planned T, M, 3) where the subject's markers were measured, in the world [m], NaN where missing; None of a
+        run without."""
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
+        frames = [self._keypoints_of(data, i).get("markers") for i, (data,) in enumerate(rows)]
+        measured = [frame for frame in frames if frame is not None]
+        return np.array(measured) if measured and len(measured) == len(frames) else None
 
     def _padded(self, name: str) -> np.ndarray:
         """An array of the hypotheses over all frames."""

@@ -13,6 +13,7 @@ from estimator.data.observation import Observation, image_extent
 from estimator.energy.gravity_prior import world_up
 from estimator.energy.level_feet import LevelFeet, Soles
 from estimator.energy.lifted import lifted_directions
+from estimator.energy.marker_targets import marker_targets
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Transition
@@ -61,12 +62,13 @@ class CostModel:
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
-        """The keypoint term of a frame, and beside it those of the pose that was lifted with them and of the feet that
-        stand."""
+        """The keypoint term of a frame, and beside it those of the pose that was lifted with them, of the feet that
+        stand and of the markers."""
         s, sigma = self.settings, self.keypoint_sigma(observation)
         beside: list[Term] = [
             *lifted_directions(self.body, observation, s.lifted_weight),
             *self._level_feet(observation),
+            *marker_targets(self.body, observation, s.marker_noise, s.marker_nu),
         ]
         return Reprojection(self.body, observation, sigma, s.potential, s.nu, beside)
 
@@ -78,7 +80,7 @@ class CostModel:
         pixels = [c.camera.project(points) for c in observation.cues]
         # landmarks behind a camera have no place in its image
         extents = [image_extent(p, np.isfinite(p).all(axis=1).astype(np.float64)) for p in pixels]
-        detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
+        detected = detected_share(observation)
         return ImageLikelihood.of(self.image, observation.cues, extents, detected)
 
     @property
@@ -132,7 +134,8 @@ class CostModel:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
-            terms = [observed, *terms, *self._by_cameras(observed.cameras), *observed.beside]
+            keypoints = [observed] if observed.cameras else []
+            terms = [*keypoints, *terms, *self._by_cameras(observed.cameras), *observed.beside]
         if q_previous is not None:
             terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)
@@ -170,6 +173,11 @@ class CostModel:
             * per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed)
             * max(dt, SHORTEST_STEP)
         )
+
+
+def detected_share(observation: Observation) -> float:
+    """How much of a person the detector has found in a frame, 0 to 1; 0 without cameras."""
+    return min(1.0, observation.count / (ALL_DETECTED * max(1, len(observation.cameras))))
 
 
 def quickness_of(body: Body) -> np.ndarray:

@@ -37,6 +37,8 @@ class CostSettings:
     lifted_weight: how much the directions of bones count that a network has lifted from one camera's picture, where the
         keypoint file has them (`estimator.energy.lifted`), 0 not at all; of successive frames one in 0.3 s counts.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
+    marker_noise [m]: standard deviation of where a marker is measured, beside how unsure its place on the body is;
+        marker_nu: of the Lorentzian whose long tails let outliers be.
     terms: of kinds of terms that plugins have registered, by name.
     """
 
@@ -62,4 +64,6 @@ class CostSettings:
     standing_tilt: float = setting(0.1, above=0)
     lifted_weight: float = setting(0.3, at_least=0)
     exchange_penalty: float = setting(3.0, at_least=0)
+    marker_noise: float = setting(0.005, above=0)
+    marker_nu: float = setting(4.0, above=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

@@ -10,10 +10,11 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_modes
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
+from estimator.search.marker_starts import marker_starts
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.search.settings import BY_INDEX
-from estimator.search.views import view_sphere
+from estimator.search.views import random_configuration, view_sphere
 from humanoid.kinematics.body import Body
 
 RANDOM_STARTS = 24
@@ -59,6 +60,8 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
 
 
 def _starts(body: Body, rng: np.random.Generator, observation: Observation) -> list[np.ndarray]:
+    if observation.markers is not None and len(observation.known_markers):
+        return marker_starts(rng, body, observation.markers)
     if body.has_free_root:
         return view_sphere(body, body.neutral, observation)
     return [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
@@ -82,11 +85,3 @@ def _samples(
         proposal = CovarianceScaledProposal(search.body, mode.q, mode.covariance, SCALE)
         samples += [Hypothesis(proposal.sample(rng), names.index(mode.association)) for _ in range(drawn)]
     return samples
-
-
-def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:
-    """Neutral configuration (nq,) with every limited joint drawn evenly between its limits."""
-    q = body.neutral.copy()
-    i = body.bounded_q
-    q[i] = rng.uniform(body.lower[i], body.upper[i])
-    return q

@@ -121,8 +121,13 @@ class ModeSearch:
         search all candidates to convergence, not only the best distinct ones.
         """
         kept = explored if every else self.distinct(explored, count + self.settings.spare)
-        refined = self.refined(kept, case)
-        best = self.distinct(self.apart(refined), count)
+        return self.mixture(self.refined(kept, case), case, count, rng)
+
+    def mixture(
+        self, refined: Sequence[Refined], case: FrameProblem, count: int, rng: np.random.Generator | None = None
+    ) -> Mixture:
+        """The `count` best distinct modes of those that were searched to convergence, see `best_of`."""
+        best = self.distinct(self.apart(list(refined)), count)
         scores = np.array([r.score for r in best]) + self.log_volumes(best, case, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
 

@@ -98,3 +98,11 @@ def with_root(q: np.ndarray, R_world_root: np.ndarray, p_world: np.ndarray) -> n
     q[ROOT_PLACE_Q] = p_world
     q[ROOT_TURN_Q] = pin.Quaternion(R_world_root).normalized().coeffs()
     return q
+
+
+def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:
+    """Neutral configuration (nq,) with every limited joint drawn evenly between its limits."""
+    q = body.neutral.copy()
+    i = body.bounded_q
+    q[i] = rng.uniform(body.lower[i], body.upper[i])
+    return q

@@ -12,8 +12,8 @@ MIN_KEYPOINTS = 4  # fewer say nothing worth a search
 
 
 def enough_keypoints(observation: Observation) -> bool:
-    """Whether a frame has enough keypoints for a pose."""
-    return observation.count >= MIN_KEYPOINTS
+    """Whether a frame has enough keypoints, or markers, for a pose."""
+    return observation.count + len(observation.known_markers) >= MIN_KEYPOINTS
 
 
 def observable(observation: Observation) -> bool:

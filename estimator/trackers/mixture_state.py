@@ -20,6 +20,7 @@ from estimator.data.formats.checked_arrays import (
 )
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import ITERATIONS, StepCounts
+from estimator.energy.marker_targets import marker_distances
 from estimator.inference.mixture import MODE_FIELDS, Mixture, mode_arrays, modes_of
 from estimator.inference.origin import Family, Origins
 from estimator.search.mode_search import ModeSearch
@@ -96,12 +97,14 @@ def predict_unobserved(
 
 
 def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, association: str) -> float:
-    """The least share of the keypoints in an association (its name), or of what a cue sees in some camera, that is
-    explained by a pose q (nq,); 0 where nothing is seen."""
+    """The least share of the keypoints in an association (its name), of the markers, or of what a cue sees in some
+    camera, that is explained by a pose q (nq,); 0 where nothing is seen."""
     posed = search.body.at(q)
-    distances = search.term(observation, association).distances(posed)
+    distances = search.term(observation, association).distances(posed) if observation.count else np.zeros(0)
     seen = distances[~np.isnan(distances)]
     shares = [float(np.mean(seen < FAR))] if seen.size else []
+    off = marker_distances(posed, search.body, observation, search.model.settings.marker_noise)
+    shares += [float(np.mean(off < FAR))] if off.size else []
     return min([*shares, *search.model.likelihood(observation, posed).agreement(posed)], default=0.0)
 
 

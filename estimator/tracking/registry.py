@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from estimator.trackers import markers
 from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.baselines import annealed, condensation, multiple_hypothesis, single_mode
 from estimator.trackers.css import css_dual
@@ -50,6 +51,7 @@ TRACKERS: Registry[Spec] = Registry(
         loose_limbed.SPEC,
         *dual_chain.SPECS,
         css_dual.SPEC,
+        markers.SPEC,
     ),
     _check,
 )

@@ -257,13 +257,21 @@ class Body(Summarised):
         """Landmarks of N configurations in the world [m], (N, L, 3); each as `landmarks` has them, to the last bit."""
         return points_of_each(placed, self.landmark_joint, self.landmark_local)
 
+    def markers_of(self, placed: PlacedBodies) -> np.ndarray:
+        """Places of the markers of N configurations in the world [m], (N, M, 3)."""
+        return points_of_each(placed, self.marker_joint, self.marker_local)
+
     def landmark_jacobians(self, posed: PosedBody, some: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], or of some by their numbers, world frame, (L, 3, nv)."""
+        return self.point_jacobians(posed, self.landmark_joint[some], self.landmarks(posed)[some])
+
+    def point_jacobians(self, posed: PosedBody, joints: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Derivative [m per unit of v] of points (N, 3) in the world [m] that are fixed to joints (N,), world frame,
+        (N, 3, nv)."""
         vx, vy, vz, wx, wy, wz = posed.spatial_jacobian.T
-        x, y, z = self.landmarks(posed)[some].T[:, :, None]
+        x, y, z = points.T[:, :, None]
         velocity = np.stack([vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x)], axis=1)
-        moved = self.column_support[self.landmark_joint[some]]
-        return self.collected(np.where(moved[:, None, :], velocity, 0.0))
+        return self.collected(np.where(self.column_support[joints][:, None, :], velocity, 0.0))
 
     def collected(self, columns: np.ndarray) -> np.ndarray:
         """What belongs to the columns of the spatial Jacobian (..., nc) by degree of freedom, (..., nv): sums, of

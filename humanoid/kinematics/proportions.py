@@ -16,7 +16,8 @@ class ProportionedBody:
     read off subjects scaled by one proportion each.
 
     base: the body at scales of 1. names (P): the proportions, by joint. mean, std, low, high (P,):
-    prior and hard range (CSS 3.2.1, 3.2.3). part_slope (P, B, 3): how the frames of the parts' links move in those of
+    prior and hard range (CSS 3.2.1, 3.2.3). marker_slope (P, M, 3): how markers move in the frames of their joints [m]
+    with each scale. part_slope (P, B, 3): how the frames of the parts' links move in those of
     their joints [m].
     """
 
@@ -31,6 +32,7 @@ class ProportionedBody:
         self._joints = _joint_translations(self.base.model)
         self._joint_slope = np.zeros((len(proportions), self.base.njoints, 3))
         self._landmark_slope = np.zeros((len(proportions), len(self.base.landmark_names), 3))
+        self.marker_slope = np.zeros((len(proportions), len(self.base.marker_names), 3))
         links = [(flesh.link, (0.0, 0.0, 0.0)) for flesh in subject.flesh]
         at_rest = points_on_links(self.base.model, links)[1]
         self.part_slope = np.zeros((len(proportions), len(links), 3))
@@ -39,6 +41,7 @@ class ProportionedBody:
             other = Body(subject.scaled({p.joint: p.scale_max}))
             self._joint_slope[k] = (_joint_translations(other.model) - self._joints) / step
             self._landmark_slope[k] = (other.landmark_local - self.base.landmark_local) / step
+            self.marker_slope[k] = (other.marker_local - self.base.marker_local) / step
             self.part_slope[k] = (points_on_links(other.model, links)[1] - at_rest) / step
         self._carried = _path_to_root(self.base)
 
@@ -51,6 +54,7 @@ class ProportionedBody:
             model.jointPlacements[j] = pin.SE3(model.jointPlacements[j].rotation, translations[j])
         body = Body(self.base.subject, model)
         body.landmark_local = self.base.landmark_local + np.einsum("p,plk->lk", change, self._landmark_slope)
+        body.marker_local = self.base.marker_local + np.einsum("p,pmk->mk", change, self.marker_slope)
         return body
 
     def landmark_derivatives(self, posed: PosedBody) -> np.ndarray:

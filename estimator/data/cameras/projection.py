@@ -23,6 +23,8 @@ MIN_DEPTH = 0.05  # m in front of a camera; nearer landmarks have no projection:
 def pack_cameras(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The arrays of several cameras: intrinsics (C, 5), distortion (C, 5), (C, 1, 22) or (C, 1, 1, 22), R (C, 3, 3),
     t (C, 3)."""
+    if not cameras:
+        return np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 3, 3)), np.zeros((0, 3))
     intrinsics, lenses, R, t = zip(*(c.arrays for c in cameras), strict=True)
     return np.array(intrinsics), of_one_size(list(lenses)), np.array(R), np.array(t)
 

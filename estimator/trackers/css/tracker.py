@@ -15,7 +15,7 @@ from estimator.energy.descent.solution import StepCounts
 from estimator.inference.merge import bhattacharyya
 from estimator.inference.mixture import Mixture, mixture_of
 from estimator.inference.origin import Family
-from estimator.search.cost_model import ALL_DETECTED
+from estimator.search.cost_model import detected_share
 from estimator.search.examples.person_seen import can_look_up
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
@@ -100,7 +100,7 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
 
     def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings
-        seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
+        seen = detected_share(observation)
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
             Source(s.swapped_readings, proposals.other_associations),

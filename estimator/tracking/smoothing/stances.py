@@ -57,7 +57,7 @@ class Stances(NamedTuple):
         landmarks = body.landmarks_of(body.placed(q))
         points = landmarks[:, feet.landmark]
         times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
-        every = np.array([np.isfinite(o.known_pixels).all(axis=2).any(axis=0) for o in observations])
+        every = np.array([_seen(body, o) for o in observations])
         seen = every[:, feet.landmark]
         standing, floor = feet.contact(points, times, up, known, seen)
         places, weight = held_places(points, standing, seen, times)
@@ -91,6 +91,12 @@ class Stances(NamedTuple):
                 cost = cost.plus([pull])
             result.append(cost)
         return result
+
+
+def _seen(body: Body, observation: Observation) -> np.ndarray:
+    """Which landmarks (L,) a camera sees, or have a marker on the same joint."""
+    by_cameras = np.isfinite(observation.known_pixels).all(axis=2).any(axis=0)
+    return np.asarray(by_cameras | np.isin(body.landmark_joint, body.marker_joint[observation.known_markers]))
 
 
 def held_places(

@@ -1,0 +1,124 @@
+"""A tracker of markers: a descent or two where they say enough, a search of many where they do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.descent.solution import ITERATIONS, StepCounts
+from estimator.inference.mixture import Mixture
+from estimator.inference.origin import Family, Origin, PreviousPose
+from estimator.search.first_pose import start_modes
+from estimator.search.frame_search import FrameProblem
+from estimator.search.hypothesis import Candidate, Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.search.proposals import CovarianceScaledProposal
+from estimator.trackers.defaults import NO_CAPTURE
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import (
+    CarriesMixture,
+    MixtureState,
+    agreement,
+    classify_frame,
+    predict_unobserved,
+    search_counts,
+)
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from humanoid.support.settings import setting
+
+_LEAST = 1e-300  # weight of a parent
+
+
+@dataclass(frozen=True)
+class MarkerTrackerSettings:
+    """modes: hypotheses kept, where a frame leaves several. sure: share of a frame's markers that a pose has to explain
+    for its descent to be the last; seen: share of the body's markers that have to be there. samples: poses that are
+    searched besides where one of them is less, drawn about the best by its covariance times `scale`.
+    """
+
+    modes: int = setting(4, at_least=1)
+    sure: float = setting(0.75, at_least=0, at_most=1)
+    seen: float = setting(0.5, at_least=0, at_most=1)
+    samples: int = setting(16, at_least=0)
+    scale: float = setting(8.0, above=0)
+
+
+class MarkerTracker(Initialisation, CarriesMixture):
+    """Every hypothesis is searched from where its velocity takes it. Where that explains too few of the markers, or too
+    few are seen, it is searched from where it was, too, and so are samples about the best. Tells its `searches` and
+    steps (see `search_counts`)."""
+
+    def __init__(self, search: ModeSearch, settings: MarkerTrackerSettings | None = None) -> None:
+        self.search = search
+        self.body = search.body
+        self.settings = settings or MarkerTrackerSettings()
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
+        """See `estimator.trackers.base.TrackerProtocol`."""
+        modes = self.settings.modes
+        return classify_frame(self.search, observation, start_modes(self.search, rng, observation, modes))
+
+    def step(
+        self, rng: np.random.Generator, state: MixtureState, observation: Observation
+    ) -> tuple[MixtureState, FrameResult]:
+        """See `estimator.trackers.base.TrackerProtocol`."""
+        search, elapsed = self.search, observation.time - state.time
+        if not observable(observation):
+            return predict_unobserved(search, state.mixture, elapsed, observation)
+        likelihood = search.likelihood(observation, state.mixture.modes[0].q)
+        case = FrameProblem(search.associations(observation), elapsed, likelihood)
+        before = search.steps
+        starts, others = self._starts(state.mixture, elapsed)
+        counts = {Family.KEPT: len(starts), Family.SAMPLE: 0}
+        refined = search.refined([_as_it_is(h) for h in starts], case)
+        mixture = search.mixture(refined, case, self.settings.modes, rng)
+        if not self._sure(observation, mixture):
+            more = [*others, *self._samples(rng, mixture)]
+            counts = {Family.KEPT: len(starts) + len(others), Family.SAMPLE: len(more) - len(others)}
+            explored = search.distinct(search.explored(more, case), self.settings.modes + search.settings.spare)
+            refined = [*refined, *search.refined(explored, case)]
+            mixture = search.mixture(refined, case, self.settings.modes, rng)
+        steps = StepCounts.between(before, search.steps)
+        return classify_frame(search, observation, mixture, search_counts(counts, steps))
+
+    def _starts(self, prior: Mixture, elapsed: float) -> tuple[list[Hypothesis], list[Hypothesis]]:
+        """Each mode where its velocity has taken it, and where it was."""
+        moved, were = list[Hypothesis](), list[Hypothesis]()
+        for k, mode in enumerate(prior.modes):
+            origin, score = Origin(Family.KEPT, PreviousPose(mode.q)), float(np.log(max(prior.weights[k], _LEAST)))
+            moved.append(Hypothesis(self.body.integrate(mode.q, elapsed * mode.velocity), 0, origin, k, score))
+            were.append(moved[-1]._replace(q=mode.q))
+        return moved, were
+
+    def _sure(self, observation: Observation, mixture: Mixture) -> bool:
+        best = mixture.modes[0]
+        if best.status == ITERATIONS or len(observation.known_markers) < self.settings.seen * len(self.body.marker_std):
+            return False
+        return agreement(self.search, observation, best.q, best.association) >= self.settings.sure
+
+    def _samples(self, rng: np.random.Generator, mixture: Mixture) -> list[Hypothesis]:
+        """About the best mode."""
+        best = mixture.modes[0]
+        proposal = CovarianceScaledProposal(self.body, best.q, best.covariance, self.settings.scale**0.5)
+        origin = Origin(Family.SAMPLE)
+        return [Hypothesis(proposal.sample(rng), 0, origin, best.parent) for _ in range(self.settings.samples)]
+
+
+def _as_it_is(h: Hypothesis) -> Candidate:
+    """A hypothesis that was not searched yet."""
+    return Candidate(h, h.q, np.zeros((0, 3)), np.nan)
+
+
+NAME = "markers"
+SPEC = Spec(
+    name=NAME,
+    sentence="points in space: a descent or two a frame, a search of many where they say little",
+    make=by_search(MarkerTracker),
+    group="markers",
+    settings=MarkerTrackerSettings(),
+    defaults=NO_CAPTURE,
+    unused=(ONLY_TO_BEGIN,),
+)

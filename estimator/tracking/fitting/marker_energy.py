@@ -1,0 +1,144 @@
+"""Lengths of a body and the places of its markers together, every pose being at its own minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.descent.covariance import free_directions, mode_covariance
+from estimator.energy.descent.newton import Problem, Step
+from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.marker_targets import marker_targets
+from estimator.energy.term import QuadraticModel
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
+from estimator.tracking.fitting.descent import bounded_step
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.proportions import ProportionedBody
+
+_SEARCH = SeekSettings(kkt_tolerance=1e-5)  # of every pose
+_UNSEEN = 1e-9  # curvature of directions that nothing is known of
+_FARTHEST = 4.0  # standard deviations: hard range of a marker's place along each axis
+
+
+class Measures(NamedTuple):
+    """What is fitted: scales (P,) of the proportions, and how far every marker lies from its place, offsets (M, 3) [m]
+    in the frames of its joint."""
+
+    scales: np.ndarray
+    offsets: np.ndarray
+
+
+class MarkerModel(NamedTuple):
+    """Quadratic model of an energy by the measures: scales (P,), then offsets (3 M,), every pose at its own minimum.
+
+    gradient (G,). hessian (G, G): the Schur complement of the poses. poses (F) of (nq,): the minima. covariances (F)
+    of (nv, nv): of the poses at these measures. follows (F) of (nv, G): how each pose moves with the measures.
+    """
+
+    value: float
+    measures: Measures
+    gradient: np.ndarray
+    hessian: np.ndarray
+    poses: list[np.ndarray]
+    covariances: list[np.ndarray]
+    follows: list[np.ndarray]
+
+
+class MarkerEnergy(Problem[MarkerModel]):
+    """Energy of lengths and markers' places, minimised over the poses of all frames (variable projection), in their
+    hard ranges.
+
+    share: of each frame; soft tissue moves alike in frames that are near each other.
+    """
+
+    def __init__(
+        self, body: ProportionedBody, observations: Sequence[Observation], settings: CostSettings, share: float
+    ) -> None:
+        self._body, self._observations, self._settings, self._share = body, observations, settings, share
+        count = 3 * len(body.base.marker_names)
+        place_std = np.repeat(body.base.marker_std, 3)
+        self._mean, self._std = (np.concatenate(each) for each in ((body.mean, np.zeros(count)), (body.std, place_std)))
+        self._low = np.concatenate([body.low, -_FARTHEST * place_std])
+        self._high = np.concatenate([body.high, _FARTHEST * place_std])
+
+    def at_measures(self, measures: Measures) -> Body:
+        """The body of some measures; its markers are where these say, and nothing is unsure about that."""
+        body = self._body.at(measures.scales)
+        body.marker_local = body.marker_local + measures.offsets
+        body.marker_std = np.zeros(len(body.marker_names))
+        return body
+
+    def step(self, model: MarkerModel, damping: float) -> Step | None:
+        """A step (G,) of the measures, within their range."""
+        x = _packed(model.measures)
+        move = bounded_step(model.hessian, model.gradient, self._low - x, self._high - x, damping)
+        return None if move is None else (move, None)
+
+    def at(self, model: MarkerModel, step: Step) -> MarkerModel:
+        """The model after a step, the poses searched from where they follow to."""
+        x = np.clip(_packed(model.measures) + step[0], self._low, self._high)
+        body = self._body.base
+        poses = [body.integrate(q, along @ step[0]) for q, along in zip(model.poses, model.follows, strict=True)]
+        return self.model(Measures(x[: len(self._body.names)], x[len(self._body.names) :].reshape(-1, 3)), poses)
+
+    def model(self, measures: Measures, poses: Sequence[np.ndarray]) -> MarkerModel:
+        """The model at some measures; the poses (F) of (nq,) are searched from the given ones."""
+        body = self.at_measures(measures)
+        frames, seeker = CostModel(body, self._settings), Seeker(body)
+        e = (_packed(measures) - self._mean) / self._std
+        value, gradient, hessian = 0.5 * float(e @ e), e / self._std, np.diag(1.0 / self._std**2)
+        minima: list[np.ndarray] = []
+        covariances: list[np.ndarray] = []
+        follows: list[np.ndarray] = []
+        for observation, q in zip(self._observations, poses, strict=True):
+            cost = frames.cost(frames.observation_term(observation))
+            minimum = seeker.seek(cost, q, _SEARCH).quadratic
+            quadratic = cost.of(minimum.posed)
+            of_frame = self._frame(body, observation, quadratic)
+            value += self._share * minimum.value
+            gradient = gradient + self._share * of_frame.gradient
+            hessian = hessian + self._share * of_frame.hessian
+            minima.append(minimum.posed.q)
+            covariances.append(mode_covariance(body, minimum.posed.q, quadratic.gradient, quadratic.hessian))
+            follows.append(of_frame.follows)
+        return MarkerModel(value, measures, gradient, 0.5 * (hessian + hessian.T), minima, covariances, follows)
+
+    def _frame(self, body: Body, observation: Observation, minimum: QuadraticModel) -> _FrameShare:
+        """One frame's share of gradient and Hessian, its pose at the minimum."""
+        posed, some = minimum.posed, observation.known_markers
+        joints = body.marker_joint[some]
+        (term,) = marker_targets(body, observation, self._settings.marker_noise, self._settings.marker_nu)
+        force, weight = term.point_loads(posed)
+        D = self._derivatives(body, minimum, some)
+        J = body.point_jacobians(posed, joints, points_in_world(posed, joints, body.marker_local[some]))
+        WD = (weight @ D).reshape(-1, D.shape[2])
+        D, J = D.reshape(WD.shape), J.reshape(len(WD), -1)
+        cross = J.T @ WD
+        free = free_directions(body, posed.q, minimum.gradient)
+        follows = np.zeros_like(cross)
+        follows[free] = -np.linalg.solve(minimum.hessian[np.ix_(free, free)] + _UNSEEN * np.eye(len(free)), cross[free])
+        return _FrameShare(D.T @ force.ravel(), D.T @ WD + cross[free].T @ follows[free], follows)
+
+    def _derivatives(self, body: Body, minimum: QuadraticModel, some: np.ndarray) -> np.ndarray:
+        """Of markers in the world by the measures, (N, 3, G); some (N,): their numbers."""
+        own, lengths = self._body, len(self._body.names)
+        joints = body.marker_joint[some]
+        D = np.zeros((len(some), 3, len(self._mean)))
+        D[:, :, :lengths] = own.point_derivatives(minimum.posed, joints, own.marker_slope[:, some])
+        for k, (m, R_world_joint) in enumerate(zip(some, minimum.posed.rotations[joints], strict=True)):
+            D[k, :, lengths + 3 * m : lengths + 3 * m + 3] = R_world_joint
+        return D
+
+
+class _FrameShare(NamedTuple):
+    gradient: np.ndarray
+    hessian: np.ndarray
+    follows: np.ndarray
+
+
+def _packed(measures: Measures) -> np.ndarray:
+    return np.concatenate([measures.scales, measures.offsets.ravel()])

@@ -1,0 +1,151 @@
+"""The fit of a person by markers: lengths and the markers' places together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.data.observation import Observation
+from estimator.energy.descent.newton import NewtonSettings, minimise
+from estimator.numerics.alignment import similarity_onto
+from estimator.search.first_pose import start_modes
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.initialisation import enough_keypoints
+from estimator.trackers.spec import mode_search
+from estimator.tracking.fitting.fit import Fit, bounded_lengths
+from estimator.tracking.fitting.marker_energy import MarkerEnergy, MarkerModel, Measures
+from estimator.tracking.settings import Settings
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.subject import Marker, Subject
+
+SIZES = (0.5, 1.25)
+"""Least and largest size of a person, relative to the subject."""
+_SAME = 0.02  # logarithm of sizes up to which a person is of the same
+_ROUNDS = 3  # of resizing
+
+
+@dataclass(frozen=True)
+class MarkerFitSettings:
+    """How the fit is made.
+
+    frames: it looks at this many, evenly spread over the trial. rounds: times the poses are found anew with the
+    measures of the round before. iterations: Newton steps a round. enough: decrease of the energy that a step has to
+    bring for another to follow. effective_frames: soft tissue moves alike in frames that are near each other, so that
+    all frames together count as this many.
+    """
+
+    frames: int = 40
+    rounds: int = 2
+    iterations: int = 15
+    enough: float = 1e-3
+    effective_frames: float = 12.0
+
+
+def fit_markers(
+    subject: Subject,
+    observations: Sequence[Observation],
+    *,
+    seed: int = 0,
+    settings: MarkerFitSettings | None = None,
+    track_settings: Settings | None = None,
+) -> Fit:
+    """Fit lengths, left and right alike, and each marker's place on its link, to a static or a moving trial, with the
+    anthropometric prior of the lengths and that of the places (`Marker.std`), within hard ranges.
+
+    A subject of another size is resized as a whole first. The fitted subject's markers have the places that were
+    fitted, with their deviations. Trials without enough markers leave the subject as it is. Equal seeds give equal
+    fits.
+    """
+    settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
+    used = _chosen(observations, settings.frames)
+    if not used:
+        body = ProportionedBody(subject)
+        none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
+        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+    size = 1.0
+    for _ in range(_ROUNDS):
+        fit, seen = _fitted(subject if size == 1.0 else subject.resized(size), used, seed, settings, track_settings)
+        step = float(np.clip(size * seen, *SIZES)) / size
+        if abs(np.log(step)) < _SAME:
+            break
+        size *= step
+    return replace(fit, size=size)
+
+
+def _chosen(observations: Sequence[Observation], count: int) -> list[Observation]:
+    """Usable frames, evenly spread."""
+    usable = [o for o in observations if enough_keypoints(o)]
+    if len(usable) <= count:
+        return usable
+    return [usable[k] for k in np.unique(np.linspace(0, len(usable) - 1, count).round().astype(int))]
+
+
+def _fitted(
+    subject: Subject, used: Sequence[Observation], seed: int, settings: MarkerFitSettings, track_settings: Settings
+) -> tuple[Fit, float]:
+    """The fit of a subject as large as it is, and by how much lengths ask for another size."""
+    proportions = ProportionedBody(subject)
+    share = min(1.0, settings.effective_frames / len(used))
+    energy = MarkerEnergy(proportions, used, track_settings.cost, share)
+    measures = Measures(
+        np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(subject.markers), 3))
+    )
+    poses = _poses(subject, used, seed, track_settings)
+    if (size := _size(Body(subject), used, poses)) and abs(np.log(size)) > _SAME * 2:
+        return _unfitted(subject, proportions), size
+    newton = NewtonSettings(settings.iterations, enough=settings.enough)
+    best = minimise(energy, energy.model(measures, poses), newton).model
+    fitted = _subject(proportions, best)
+    scales = best.measures.scales
+    asked = float(np.exp(np.log(scales).mean())) if len(scales) and bounded_lengths(fitted) else 1.0
+    count = len(proportions.names)
+    covariance = np.linalg.inv(best.hessian)
+    of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in zip(best.covariances, best.follows, strict=True)]
+    fit = Fit(
+        fitted, proportions.names, scales, covariance[:count, :count], tuple(used), np.array(best.poses),
+        np.array(of_poses),
+    )  # fmt: skip
+    return fit, asked
+
+
+def _unfitted(subject: Subject, body: ProportionedBody) -> Fit:
+    none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
+    return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _poses(subject: Subject, used: Sequence[Observation], seed: int, settings: Settings) -> list[np.ndarray]:
+    """The best pose of every frame by itself."""
+    search: ModeSearch = mode_search(Body(subject), settings)
+    return [start_modes(search, np.random.default_rng((seed, o.index)), o, 1).modes[0].q for o in used]
+
+
+def _size(body: Body, used: Sequence[Observation], poses: Sequence[np.ndarray]) -> float:
+    """By how much the markers lie farther from each other than on the body: the median of the frames."""
+    sizes = []
+    for observation, q in zip(used, poses, strict=True):
+        some = observation.known_markers
+        places = points_in_world(body.at(q), body.marker_joint[some], body.marker_local[some])
+        assert observation.markers is not None
+        sizes.append(similarity_onto(places, observation.markers[some], scaled=True).scale)
+    return float(np.median(sizes))
+
+
+def _subject(proportions: ProportionedBody, best: MarkerModel) -> Subject:
+    """The subject with the lengths and the markers' places that were fitted, and how unsure these are."""
+    scaled = proportions.base.subject.scaled(proportions.scales(best.measures.scales))
+    lengths = len(proportions.names)
+    variances = np.diag(np.linalg.inv(best.hessian))[lengths:].reshape(-1, 3)
+    markers = []
+    for marker, offset, variance in zip(scaled.markers, best.measures.offsets, variances, strict=True):
+        frame = scaled.model.frames[scaled.model.getFrameId(marker.link, pin.FrameType.BODY)]
+        x, y, z = (np.array(marker.xyz) + frame.placement.rotation.T @ offset).tolist()
+        markers.append(Marker(marker.name, marker.link, (x, y, z), float(np.sqrt(variance.mean()))))
+    return scaled.with_markers(markers)

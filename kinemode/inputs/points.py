@@ -1,0 +1,104 @@
+"""Points in space that a body is tracked from: markers, or keypoints that were triangulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.data.markers.load import load_points
+from estimator.data.markers.track import MarkerTrack
+from estimator.data.observation import Observation
+from humanoid.kinematics.body import Body
+from humanoid.subject.marker_matching import chosen_set, matching_set
+from humanoid.subject.marker_set import MarkerSet, marker_set
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError, first_of
+from kinemode.inputs.declared import AUTO, Declared
+from kinemode.inputs.load import Inputs
+from kinemode.inputs.named import PathLike
+
+_FEWEST = 4  # markers that a subject and a file have to share
+_LISTED = 12  # names in a message
+
+
+@dataclass(frozen=True)
+class PointFiles:
+    """Files of points, and what they do not say themselves.
+
+    paths: TRC, C3D, npz or csv; several have points of the same instants. markers: the set that their names are of, by
+    name or as a TOML file; "auto" takes the subject's own markers, or the set that knows most of the names. unit: of
+    length, see `load_points`. declared: axis that points up, rate, part, floor.
+    """
+
+    paths: tuple[PathLike, ...]
+    markers: PathLike = AUTO
+    unit: str | None = None
+    declared: Declared = Declared()  # noqa: RUF009, it is frozen
+
+
+def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inputs]:
+    """The subject with its markers, and what there is to track.
+
+    Raises InputError: files that cannot be read, names that no set knows, nothing between start and end.
+    """
+    told = files.declared
+    paths = tuple(Path(path) for path in files.paths)
+    track = load_points(paths, up=told.up, unit=files.unit, fps=_rate(told))
+    marked, notes = _with_markers(subject, files.markers, track)
+    body = Body(marked)
+    rows = _part(track, told)
+    places = [track.names.index(name) for name in body.marker_names]
+    L = len(body.landmark_names)
+    nowhere = np.zeros((0, L, 2)), np.zeros((0, L))
+    observations = [
+        Observation(i, float(track.time[t]), (), *nowhere, markers=track.points[t, places]) for i, t in enumerate(rows)
+    ]
+    inputs = Inputs(observations, track.time[rows], (), (*track.notes, *notes), floor=told.known_floor(), points=paths)
+    return marked, inputs
+
+
+def _rate(told: Declared) -> float | None:
+    """Frames per second, where the user says them."""
+    if told.fps is None:
+        return None
+    rates = told.rates(["points"])
+    return rates.get("points")
+
+
+def _part(track: MarkerTrack, told: Declared) -> np.ndarray:
+    start, end = told.part()
+    low, high = (-np.inf if start is None else start), (np.inf if end is None else end)
+    rows = np.flatnonzero((track.time >= low) & (track.time <= high))
+    if not len(rows):
+        first, last = track.time[[0, -1]]
+        raise InputError(
+            track.source, "has no frame between --start and --end", remedy=f"it has {first:g} to {last:g} s"
+        )
+    return rows
+
+
+def _with_markers(subject: Subject, chosen: PathLike, track: MarkerTrack) -> tuple[Subject, tuple[str, ...]]:
+    """The subject with those markers that the file has: its own, or those of a set."""
+    own = [marker for marker in subject.markers if marker.name in track.names]
+    if chosen == AUTO and len(own) >= _FEWEST:
+        missing = [m.name for m in subject.markers if m.name not in track.names]
+        notes = (
+            (f"markers of the subject that are not in {track.source}: {first_of(missing, _LISTED)}",) if missing else ()
+        )
+        return subject.with_markers(own), notes
+    taken = _set_of(subject, chosen, track.names)
+    said = f"the points are read as the marker set {taken.name}" if chosen == AUTO else ""
+    return subject.with_markers(taken.markers), (*([said] if said else []), *taken.notes)
+
+
+def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerSet:
+    taken = matching_set(names, subject) if chosen == AUTO else chosen_set(names, marker_set(str(chosen), subject))
+    links = {frame.name for frame in subject.model.frames}
+    unknown = sorted({m.link for m in taken.markers} - links)
+    if unknown:
+        problem = f"the marker set {taken.name} has links that {subject.source} has not: {first_of(unknown, _LISTED)}"
+        raise InputError("markers", problem, remedy="give an own set: kinemode subjects --markers FILE begins one")
+    return taken
