@@ -159,6 +159,36 @@ NO_INPUT = InputOptions()
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class PointOptions:
+    """Points in space that are tracked in place of what cameras see.
+
+    Parameters
+    ----------
+    points
+        In place of clips, keypoints and cameras, points in space: markers of a laboratory or triangulated keypoints, in
+        TRC, C3D, npz or csv; several files have points of the same instants. --up is then the axis that points up in
+        the file, --fps its rate, where it does not say them.
+    markers
+        What the points are: a set of markers by name (landmarks, opencap, plug-in-gait, cast), or a TOML file that
+        `subjects --markers` has begun; auto takes the subject's own, or the set that knows most of the names.
+    unit
+        Of length of the points, m, cm or mm, where the file does not say it.
+    """
+
+    points: Files = None
+    markers: str = "auto"
+    unit: str | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.track` and `fit` take them."""
+        return dict(vars(self))
+
+
+NO_POINTS = PointOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class FromPersonOptions:
     """What cameras are found from, with --from-person, or checked by, with --check.
 
@@ -242,6 +272,7 @@ class TrackerOptions:
     fit
         auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
+        With --points lengths and the places of markers are fitted together (auto, markers).
     height
         The person's height [m], where it is known: one camera does not see how large somebody is.
     index
@@ -255,7 +286,7 @@ class TrackerOptions:
     settings: Path | None = None
     modes: int | None = None
     seed: int = 0
-    fit: Literal["auto", "proportions", "off"] = "auto"
+    fit: Literal["auto", "proportions", "markers", "off"] = "auto"
     height: float | None = None
     index: Path | None = None
 

@@ -11,10 +11,12 @@ from cyclopts import Parameter
 from kinemode.options import (
     NO_INPUT,
     NO_PERSON,
+    NO_POINTS,
     ClipArgument,
     Flag,
     FromPersonOptions,
     InputOptions,
+    PointOptions,
     SubjectOption,
 )
 
@@ -22,6 +24,7 @@ from kinemode.options import (
 def fit(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
+    given: PointOptions = NO_POINTS,
     subject: SubjectOption = "human34",
     cues: str = "auto",
     seed: int = 0,
@@ -30,6 +33,8 @@ def fit(
 ) -> None:
     """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
 
+    With --points lengths and the places of the markers are fitted, which the URDF has for other trials.
+
     Examples:
 
     kinemode fit cam01.mp4 --cameras calibration.json --keypoints cam01.json --out me.urdf
@@ -37,6 +42,8 @@ def fit(
     kinemode fit walk.mp4 --keypoints clicks.json --background empty.png --out me.urdf
 
     kinemode fit walk.mp4 --detect --out me.urdf
+
+    kinemode fit --points static.trc --out me.urdf
 
     Parameters
     ----------
@@ -55,6 +62,7 @@ def fit(
         subject,
         clips,
         **files.arguments(),
+        **given.arguments(),
         cues=cues,
         seed=seed,
         height=height,

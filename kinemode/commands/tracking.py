@@ -11,11 +11,13 @@ from cyclopts import Parameter
 from kinemode.options import (
     MEDIAPIPE,
     NO_INPUT,
+    NO_POINTS,
     USUAL,
     ClipArgument,
     DetectorOptions,
     Flag,
     InputOptions,
+    PointOptions,
     SubjectOption,
     TrackerOptions,
 )
@@ -24,8 +26,9 @@ from kinemode.options import (
 def track(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
+    given: PointOptions = NO_POINTS,
     how: TrackerOptions = USUAL,
-    tracker: str = "css",
+    tracker: str | None = None,
     workers: int = 1,
     out: Path,
     resume: Flag = False,
@@ -48,10 +51,12 @@ def track(
 
     kinemode track --cameras calibration.json --keypoints cam01.json cam02.json --person all --out them.run
 
+    kinemode track --points walk.trc --out walk.run
+
     Parameters
     ----------
     tracker
-        Its name, see `kinemode trackers`.
+        Its name, see `kinemode trackers`; css unless given, markers with --points.
     workers
         How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
         number.
@@ -69,6 +74,7 @@ def track(
         how.subject,
         clips,
         **files.arguments(),
+        **given.arguments(),
         **how.arguments(),
         tracker=tracker,
         out=out,

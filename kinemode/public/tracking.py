@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinemode.inputs.arrays import Spool
-from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
+from kinemode.inputs.declared import AUTO, SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
+from kinemode.public.points import MARKERS, check_fit, check_no_points, point_files
 from kinemode.target import RunTarget, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -24,16 +25,18 @@ if TYPE_CHECKING:
     from kinemode.inputs.depth import Pairs
     from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
+    from kinemode.inputs.points import PointFiles
     from kinemode.public.detection import Detect
 
     SubjectLike = Subject | PathLike
 
-FIT_CHOICES = ("auto", "proportions", "off")
+FIT_CHOICES = ("auto", "proportions", "markers", "off")
+DEFAULT = "css"  # the tracker where none is named
 
 
 def track(
     subject: SubjectLike,
-    clips: Clips,
+    clips: Clips = None,
     *,
     cameras: Cameras = None,
     keypoints: Keypoints = None,
@@ -43,7 +46,10 @@ def track(
     background: Named = None,
     stereo: Pairs = None,
     depth: Named = None,
-    tracker: str = "css",
+    points: Named = None,
+    markers: PathLike = AUTO,
+    unit: str | None = None,
+    tracker: str | None = None,
     modes: int | None = None,
     seed: int = 0,
     fit: str = "auto",
@@ -92,14 +98,21 @@ def track(
     stereo: cameras that make pairs side by side, left to right, as a mapping by name or `LEFT=RIGHT` texts: their clips
         show depth together. depth: given as the clips are, folders of depth pictures, one for every frame: 16-bit PNG
         in millimetres or .npy in metres.
-    tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for
-        which each tracker has its own default. A single-mode tracker keeps one.
+    points: in place of clips, keypoints and cameras, points in space: markers of a laboratory, or keypoints that were
+        triangulated; TRC, C3D, npz or csv, several of the same instants. `up` is then the axis of the file that points
+        up, `fps` its rate and unit its unit of length (m, cm or mm), where it does not say them.
+    markers: what the points are: the name of a set of markers, or a TOML file of one (`kinemode subjects --markers`
+        begins it); "auto" takes the subject's own markers, or the set that knows most of the names.
+    tracker, modes: name of the tracker ("css" unless given, "markers" with points) and how many hypotheses it keeps;
+        unless given as many as its settings say, for which each tracker has its own default. A single-mode tracker
+        keeps one.
     settings: nested changes to the tracker's settings (see `estimator.tracking.registry`), or a TOML file of them as
         `kinemode settings` writes it. Those of cost, search and cues also reach the fit, which tracks with css.
     seed: equal seeds give equal runs.
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
         and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
-        measured. "proportions" leaves the flesh as it is, "off" every subject.
+        measured. With points lengths and the markers' places are fitted ("auto", "markers"). "proportions" leaves the
+        flesh as it is, "off" every subject.
     height: of the person [m], where it is known: one camera does not see how large somebody is. The proportions are
         fitted around a subject of that height; of a subject that is taken as measured it is refused.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
@@ -149,33 +162,42 @@ def track(
     ------
     InputError: anything that is wrong with the input, a changed setting without effect included.
     """
+    given = dict(locals())
     check_arguments(
-        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
+        points=points, markers=markers, subject=subject, clips=clips, cameras=cameras, keypoints=keypoints,
+        layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out, resume=resume,
         overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, detect=detect,
         progress=progress, height=height, up=up, focal=focal, phone=phone, lenses=lenses, floor=floor,
     )  # fmt: skip
     seed, begin, start_by = _beginning(fit, seed, start)
+    check_fit(fit, points=points is not None)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
+    by_points = _point_files(given, told)
     files = _files(spool, (settings, index), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
     out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
 
+    chosen = tracker or (DEFAULT if by_points is None else MARKERS)
     wanted = jobs.TrackOptions(
-        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        cues, chosen, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by, height=height,
     )  # fmt: skip
+    if by_points is not None:
+        from kinemode.from_points import track_points
+
+        return track_points(loaded, by_points, wanted)
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
         return _work(person)(loaded, seen, wanted)
 
 
 def fit(
     subject: SubjectLike,
-    clips: Clips,
+    clips: Clips = None,
     *,
     cameras: Cameras = None,
     keypoints: Keypoints = None,
@@ -185,6 +207,9 @@ def fit(
     background: Named = None,
     stereo: Pairs = None,
     depth: Named = None,
+    points: Named = None,
+    markers: PathLike = AUTO,
+    unit: str | None = None,
     seed: int = 0,
     height: float | None = None,
     person: Persons = "auto",
@@ -205,23 +230,31 @@ def fit(
 ) -> Fit:
     """Fit a subject to the person in the first frames of a clip; `out` is written as a URDF that loads again.
 
-    Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them. The
-    arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
+    Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them; with points
+    to these, and the markers' places with them, which the URDF then has. The arguments are those of `track`. Raises
+    InputError as `track` does, and where there is nothing to fit.
     """
+    given = dict(locals())
     check_arguments(
-        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
+        points=points, markers=markers, subject=subject, clips=clips, cameras=cameras, keypoints=keypoints,
+        layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
         focal=focal, phone=phone, lenses=lenses, floor=floor, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height)
+    by_points = _point_files(given, told)
     files = _files(spool, (), cameras, masks, background, person, told, depth, stereo, lenses)
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
+    if by_points is not None:
+        from kinemode.from_points import fit_to_points
+
+        return fit_to_points(loaded, by_points, seed, out)
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
         return jobs.fit_subject(loaded, seen, cues, seed, out, height)
 
@@ -324,6 +357,14 @@ def _files(spool: Spool, others: Iterable[object], *given: Any) -> InputFiles:
         if isinstance(path, (str, Path)):
             check_exists(path)
     return files
+
+
+def _point_files(given: Mapping[str, Any], told: Declared) -> PointFiles | None:
+    """Files of points, None where the arguments name none."""
+    if given["points"] is None:
+        check_no_points(given["markers"], given["unit"])
+        return None
+    return point_files(given, told)
 
 
 def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:
