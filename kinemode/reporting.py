@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.runs.diagnosis import camera_errors
+from estimator.runs.marker_residuals import marker_residuals
 from estimator.runs.run_file import Run
 from estimator.tracking.unused_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
@@ -53,6 +54,7 @@ def facts_of(run: Run) -> Facts:
         blanks=_BLANKS,
         errors=camera_errors(run, run_settings(run).cost) if len(header.cameras) > 1 else {},
         settings=changed_settings(run),
+        markers=marker_residuals(run, run_settings(run).cost.marker_noise),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
         versions=_versions(run),
     )
@@ -90,11 +92,14 @@ def _command(run: Run) -> str:
     words += ["--subject", header.subject_source, "--tracker", header.tracker, "--seed", str(header.seed)]
     if len(run.confidence) and (run.confidence > 0.0).any():
         words += ["--keypoints", *(f"{c.name}=KEYPOINTS_{c.name}" for c in header.cameras)]
-    words += [] if any(note.startswith(_GUESSED) for note in header.notes) else ["--cameras", "CAMERAS"]
+    words += ["--points", *header.points] if header.points else []
+    words += (
+        [] if header.points or any(note.startswith(_GUESSED) for note in header.notes) else ["--cameras", "CAMERAS"]
+    )
     for option, named in (("--mask", header.masks), ("--background", header.backgrounds), ("--depth", header.depths)):
         words += [option, *(f"{n}={path}" for n, path in named.items())] if named else []
     words += ["--stereo", *(f"{left}={right}" for left, right in header.stereo.items())] if header.stereo else []
-    words += ["--cues", ",".join(header.cues) or "off"]
+    words += [] if header.points else ["--cues", ",".join(header.cues) or "off"]
     for name, usual in _BESIDE.items():
         value = header.settings.get(name, usual)
         words += [f"--{name}", str(value)] if isinstance(value, str) and value != usual else []
@@ -111,6 +116,7 @@ def _files(run: Run) -> Iterator[tuple[str, Path]]:
         for camera, path in named.items():
             if path is not None:
                 yield f"{what} of {camera}", Path(path)
+    yield from (("points", Path(path)) for path in header.points)
     if header.subject_source not in BUILT_IN and not header.subject_source.startswith(PREFIX):
         yield "subject", Path(header.subject_source)
 

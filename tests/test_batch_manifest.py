@@ -282,7 +282,7 @@ def option_names() -> list[str]:
     """Every option of `track`, by the fields of the command line's groups and its own arguments."""
     grouped = [field.name for group in (InputOptions, TrackerOptions, DetectorOptions) for field in fields(group)]
     return [name for name in [*grouped, *inspect.signature(tracking.track).parameters] if name not in
-            ("by", "clips", "files", "how", *columns.OF_THE_BATCH)]  # fmt: skip
+            ("by", "clips", "files", "how", "given", *columns.OF_THE_BATCH)]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", option_names())

@@ -17,13 +17,13 @@ from scipy.special import logsumexp
 from estimator.data.cameras.camera import Camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
-from estimator.runs.camera_spread import LEAST_PRECISION, camera_covariances
+from estimator.runs.camera_spread import camera_covariances
+from estimator.runs.lasting_spread import lasting_by_landmarks, lasting_by_markers
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body, PosedBody
-from humanoid.subject.landmarks import landmark_name, relative_spread
 from humanoid.support.errors import InputError
 
 _FAINT = 1e-3  # modes with less weight than this are left out
@@ -121,9 +121,10 @@ class Posterior:
         priors = [_prior_precision(stabilisers, body, mode) for mode in posed]
         covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, covariance, strict=True)]
         covariance = c.covariance_scale * np.array(covariances)
-        if c.landmark_std > 0.0:
-            modes = zip(posed, priors, covariance, strict=True)
-            covariance += [_bias_covariance(body, *mode, c.landmark_std) for mode in modes]
+        if not seen_by and body.marker_names:
+            covariance += lasting_by_markers(body, posed, priors, covariance)
+        elif c.landmark_std > 0.0:
+            covariance += lasting_by_landmarks(body, posed, priors, covariance, c.landmark_std)
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         size_std = 0.0 if size_known else c.size_std
         covariance = covariance + camera_covariances(body, posed, priors, covariance, seen_by, size_std)
@@ -269,24 +270,6 @@ def _with_prior(prior: np.ndarray, covariance: np.ndarray, prior_weight: float) 
     # (known^-1 + more)^-1, without the inverse of what may be nearly singular
     posterior[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
     return 0.5 * (posterior + posterior.T)
-
-
-def _bias_covariance(body: Body, posed: PosedBody, prior: np.ndarray, covariance: np.ndarray, std: float) -> np.ndarray:
-    """Covariance (nv, nv) of a mode by how far a detector marks this person from the landmarks, in every frame alike.
-
-    What least squares makes of the landmarks' biases, drawn towards the rest positions, wherever the mode is free.
-    """
-    free = np.flatnonzero(np.diagonal(covariance) > 0.0)
-    known = np.flatnonzero([landmark_name(name) is not None for name in body.landmark_names])
-    moved = np.zeros_like(covariance)
-    if len(known) and len(free):
-        deviation = std * relative_spread([body.landmark_names[i] for i in known])
-        J = body.landmark_jacobians(posed, known)[:, :, free] / deviation[:, None, None]
-        seen = np.einsum("lia,lib->ab", J, J)
-        block = np.ix_(free, free)
-        gain = np.linalg.solve(seen + prior[block] + LEAST_PRECISION * np.eye(len(free)), J.reshape(-1, len(free)).T)
-        moved[block] = gain @ gain.T
-    return moved
 
 
 def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 FIT_CHOICES = ("auto", "proportions", "markers", "off")
 DEFAULT = "css"  # the tracker where none is named
+_CHECKED_ELSEWHERE = ("seed", "fit", "keypoint_size", "fps", "offset", "sync", "start", "end", "unit")
 
 
 def track(
@@ -162,16 +163,8 @@ def track(
     ------
     InputError: anything that is wrong with the input, a changed setting without effect included.
     """
-    given = dict(locals())
-    check_arguments(
-        points=points, markers=markers, subject=subject, clips=clips, cameras=cameras, keypoints=keypoints,
-        layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out, resume=resume,
-        overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, detect=detect,
-        progress=progress, height=height, up=up, focal=focal, phone=phone, lenses=lenses, floor=floor,
-    )  # fmt: skip
+    given = _checked(locals())
     seed, begin, start_by = _beginning(fit, seed, start)
-    check_fit(fit, points=points is not None)
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
@@ -182,17 +175,13 @@ def track(
     out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
 
-    chosen = tracker or (DEFAULT if by_points is None else MARKERS)
+    tracker = tracker or (DEFAULT if by_points is None else MARKERS)
     wanted = jobs.TrackOptions(
-        cues, chosen, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by, height=height,
     )  # fmt: skip
-    if by_points is not None:
-        from kinemode.from_points import track_points
-
-        return track_points(loaded, by_points, wanted)
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
-        return _work(person)(loaded, seen, wanted)
+        return _work(person, by_points)(loaded, seen, wanted)
 
 
 def fit(
@@ -234,13 +223,7 @@ def fit(
     to these, and the markers' places with them, which the URDF then has. The arguments are those of `track`. Raises
     InputError as `track` does, and where there is nothing to fit.
     """
-    given = dict(locals())
-    check_arguments(
-        points=points, markers=markers, subject=subject, clips=clips, cameras=cameras, keypoints=keypoints,
-        layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect, height=height, up=up,
-        focal=focal, phone=phone, lenses=lenses, floor=floor, progress=progress,
-    )  # fmt: skip
+    given = _checked(locals())
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
     told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height)
@@ -336,6 +319,12 @@ def compare(
         return compare_trackers(loaded, seen, trackers, wanted, reference)
 
 
+def _checked(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Arguments by name, those checked that are not read more closely afterwards."""
+    check_arguments(**{name: value for name, value in given.items() if name not in _CHECKED_ELSEWHERE})
+    return dict(given)
+
+
 def _beginning(fit: str, seed: int, start: float | str | None) -> tuple[int, float | None, str | None]:
     """The seed, when a track begins [s], and what its first pose comes from, with the choice of the fit checked."""
     choice("fit", fit, FIT_CHOICES)
@@ -361,14 +350,19 @@ def _files(spool: Spool, others: Iterable[object], *given: Any) -> InputFiles:
 
 def _point_files(given: Mapping[str, Any], told: Declared) -> PointFiles | None:
     """Files of points, None where the arguments name none."""
+    check_fit(given.get("fit", AUTO), points=given["points"] is not None)
     if given["points"] is None:
         check_no_points(given["markers"], given["unit"])
         return None
     return point_files(given, told)
 
 
-def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:
-    """What tracks one person, or everybody."""
+def _work(person: Persons, points: PointFiles | None) -> Callable[..., Run | dict[str, Run]]:
+    """What tracks one person, or everybody, or by points."""
+    if points is not None:
+        from kinemode.from_points import track_points
+
+        return lambda loaded, _, wanted: track_points(loaded, points, wanted)
     if wants_all(person):
         from kinemode.everybody import track_everybody
 

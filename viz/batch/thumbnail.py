@@ -18,7 +18,8 @@ from viz import palette
 from viz.batch.entry import HEIGHT, WIDTH
 from viz.pictures.overlay import reduced
 from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
-from viz.scene import Frames, Scene, as_scene
+from viz.scene import Frames, Scene
+from viz.viewpoint import pictured_scene
 
 BYTES = 10_000
 """A thumbnail takes at most so much."""
@@ -40,7 +41,7 @@ def write_thumbnail(run: Run | Scene, path: str | Path, pictures: Mapping[str, F
     pictures: opens the frames of cameras, by their names, in place of the clips that the run names.
     Raises InputError for a run without a tracked frame, or a file that cannot be written.
     """
-    scene = as_scene(run)
+    scene = pictured_scene(run)
     if pictures is not None:
         own = zip(scene.cameras, scene.frames, strict=True)
         scene = replace(scene, frames=tuple(pictures.get(camera.name, frames) for camera, frames in own))

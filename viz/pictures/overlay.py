@@ -14,8 +14,9 @@ from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.limb_layer import LimbLayer, limb_layer
 from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
-from viz.scene import Scene, as_scene
+from viz.scene import Scene
 from viz.solids.body_solids import side_of
+from viz.viewpoint import pictured_scene
 
 LONGEST = 960  # longer side of a camera's picture in the overlay [px]
 OPACITY = 0.62
@@ -41,7 +42,7 @@ def write_overlay(
     """
     check_film_name(Path(path))
     layer = limb_layer(run) if limbs and isinstance(run, Run) else None
-    scene = as_scene(run)
+    scene = pictured_scene(run)
     chosen = chosen_cameras(scene, camera)
     frames = pictures(scene, chosen, hypotheses, progress, limbs=layer)
     return write_film(path, scene.paced(frames, range(len(scene))), scene.rate)

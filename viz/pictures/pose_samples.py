@@ -15,7 +15,8 @@ from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, reduced, side_by_side
 from viz.pictures.painter import BodyPainter, ImageProjection, OrthographicView, camera_view
-from viz.scene import as_scene, evenly
+from viz.scene import evenly
+from viz.viewpoint import pictured_scene
 
 _METRES = 1.6  # shown from the side, across the narrower dimension
 _FAINT = 0.35  # of a single sample; those that agree add up
@@ -37,7 +38,7 @@ def write_samples(
     if not rows:
         raise InputError(run.file, "holds no pose", remedy="track with --resume first")
     rows = [rows[k] for k in evenly(len(rows), frames)]
-    scene, painter, rng = as_scene(run), BodyPainter(run.body), np.random.default_rng(seed)
+    scene, painter, rng = pictured_scene(run), BodyPainter(run.body), np.random.default_rng(seed)
     chosen = chosen_cameras(scene, camera)[0]
     tiles = []
     for t, picture in zip(rows, scene.images(chosen, rows), strict=True):

@@ -12,7 +12,8 @@ from estimator.runs.run_file import Run
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, drawn
 from viz.pictures.painter import BodyPainter, CameraProjection, OrthographicView, camera_view
-from viz.scene import Scene, as_scene, evenly
+from viz.scene import Scene, evenly
+from viz.viewpoint import pictured_scene
 
 FRAMES = 6
 TILE = (300, 380)  # width, height of one picture [px]
@@ -29,7 +30,7 @@ def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, cam
     The side view is a parallel projection from the camera's left, the depths of that camera running to the right:
     there the hypotheses, alike in the image, differ.
     """
-    scene = as_scene(run)
+    scene = pictured_scene(run)
     chosen = chosen_cameras(scene, camera)[0]
     rows = evenly(len(scene), frames)
     painter = BodyPainter(scene.body)

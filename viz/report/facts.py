@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from estimator.runs.marker_residuals import MarkerResiduals
 
 
 @dataclass(frozen=True)
@@ -21,9 +25,9 @@ class Facts:
 
     findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
-    errors: how far each camera's keypoints are from the body, by the camera's name [px].
-    settings: name, value and default of those that differ. files: what each file is to the run, its path, and its
-    digest or why there is none. versions: of programs, name and number.
+    errors: how far each camera's keypoints are from the body, by the camera's name [px]. markers: how far the markers
+    were measured from the body, None of a run without. settings: name, value and default of those that differ. files:
+    what each file is to the run, its path, and its digest or why there is none. versions: of programs, name and number.
     """
 
     findings: Sequence[str] = ()
@@ -33,5 +37,6 @@ class Facts:
     blanks: str = ""
     errors: Mapping[str, float] = field(default_factory=dict)
     settings: Sequence[tuple[str, str, str]] = ()
+    markers: MarkerResiduals | None = None
     files: Sequence[tuple[str, str, str]] = ()
     versions: Sequence[tuple[str, str]] = ()

@@ -20,8 +20,9 @@ from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.pictures import COLOURS, angle_figures, contact_figure
-from viz.report.tables import assumed_part, cameras_table, gait_part, ranges_table, repeat_part
-from viz.scene import Scene, as_scene
+from viz.report.tables import assumed_part, cameras_table, gait_part, markers_part, ranges_table, repeat_part
+from viz.scene import Scene
+from viz.viewpoint import pictured_scene
 
 _TEMPLATE = Path(__file__).with_name("report.html")
 
@@ -47,7 +48,7 @@ def write_report(
 
 def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, progress: Progress | None = None) -> str:
     """The text of the page, see `write_report`."""
-    scene = as_scene(run)
+    scene = pictured_scene(run)
     source = _source(run)
     drawings = angle_figures(run) if figures is None else figures
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
@@ -62,8 +63,9 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         feet=_feet(run),
         ranges=ranges_table(ranges_of_motion(run)),
         untrusted=_untrusted(run, scene),
-        cameras=_cameras(run, facts),
-        to_cameras='<a href="#cameras">Cameras</a>' if len(run.header.cameras) > 1 else "",
+        cameras=_cameras(run, facts) + markers_part(facts.markers),
+        to_cameras=('<a href="#cameras">Cameras</a>' if len(run.header.cameras) > 1 else "")
+        + ('<a href="#markers">Markers</a>' if facts.markers is not None else ""),
         assumed=assumed_part(facts),
         repeat=repeat_part(facts),
     )
@@ -71,7 +73,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
 
 def _source(run: Run) -> str:
     """What the run is of: its clips' names, else its own."""
-    clips = [Path(clip).name for clip in run.header.clips.values() if clip]
+    clips = [Path(clip).name for clip in (*run.header.clips.values(), *run.header.points) if clip]
     return ", ".join(clips) or run.file.name
 
 
@@ -80,9 +82,10 @@ def _summary(run: Run) -> str:
     seconds = float(run.time[-1] - run.time[0])
     cameras = [f"{c.name} ({c.image_size[0]} x {c.image_size[1]})" for c in header.cameras]
     several = "cameras" if len(cameras) > 1 else "camera"
+    seen_by = f"{several} {', '.join(cameras)}" if cameras else "no camera"
     frames = f"{len(run)} frames" + ("" if run.complete else f" of {run.planned_count}, not finished")
     return (
-        f"{frames}, {run.time[0]:.2f} to {run.time[-1]:.2f} s ({seconds:.2f} s); {several} {', '.join(cameras)};"
+        f"{frames}, {run.time[0]:.2f} to {run.time[-1]:.2f} s ({seconds:.2f} s); {seen_by};"
         f" subject {run.subject.name}, {run.body.nv} degrees of freedom; tracker {header.tracker}, up to"
         f" {run.hypothesis_count} hypotheses a frame; {_looked_at(run)}"
     )
@@ -91,6 +94,7 @@ def _summary(run: Run) -> str:
 def _looked_at(run: Run) -> str:
     keypoints = bool((run.confidence > 0.0).any()) if len(run.confidence) else False
     looked = (["keypoints"] if keypoints else []) + list(run.header.cues)
+    looked += [f"{len(run.body.marker_names)} markers"] if run.header.points else []
     return "looked at: " + (", ".join(looked) or "nothing")
 
 
@@ -113,7 +117,7 @@ def _film(run: Run, scene: Scene, progress: Progress | None) -> str:
         (gone, "is not where it was when it was tracked"),
         (never, "was not given, only its keypoints"),
     ):
-        if names:
+        if names and run.header.cameras:
             clip = f"The clip of {', '.join(names)} {what}: the body is drawn on an empty ground."
             parts.append(f"<p>{escape(clip)}</p>")
     middle = next(t for t in sorted(range(len(scene)), key=lambda t: abs(t - len(scene) // 2)) if scene.has_body(t))

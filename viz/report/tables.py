@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.runs.gait import METHODS, Gait
+from estimator.runs.marker_residuals import MarkerResiduals
 from estimator.runs.ranges import RangeOfMotion
 from viz.page_style import text
 from viz.report.facts import Facts
@@ -116,6 +117,35 @@ def cameras_table(cameras: Sequence[Camera], errors: Mapping[str, float]) -> str
         error = f"{errors[camera.name]:.1f}" if camera.name in errors else _UNKNOWN
         rows.append((camera.name, *sure, focal, error))
     return table(_CAMERA_HEAD, rows, numbers=len(_CAMERA_HEAD) - 1)
+
+
+def markers_part(residuals: MarkerResiduals | None) -> str:
+    """The section of markers: one row each, those that lie farthest from the body first; nothing without markers."""
+    if residuals is None:
+        return ""
+    order = np.argsort(-np.nan_to_num(residuals.rms, nan=-1.0), kind="stable")
+    of_each = [residuals.rms, residuals.median, residuals.std]
+    rows = [
+        (
+            residuals.names[m],
+            *(number(float(part[m]), True) for part in of_each),
+            *(_percent(part[m]) for part in (residuals.outlying, residuals.missing)),
+        )
+        for m in order.tolist()
+    ]
+    whole = float(np.sqrt(np.nanmean(np.square(residuals.apart))))
+    said = (
+        f"Distance of what was measured from the marker's place on the body; {number(whole, True)} mm root mean square"
+        " of all. Expected: deviation along each axis, of the measurement and of the place. Outlying: farther than"
+        " three of these."
+    )
+    head = ("marker", "RMS [mm]", "median [mm]", "expected [mm]", "outlying", "missing")
+    parts = [f'<p class="muted">{escape(said)}</p>', f'<div class="scroll">{table(head, rows, numbers=5)}</div>']
+    return '<section id="markers"><h2>Markers</h2>\n' + "\n".join(parts) + "\n</section>"
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if np.isfinite(share) else _UNKNOWN
 
 
 def assumed_part(facts: Facts) -> str:
