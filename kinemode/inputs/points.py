@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.markers.handedness import mirrored
 from estimator.data.markers.load import load_points
+from estimator.data.markers.swaps import mirrored_swaps
 from estimator.data.markers.track import MarkerTrack
 from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body
@@ -20,6 +23,7 @@ from kinemode.inputs.declared import AUTO, Declared
 from kinemode.inputs.load import Inputs
 from kinemode.inputs.named import PathLike
 
+_SIDES = ("left_", "right_")  # links of limbs begin so
 _FEWEST = 4  # markers that a subject and a file have to share
 _LISTED = 12  # names in a message
 
@@ -47,8 +51,10 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     told = files.declared
     paths = tuple(Path(path) for path in files.paths)
     track = load_points(paths, up=told.up, unit=files.unit, fps=_rate(told))
-    marked, notes = _with_markers(subject, files.markers, track)
-    body = Body(marked)
+    marked = _marked(subject, files.markers, track)
+    track, _ = mirrored_swaps(track, marked.pairs)
+    _check_hand(marked.subject, track)
+    body = Body(marked.subject)
     rows = _part(track, told)
     places = [track.names.index(name) for name in body.marker_names]
     L = len(body.landmark_names)
@@ -56,8 +62,10 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     observations = [
         Observation(i, float(track.time[t]), (), *nowhere, markers=track.points[t, places]) for i, t in enumerate(rows)
     ]
-    inputs = Inputs(observations, track.time[rows], (), (*track.notes, *notes), floor=told.known_floor(), points=paths)
-    return marked, inputs
+    inputs = Inputs(
+        observations, track.time[rows], (), (*track.notes, *marked.notes), floor=told.known_floor(), points=paths
+    )
+    return marked.subject, inputs
 
 
 def _rate(told: Declared) -> float | None:
@@ -80,18 +88,43 @@ def _part(track: MarkerTrack, told: Declared) -> np.ndarray:
     return rows
 
 
-def _with_markers(subject: Subject, chosen: PathLike, track: MarkerTrack) -> tuple[Subject, tuple[str, ...]]:
-    """The subject with those markers that the file has: its own, or those of a set."""
+class _Marked(NamedTuple):
+    """A subject with the markers that a file has, which of them mirror each other, and notes."""
+
+    subject: Subject
+    pairs: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+
+
+def _marked(subject: Subject, chosen: PathLike, track: MarkerTrack) -> _Marked:
+    """The subject with its own markers, or those of a set."""
     own = [marker for marker in subject.markers if marker.name in track.names]
     if chosen == AUTO and len(own) >= _FEWEST:
         missing = [m.name for m in subject.markers if m.name not in track.names]
-        notes = (
-            (f"markers of the subject that are not in {track.source}: {first_of(missing, _LISTED)}",) if missing else ()
-        )
-        return subject.with_markers(own), notes
+        note = f"markers of the subject that are not in {track.source}: {first_of(missing, _LISTED)}"
+        return _Marked(subject.with_markers(own), _pairs_of(track.names, subject), (note,) if missing else ())
     taken = _set_of(subject, chosen, track.names)
-    said = f"the points are read as the marker set {taken.name}" if chosen == AUTO else ""
-    return subject.with_markers(taken.markers), (*([said] if said else []), *taken.notes)
+    said = (f"the points are read as the marker set {taken.name}",) if chosen == AUTO else ()
+    return _Marked(subject.with_markers(taken.markers), taken.pairs, (*said, *taken.notes))
+
+
+def _pairs_of(names: Sequence[str], subject: Subject) -> tuple[tuple[str, str], ...]:
+    """Those of the set that knows the names; none where no set does."""
+    try:
+        return matching_set(names, subject).pairs
+    except InputError:
+        return ()
+
+
+def _check_hand(subject: Subject, track: MarkerTrack) -> None:
+    """Raise InputError where the markers of the trunk are mirrored: the file is left-handed, or its labels are."""
+    trunk = [marker for marker in subject.markers if not marker.link.startswith(_SIDES)]
+    body = Body(subject.with_markers(trunk))
+    at_rest = body.markers_of(body.placed(body.neutral[None]))[0]
+    if mirrored(at_rest, track.points[:, [track.names.index(marker.name) for marker in trunk]]):
+        problem = "the markers of the trunk are mirrored: its axes are left-handed, or left and right are exchanged"
+        remedy = "change the sign of one axis in the file, or the labels of left and right"
+        raise InputError(track.source, problem, remedy=remedy)
 
 
 def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerSet:

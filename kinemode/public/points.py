@@ -21,7 +21,7 @@ _FILE = "file of points"
 _OF_CAMERAS: dict[str, Any] = {
     "clips": None, "cameras": None, "keypoints": None, "layout": AUTO, "masks": None, "background": None,
     "stereo": None, "depth": None, "person": AUTO, "keypoint_size": None, "offset": None, "sync": "off",
-    "focal": None, "phone": None, "lenses": None, "index": None, "detect": False, "height": None,
+    "focal": None, "phone": None, "lenses": None, "index": None, "detect": False, "height": None, "cues": AUTO,
 }  # fmt: skip
 """Arguments that say something of cameras, or that only they leave open, with what they are where they are left out."""
 
@@ -35,7 +35,7 @@ def point_files(given: Mapping[str, Any], declared: Declared) -> PointFiles:
     for name, usual in _OF_CAMERAS.items():
         value = given.get(name, usual)
         plain = value[0] if isinstance(value, (tuple, list)) and len(value) == 1 else value
-        if plain is not None and plain != usual and plain not in ((), []):
+        if plain is not None and plain not in (usual, "off", (), []):
             raise InputError(name, "is of cameras, and points are given", remedy="leave one of them out")
     check_as("unit of length", unit=given["unit"])
     paths = tuple(named_paths(kept(given["points"]), _FILE).values())
