@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from estimator.data.observation import Observation
@@ -90,11 +90,15 @@ def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
         raise InputError(chosen.source or "settings", problem, place="[smooth]", remedy="leave it out")
 
 
-def note_on_beginning(name: str, results: Sequence[FrameResult]) -> list[str]:
+def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
     """What to tell where a tracker, of some name, found nothing to begin with in any frame."""
-    if not results or any(len(r.q) for r in results):
-        return []
-    return [f"{name} could begin in no frame: look at what it uses, with more cues (--cues) or keypoints"]
+    told = f"{name} could begin in no frame: look at what it uses, with more cues (--cues) or keypoints"
+    notes = list[str]()
+    for result in results:
+        if len(result.q):
+            return []
+        notes = [told]
+    return notes
 
 
 def notes_on_fit(observations: Sequence[Observation]) -> list[str]:

@@ -31,6 +31,7 @@ from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
+from humanoid.support.spilled import Spill
 from kinemode import __version__
 from kinemode.explain import run_settings
 from kinemode.findings import diagnosed, floor_note, upright_note
@@ -58,6 +59,7 @@ from kinemode.terminal.interruption import kept_if_interrupted
 from kinemode.terminal.progress import Reporter, unreported
 
 HEIGHTS = (0.5, 2.5)  # m, of people
+_IN_MEMORY = 300  # frames as tracked, while smoothing
 
 
 @dataclass(frozen=True)
@@ -306,7 +308,8 @@ def _track_into(
                 writer, tracker, observations, job.seed,
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
-        results = list(Run.open(target.path).paths())  # as stored, so that a resumed run is told the same
+        # as stored, so that a resumed run is told the same
+        results = Spill(_IN_MEMORY).list(Run.open(target.path).paths())
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
             with job.progress("smoothing") as report:
@@ -323,7 +326,6 @@ def _track_into(
 def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple[str, ...], tuple[int, ...]]:
     """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
     speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together."""
-    results = list(run.paths())
     leapt = leap_note(leaps(run.body, run.streamed()))
     own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
@@ -332,7 +334,7 @@ def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple
         because = cause()
         own = [because, *own] if because else own
         against = range(len(run)) if because else contradicted(run, cost)
-    return (*note_on_beginning(run.header.tracker, results), *own, *diagnosis.sentences), tuple(against)
+    return (*note_on_beginning(run.header.tracker, run.paths()), *own, *diagnosis.sentences), tuple(against)
 
 
 def _header(

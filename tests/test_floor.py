@@ -32,7 +32,7 @@ from estimator.inference.ground import Ground
 from estimator.runs.contact import contact_of_points
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
-from estimator.runs.smoothed_arrays import check_smoothed, smoothed_arrays
+from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_parts
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.floor_size import size_by_floor
 from estimator.tracking.smoothing import Smoothed, smooth_track
@@ -263,7 +263,7 @@ def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
     told = km.contact(path).floor
     assert told is not None
     assert told.height == kept.height
-    arrays = smoothed_arrays(Smoothed(np.tile(body.neutral, (4, 1)), floor))
+    arrays = joined(smoothed_parts(Smoothed(np.tile(body.neutral, (4, 1)), floor)))
     check_smoothed(arrays, body)
     check_smoothed({"q": arrays["q"]}, body)
     for name, wrong in (

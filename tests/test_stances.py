@@ -14,7 +14,7 @@ from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.runs.contact import contact_of_points
-from estimator.tracking.smoothing.clip import smooth
+from estimator.tracking.smoothing import smooth
 from estimator.tracking.smoothing.stances import Stances, held_places
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import foot_landmarks
@@ -26,7 +26,7 @@ FPS = 30.0
 def held(body: Body, costs: list[Cost], q: np.ndarray, seen: list[Observation]) -> list[Cost]:
     """Costs with what holds the feet."""
     stances = Stances.of(body, q, seen)
-    return costs if stances is None else stances.held(body, costs, STD)
+    return costs if stances is None else list(stances.held(body, costs, STD))
 
 
 def watched(body: Body, q: np.ndarray, times: np.ndarray) -> list[Observation]:

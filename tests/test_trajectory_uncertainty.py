@@ -15,10 +15,12 @@ from estimator.data.formats.checked_arrays import DamageError
 from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior, frame_shares
+from estimator.runs import run_reader
+from estimator.runs import smoothed_arrays as smoothed_arrays_of_runs
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
 from estimator.runs.run_file import Run, RunWriter
-from estimator.runs.smoothed_arrays import check_smoothed, smoothed_arrays, smoothed_in
+from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_in, smoothed_parts
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
@@ -134,14 +136,17 @@ def test_the_posterior_is_around_the_trajectory_and_its_other_modes() -> None:
     np.testing.assert_array_equal(alone.q, pose[None])
 
 
-def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, smoothed: Smoothed) -> None:
-    file = tmp_path / "a.run"
+def written(file: Path, track: Track, smoothed: Smoothed) -> Run:
     with RunWriter.create(file, header(FRAMES, times=np.arange(FRAMES) / FPS)) as writer:
         for result in track.results:
             writer.append(result, state_of(result))
         writer.put_smoothed(smoothed)
         writer.finish()
-    stored = Run.open(file)
+    return Run.open(file)
+
+
+def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, smoothed: Smoothed) -> None:
+    stored = written(tmp_path / "a.run", track, smoothed)
     assert stored.smoothed is not None
     assert smoothed.covariance is not None
     assert stored.smoothed.covariance is not None
@@ -155,6 +160,30 @@ def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, sm
     assert set(stored.status[list(GAP)]) == {"unobserved"}
 
 
+def test_a_long_run_is_written_and_read_by_parts(
+    tmp_path: Path, track: Track, smoothed: Smoothed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And says what a short one says; its frames are not kept once they were read."""
+    names = ("q", "filtered_q", "time", "index", "status", "path", "weight", "energy", "mode_association", "mode_q")
+    short = written(tmp_path / "short.run", track, smoothed)
+    said = {name: getattr(short, name) for name in names}
+    monkeypatch.setattr(smoothed_arrays_of_runs, "_PART", 7)
+    monkeypatch.setattr(run_reader, "_FEW", 7)
+    long = written(tmp_path / "long.run", track, smoothed)
+    for name in names:
+        np.testing.assert_array_equal(said[name], getattr(long, name))
+    assert long.hypothesis_count == short.hypothesis_count
+    assert "_frames" in vars(short)
+    assert "_frames" not in vars(long)
+    assert "covariance" not in long._smoothed
+    assert short.smoothed is not None
+    assert long.smoothed is not None
+    for field in ("q", "covariance", "mode", "weight"):
+        np.testing.assert_array_equal(getattr(short.smoothed, field), getattr(long.smoothed, field))
+    monkeypatch.undo()
+    np.testing.assert_array_equal(Run.open(long.file).posterior(3).covariance, short.posterior(3).covariance)
+
+
 @pytest.mark.parametrize(
     ("name", "wrong", "said"),
     [
@@ -166,7 +195,7 @@ def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, sm
     ],
 )  # fmt: skip
 def test_damage_is_told(track: Track, smoothed: Smoothed, name: str, wrong: np.ndarray | None, said: str) -> None:
-    arrays = smoothed_arrays(smoothed)
+    arrays = joined(smoothed_parts(smoothed))
     check_smoothed(arrays, track.body)
     assert smoothed_in({"q": arrays["q"]}, track.body).covariance is None
     damaged = {key: value for key, value in arrays.items() if key != name}

@@ -7,8 +7,9 @@ matrices in the world frame, so that the cost of J'f and J'WJ does not grow with
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,11 +29,39 @@ class LoadedPoints(NamedTuple):
     force: np.ndarray
     weight: np.ndarray
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Without places and loads, which are filled anew at every pose."""
+        return LoadedPoints.on, (self.joints,)
+
     @staticmethod
     def on(joints: np.ndarray) -> LoadedPoints:
         """Points on joints (N,), without places or loads yet."""
         count = len(joints)
         return LoadedPoints(joints, np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3)))
+
+    @staticmethod
+    def passing(joints: np.ndarray) -> LoadedPoints:
+        """The same, with whatever places and loads, until the thread asks for the next: terms that are many, as a
+        smoother keeps, then have no buffers of their own."""
+        return _BUFFERS.of(joints)
+
+
+class _Buffers(threading.local):
+    """Those of a thread, as large as any were."""
+
+    def __init__(self) -> None:
+        self._largest = LoadedPoints.on(np.zeros(0, dtype=np.int64))
+
+    def of(self, joints: np.ndarray) -> LoadedPoints:
+        """Some of them, for points on joints (N,)."""
+        count = len(joints)
+        if len(self._largest.points) < count:
+            self._largest = LoadedPoints.on(joints)
+        _, points, force, weight = self._largest
+        return LoadedPoints(joints, points[:count], force[:count], weight[:count])
+
+
+_BUFFERS = _Buffers()
 
 
 def accumulate_points(

@@ -10,6 +10,9 @@ from scipy.special import logsumexp
 
 from estimator.inference.motion import MotionPrior
 from humanoid.kinematics.body import Body
+from humanoid.support.spilled import Spill, SpilledList
+
+_KEPT = 1000  # arrays of pairs or triples of modes in memory
 
 
 def best_path(
@@ -47,8 +50,10 @@ def path_weights(
     1989, over pairs of successive modes). Arguments as of `best_path`."""
     if len(q) == 1:
         return [_shares(-energy[0])]
-    forwards: list[np.ndarray] = []  # [j, k]: log of all beginnings that end in modes j and k of the last two frames
-    movements = list(_movements(body, q, times, motion))
+    spill = Spill(_KEPT)
+    # [j, k]: log of all beginnings that end in modes j and k of the last two frames
+    forwards: SpilledList[np.ndarray] = spill.list()
+    movements = spill.list(_movements(body, q, times, motion))
     for t, (moved, bent) in enumerate(movements, start=1):
         before = -energy[0][:, None] if bent is None else logsumexp(forwards[-1][:, :, None] - bent, axis=0)
         forwards.append(before - moved - energy[t][None, :])

@@ -148,7 +148,7 @@ def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
     the keypoints fit.
     """
     rows = np.flatnonzero((run.status == TRACKED) & np.isfinite(run.q).all(axis=1))
-    if not len(rows) or not run.header.cameras or not len(run.pixels):
+    if not len(rows) or not run.has_keypoints:
         return ()
     _, deviations = _distances(run, cost, rows)
     seen = np.isfinite(deviations).sum(axis=(1, 2))
@@ -160,7 +160,7 @@ def camera_errors(run: Run, cost: CostSettings) -> dict[str, float]:
     """How far each camera's keypoints are from the landmarks of a run's trajectory, by the camera's name, root mean
     square without outliers [px]; those without keypoints are left out."""
     rows = _tracked(run)
-    if not len(rows) or not len(run.pixels):
+    if not len(rows) or not run.has_keypoints:
         return {}
     pixels, _ = _distances(run, cost, _sampled(rows))
     errors = {camera.name: float(typical_distance(pixels[:, c])) for c, camera in enumerate(run.header.cameras)}
@@ -200,9 +200,7 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[JointAtLimit, ...]:
 
 def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...], tuple[tuple[str, float], ...]]:
     """Landmarks far from their keypoints, and cameras in which most are."""
-    if not run.header.cameras or not len(
-        run.pixels
-    ):  # runs of the library alone may have been written without keypoints
+    if not run.has_keypoints:  # runs of the library alone may have been written without keypoints
         return (), ()
     fewest = min(FEWEST, len(rows))
     pixels, deviations = _distances(run, cost, _sampled(rows))

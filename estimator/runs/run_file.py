@@ -18,7 +18,7 @@ from estimator.runs import run_store
 from estimator.runs.run_arrays import frame_arrays
 from estimator.runs.run_header import RunHeader, with_findings
 from estimator.runs.run_reader import Run
-from estimator.runs.smoothed_arrays import smoothed_arrays
+from estimator.runs.smoothed_arrays import smoothed_parts
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing import Smoothed
 from humanoid.support.atomic import replacing
@@ -155,11 +155,13 @@ class RunWriter:
 
     def put_smoothed(self, smoothed: Smoothed) -> None:
         """Store the smoothed trajectory of all frames, in place of any other."""
-        execute, arrays = self._connection.execute, smoothed_arrays(smoothed)
+        execute = self._connection.execute
         with run_store.translated(self.path, has_frames=True):
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
-            execute("INSERT INTO smoothed VALUES (?)", (pack(arrays),))
+            self._connection.executemany(
+                "INSERT INTO smoothed VALUES (?)", ((pack(arrays),) for arrays in smoothed_parts(smoothed))
+            )
             execute("COMMIT")
 
     def put_findings(self, findings: Sequence[str], contradicted: Sequence[int] = ()) -> None:

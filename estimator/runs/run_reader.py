@@ -32,7 +32,7 @@ from estimator.runs.run_arrays import (
 )
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
-from estimator.runs.smoothed_arrays import check_smoothed, floor_in, smoothed_in
+from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
@@ -45,6 +45,10 @@ from humanoid.support.summary import Facts, Summarised
 
 if TYPE_CHECKING:
     import pandas
+
+
+_SMOOTHED = "smoothed trajectory"
+_FEW = 1000  # frames, the arrays of which are kept once they were read
 
 
 class Run(Summarised):
@@ -111,6 +115,12 @@ class Run(Summarised):
         """The arrays of every frame as they are stored."""
         return list(self._stored())
 
+    def _each(self) -> Iterator[dict[str, np.ndarray]]:
+        """`_frames` one after the other, without keeping those of a long run."""
+        if self.frame_count <= _FEW or "_frames" in vars(self):
+            return iter(self._frames)
+        return self._stored()
+
     def _stored(self) -> Iterator[dict[str, np.ndarray]]:
         """One frame's arrays after the other's."""
         count, before = 0, None
@@ -138,8 +148,16 @@ class Run(Summarised):
         self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]
     ) -> dict[str, np.ndarray]:
         """The arrays of a row, which `check` has nothing against."""
+        return self._unpacked_as(lambda: unpack(data), place, check)
+
+    def _unpacked_as(
+        self,
+        made: Callable[[], dict[str, np.ndarray]],
+        place: str,
+        check: Callable[[dict[str, np.ndarray]], None],
+    ) -> dict[str, np.ndarray]:
         try:
-            arrays = unpack(data)
+            arrays = made()
             check(arrays)
         except InputError:  # of the subject
             raise
@@ -217,22 +235,26 @@ class Run(Summarised):
     @property
     def hypothesis_count(self) -> int:
         """K, the largest number of hypotheses of any frame."""
-        return max((len(f["weight"]) for f in self._frames), default=0)
+        return self._most
+
+    @cached_property
+    def _most(self) -> int:
+        return max((len(f["weight"]) for f in self._each()), default=0)
 
     @cached_property
     def time(self) -> np.ndarray:
         """(T,) [s]."""
-        return np.array([f["time"] for f in self._frames], dtype=np.float64)
+        return np.array([float(f["time"]) for f in self._each()], dtype=np.float64)
 
     @cached_property
     def index(self) -> np.ndarray:
         """(T,) number of each instant among those observed; `header.frames_of` has the clips' own frames."""
-        return np.array([f["index"] for f in self._frames], dtype=np.int64)
+        return np.array([int(f["index"]) for f in self._each()], dtype=np.int64)
 
     @cached_property
     def status(self) -> np.ndarray:
         """(T,) text, see `FrameResult.status`; "hard" where the findings speak against a frame, see `RunHeader`."""
-        status = np.array([f["status"] for f in self._frames], dtype=np.str_)
+        status = np.array([str(f["status"]) for f in self._each()], dtype=np.str_)
         against = [t for t in self.header.contradicted if t < len(status)]
         status[against] = np.where(status[against] == TRACKED, HARD, status[against])
         return status
@@ -321,7 +343,11 @@ class Run(Summarised):
     @cached_property
     def filtered_q(self) -> np.ndarray:
         """(T, nq) along the path, as the tracker left it."""
-        return self._along(self.mode_q)
+        out = np.full((self.frame_count, self.body.nq), np.nan)
+        for t, (frame, k) in enumerate(zip(self._each(), self.path, strict=True)):
+            if k >= 0:
+                out[t] = frame["q"][k]
+        return out
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -338,17 +364,26 @@ class Run(Summarised):
     def smoothed(self) -> Smoothed | None:
         """The smoothed trajectory with what is known of it, before calibration; None before the run is complete, and of
         one that was not smoothed."""
-        return smoothed_in(self._smoothed, self.body) if self._smoothed else None
+        if not self._smoothed:
+            return None
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT data FROM smoothed ORDER BY rowid").fetchall()
+        parts = [self._unpacked(data, _SMOOTHED, lambda a: None) for (data,) in rows]
+        return smoothed_in(self._unpacked_as(lambda: joined(parts), _SMOOTHED, self._check_smoothed), self.body)
 
     @cached_property
     def _smoothed(self) -> Mapping[str, np.ndarray]:
-        """What is kept of the smoothing, as it is stored; nothing before the run is complete."""
+        """What is kept of the smoothing, as it is stored, of a long run without the covariances; nothing before the run
+        is complete."""
         with run_store.reading(self.file) as connection:
-            row = connection.execute("SELECT data FROM smoothed").fetchone()
+            row = connection.execute("SELECT data FROM smoothed ORDER BY rowid").fetchone()
         if row is None:
             return {}
-        arrays = self._unpacked(row[0], "smoothed trajectory", lambda a: check_smoothed(a, self.body))
+        arrays = self._unpacked(row[0], _SMOOTHED, self._check_smoothed)
         return arrays if arrays["q"].shape == self.filtered_q.shape else {}
+
+    def _check_smoothed(self, arrays: dict[str, np.ndarray]) -> None:
+        check_smoothed(arrays, self.body)
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -470,6 +505,12 @@ class Run(Summarised):
         return pixels, np.array([f["confidence"] for f in frames], dtype=np.float64).reshape(shape)
 
     @property
+    def has_keypoints(self) -> bool:
+        """Whether the keypoints it was made from were stored with it."""
+        with run_store.reading(self.file) as connection:
+            return connection.execute("SELECT position FROM observation LIMIT 1").fetchone() is not None
+
+    @property
     def pixels(self) -> np.ndarray:
         """(planned T, C, L, 2) keypoints the run was made from [px], NaN where missing; none if never stored."""
         return self._keypoints[0]
@@ -491,7 +532,8 @@ class Run(Summarised):
 
     def _padded(self, name: str) -> np.ndarray:
         """An array of the hypotheses over all frames."""
-        return self._stacked([f.get(name) for f in self._frames], RESULT_FIELDS[name])
+        copied = [f[name].copy() if name in f else None for f in self._each()]  # a view would keep the whole frame
+        return self._stacked(copied, RESULT_FIELDS[name])
 
     def _stacked(self, frames: Sequence[np.ndarray | None], field: Field) -> np.ndarray:
         """Arrays (K, ...) of all frames as one (T, K, ...), with nothing where a frame has fewer or none."""

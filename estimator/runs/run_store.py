@@ -4,7 +4,8 @@
     frame(position, data)                     one row a frame, in order: the packed arrays of a FrameResult
     state(next, data)                         one row: the tracker's exact state after the last frame
     observation(position, data)               keypoints of each frame, for pictures and for a resume's check
-    smoothed(data)                            one row: the best trajectory, estimated over all frames together
+    smoothed(data)                            one row: the best trajectory, estimated over all frames together; of a
+                                              long one the covariances in further rows, of some frames each
     finished(at)                              one row when the run is complete
 
 While a run is written it keeps a write-ahead log (`RUN-wal`) beside the file, so that readers and the writer never wait

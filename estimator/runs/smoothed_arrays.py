@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -26,20 +26,44 @@ _UNCERTAINTY = {
     "mode": Field("i", ("T",)),
     "weight": Field("f", ("T", "K"), finite=False),
 }
+_PART = 200  # frames
 _SUM = 1e-6  # by which weights may miss one
 
 
-def smoothed_arrays(smoothed: Smoothed) -> dict[str, np.ndarray]:
-    """A smoothed trajectory as arrays; covariances as the upper triangle in single precision."""
+def smoothed_parts(smoothed: Smoothed) -> Iterator[dict[str, np.ndarray]]:
+    """A smoothed trajectory as arrays: of a short clip all together, of a long one first all but the covariances, then
+    these, of some frames after the other. Covariances are upper triangles in single precision."""
     arrays = {"q": smoothed.q}
     if smoothed.floor is not None:
         arrays |= {_FLOOR + name: np.asarray(value) for name, value in vars(smoothed.floor).items()}
-    if smoothed.covariance is not None:
-        rows, columns = triangle_of(smoothed.covariance.shape[-1])
-        arrays["covariance"] = smoothed.covariance[:, rows, columns].astype(np.float32)
+    short = len(smoothed.q) <= _PART
+    if short and smoothed.covariance is not None:
+        arrays["covariance"] = _triangles(smoothed.covariance[:])
     if smoothed.mode is not None and smoothed.weight is not None:
         arrays |= {"mode": smoothed.mode.astype(np.int64), "weight": smoothed.weight}
-    return arrays
+    yield arrays
+    if smoothed.covariance is not None and not short:
+        for first in range(0, len(smoothed.covariance), _PART):
+            yield {"covariance": _triangles(smoothed.covariance[first : first + _PART])}
+
+
+def _triangles(covariances: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    whole = np.asarray(covariances)
+    rows, columns = triangle_of(whole.shape[-1])
+    return whole[:, rows, columns].astype(np.float32)
+
+
+def joined(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The arrays of all parts."""
+    arrays: dict[str, np.ndarray] = {}
+    covariances = list[np.ndarray]()
+    for part in parts:
+        arrays |= part
+        covariances += [part["covariance"]] if "covariance" in part else []
+    try:
+        return arrays if len(covariances) < 2 else {**arrays, "covariance": np.concatenate(covariances)}
+    except (ValueError, TypeError):
+        raise DamageError("covariance has parts that do not fit each other") from None
 
 
 def smoothed_in(arrays: Mapping[str, np.ndarray], body: Body) -> Smoothed:

@@ -18,6 +18,7 @@ ON_LIMIT = 1e-12  # rad or m
 SHORTEST_STEP = 1e-3
 """[s] Frames nearer in time count as this far apart: no clip has more frames a second than 1000, but equal time stamps
 occur, and a velocity must stay finite."""
+_BATCH = 256  # configurations
 ROOT_JOINT = 1
 """Pinocchio's joint of a free root."""
 ROOT_Q, ROOT_PLACE_Q, ROOT_TURN_Q = slice(0, 7), slice(0, 3), slice(3, 7)
@@ -55,6 +56,11 @@ class PosedBody(NamedTuple):
     def alone(self) -> PlacedBodies:
         """This configuration as one of many."""
         return PlacedBodies(self.q[None], self.placements[None])
+
+
+def batches(q: np.ndarray) -> list[np.ndarray]:
+    """Configurations (N, nq) in parts, at least one, for what needs many numbers of each."""
+    return np.array_split(q, max(1, -(-len(q) // _BATCH)))
 
 
 class PlacedBodies(NamedTuple):

@@ -5,8 +5,9 @@ the modes of all frames are gone through backwards for the trajectory that fits 
 poses together minimise the sum of the frames' own energies and of that prior (CSS footnote 2).
 """
 
-from estimator.tracking.smoothing.clip import Smoothed, smooth, smooth_track
+from estimator.tracking.smoothing.clip import smooth_track
 from estimator.tracking.smoothing.fixed_lag import FixedLag
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.smoothed import Smoothed, smooth
 
 __all__ = ["FixedLag", "SmoothSettings", "Smoothed", "smooth", "smooth_track"]

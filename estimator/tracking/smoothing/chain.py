@@ -67,8 +67,20 @@ class FrameChain:
         self._motion = MotionEnergy(body, motion, self._dt)
 
     def energy(self, q: np.ndarray) -> float:
-        """Of poses (T, nq)."""
-        return self._model(q).value
+        """Of poses (T, nq): `ChainModel.value` to the last bit, in memory that does not grow with them."""
+        own, tied = list[float](), list[float]()
+        gradient, blocks = np.zeros((2, self._body.nv)), np.zeros((1 + REACH, 2, self._body.nv, self._body.nv))
+        before: PosedBody | None = None
+        for t, cost in enumerate(self._costs):
+            model = cost.at(q[t])
+            own.append(model.value)
+            if before is not None and (ties := self._ties[t - 1]):
+                tied.append(self._tied(before, model.posed, ties, gradient, blocks))
+            before = model.posed
+        energy = 0.0
+        for value in (*own, *tied):  # in the order in which the model has them
+            energy += value
+        return energy + self._motion.energy(q)
 
     def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
         """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,23 +18,22 @@ from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.ground import Ground
-from estimator.inference.motion import MotionPrior
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.smoothing.chain import FrameChain, windows
-from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, standing_ties
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, spill_of, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.smoothed import Smoothed, smooth
 from estimator.tracking.smoothing.stances import Stances
 from estimator.tracking.smoothing.ties import Ties
 from estimator.tracking.smoothing.uncertainty import TrajectoryUncertainty
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
-from humanoid.kinematics.body import Body
+from humanoid.support.spilled import MadeList, Spill, SpilledList
 
 _FEW = 3  # Newton steps between two looks at the pace
 _HOLDS = 2  # times that what stands is told anew
@@ -73,32 +72,11 @@ def smooth_track(
     return track.smoothed(end, q)
 
 
-class Smoothed(NamedTuple):
-    """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, as it is known
-    or was found; None without one. covariance (T, nv, nv): of each pose with all frames in mind, in the tangent space
-    at it, NaN without one; None where it could not be told. mode (T,): which mode of each frame the trajectory goes
-    through, -1 without one. weight (T, K): of the modes of each frame with all frames in mind, NaN where there are
-    fewer."""
-
-    q: np.ndarray
-    floor: Ground | None = None
-    covariance: np.ndarray | None = None
-    mode: np.ndarray | None = None
-    weight: np.ndarray | None = None
-
-    def frames(self, rows: Sequence[int]) -> Smoothed:
-        """These frames alone."""
-        covariance, mode, weight = (
-            None if part is None else part[rows] for part in (self.covariance, self.mode, self.weight)
-        )
-        return Smoothed(self.q[rows], self.floor, covariance, mode, weight)
-
-
 class _Held(NamedTuple):
     """Costs (T), modes (T,) and poses q (T, nq) of a trajectory as it is held, what it was before, the floor that it is
     above and the distances to it, None without one."""
 
-    costs: list[Cost]
+    costs: Sequence[Cost]
     before: Trajectory
     modes: np.ndarray
     q: np.ndarray
@@ -122,6 +100,7 @@ class _Track:
         self._observations, self._results = observations, results
         self._motion, self._plain = settings.motion(search.model), settings.plain_motion(search.model)
         self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` knows them
+        self._spill, self._spilled_ties = (spill_of(search, observations, settings) for _ in range(2))
         path = backtrack_results(results)
         self.some = np.flatnonzero(path >= 0).tolist()
         self._times = np.array([observations[t].time for t in self.some])
@@ -129,17 +108,17 @@ class _Track:
 
     def best(self, progress: Progress | None) -> _Held:
         """The better path, smoothed."""
-        costs, self._energies = [], []
+        costs: SpilledList[Cost] = self._spill.list()
+        self._energies = []
         for t, k in zip(self.some, self._path, strict=True):
             of_frame = frame_costs(self._search, self._seen(t), self._results[t])
             self._energies.append(frame_energies(self._search, of_frame, self._results[t]))
             costs.append(of_frame[k])
-        q = [self._results[t].q for t in self.some]
-        other = best_path(self._search.body, q, self._energies, self._times, self._plain)
+        other = best_path(self._search.body, self._modes(), self._energies, self._times, self._plain)
         paths, rivals = [self._path, other], [self._smoothed(costs, self._path, progress)]
         if not np.array_equal(other, self._path):
-            changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
-            rivals.append(self._smoothed(changed, other, None))
+            changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
+            rivals.append(self._smoothed(self._spill.list(changed), other, None))
         renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
         if self._cues is not None and self._settings.rounds > 0:
             renewal(rivals)
@@ -152,46 +131,60 @@ class _Track:
         """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
-        costs, q = trajectory.costs, trajectory.q
+        q = trajectory.q
         known = believed_floor(body, seen[0].cameras, self._floor, q)  # if it is not, the run's findings say so
         distances = floor_of(body, seen[0].cameras, known)
         floor: Ground | None = None
+        costs: Sequence[Cost] = trajectory.costs
         for _ in range(_HOLDS):
             before, stances = costs, Stances.of(body, q, seen, known, hands=self._settings.hands)
             costs = trajectory.costs
             if stances is not None:
-                costs = costs if stance == 0.0 else stances.held(body, costs, stance)
+                if stances.hold and stance > 0.0:
+                    costs = stances.held(body, costs, stance)
                 floor = stances.floor if floor is None else floor
                 if distances is None and floor is not None:
                     distances = FloorDistances(body, floor.normal, floor.height)
             if distances is not None:
-                above = AboveFloor(distances, SUNK, _DOUBTED if known is None else None)
-                costs = [cost.plus([above]) for cost in costs]
-            if all(new is old for new, old in zip(costs, before, strict=True)):
+                costs = _above(costs, AboveFloor(distances, SUNK, _DOUBTED if known is None else None))
+            if costs is before:
                 break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
             q = smooth(body, costs, self._times, q, trajectory.motion, self._settings, ties=trajectory.ties)
         return _Held(costs, trajectory, modes, q, floor, distances)
 
     def smoothed(self, end: _Held, q: np.ndarray) -> Smoothed:
         """Poses q (T, nq) of all frames, at which a trajectory ended, and how sure they are."""
-        body, results = self._search.body, [self._results[t] for t in self.some]
         prior, motion = self._search.model.cost(None), end.before.motion
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
-        covariances = told.covariances(end.costs, end.before.ties, q[self.some])
-        mode, weight = np.full(len(q), -1), np.full((len(q), max(len(r.weight) for r in results)), np.nan)
+        covariance = self._each(told.covariances(end.costs, end.before.ties, q[self.some]), len(q))
+        mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
-        for t, own in zip(self.some, told.weights([r.q for r in results], self._energies, self._plain), strict=True):
+        for t, own in zip(self.some, told.weights(self._modes(), self._energies, self._plain), strict=True):
             weight[t, : len(own)] = own
-        if covariances is None:
-            return Smoothed(q, end.floor, None, mode, weight)
-        covariance = np.full((len(q), body.nv, body.nv), np.nan)
-        covariance[self.some] = covariances
         return Smoothed(q, end.floor, covariance, mode, weight)
 
-    def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
+    def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
+        """Those of all frames, NaN of one without hypotheses; None where they cannot be told."""
+        every: SpilledList[np.ndarray] = Spill(self._settings.window).list()
+        nothing, some = np.full((self._search.body.nv, self._search.body.nv), np.nan), set(self.some)
+        try:
+            for t in range(count):
+                every.append(next(covariances).copy() if t in some else nothing)
+        except np.linalg.LinAlgError:
+            return None
+        return every
+
+    def _modes(self) -> MadeList[np.ndarray]:
+        """Those (K, nq) of each frame."""
+        return MadeList(len(self.some), lambda i: self._results[self.some[i]].q)
+
+    def _smoothed(self, costs: SpilledList[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
         """Along a path, with the features of its modes."""
-        start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
-        associations = [self._results[t].association[k] for t, k in zip(self.some, path, strict=True)]
+        start, associations = np.empty((len(path), self._search.body.nq)), list[str]()
+        for i, k in enumerate(path.tolist()):
+            result = self._results[self.some[i]]
+            start[i] = result.q[k]
+            associations.append(result.association[k])
         ties = self._ties(associations)
         body, motion = self._search.body, self._motion
         q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
@@ -199,11 +192,11 @@ class _Track:
         for left in reversed(range(self._settings.pace_rounds)):
             motion = motion._replace(pace=pace_of(body, costs, self._times, q, motion, self._settings, ties=ties))
             q = smooth(body, costs, self._times, q, motion, few if left else self._settings, ties=ties)
-        return Trajectory(q, associations, list(costs), ties, motion)
+        return Trajectory(q, associations, costs, ties, motion)
 
-    def _ties(self, associations: Sequence[str]) -> list[Ties]:
+    def _ties(self, associations: Sequence[str]) -> SpilledList[Ties]:
         """What ties each frame's feet to the one before."""
-        ties: list[Ties] = [()]
+        ties: SpilledList[Ties] = self._spilled_ties.list([()])
         for i in range(1, len(self.some)):
             t, dt = self.some[i], self._times[i] - self._times[i - 1]
             adjacent = t - self.some[i - 1] == 1
@@ -223,6 +216,10 @@ class _Track:
         return observation if self._cues is None else replace(observation, cues=self._cues.at(observation.index))
 
 
+def _above(costs: Sequence[Cost], above: AboveFloor) -> Sequence[Cost]:
+    return MadeList(len(costs), lambda t: costs[t].plus([above]))
+
+
 def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray) -> np.ndarray:
     """q (nq,) itself unless parts overlap each other or the floor, else a pose near it where they do not."""
     body = search.body
@@ -232,33 +229,3 @@ def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
     start = Solution(held.at(q), STALLED, np.inf, 0)
     return separate(search.seeker, clearance, held, start, contact).q
-
-
-def smooth(
-    body: Body,
-    costs: Sequence[Cost],
-    times: np.ndarray,
-    q: np.ndarray,
-    motion: MotionPrior,
-    settings: SmoothSettings | None = None,
-    progress: Progress | None = None,
-    *,
-    ties: Sequence[Ties] | None = None,
-) -> np.ndarray:
-    """Smoothed configurations (T, nq), within the limits; the total energy is never higher than at `q`.
-
-    costs (T): static energy of each frame. times (T,) [s], rising. q (T, nq): the path. ties (T): of each frame to the
-    one before.
-    """
-    settings = settings or SmoothSettings()
-    q = np.array([body.clamp(x) for x in q])
-    for first, last, low, high in windows(len(q), settings.window):
-        held = np.ones(high - low, dtype=bool)
-        held[first - low : last - low] = False
-        tied = None if ties is None else ties[low + 1 : high]
-        own = motion.frames(low, high)
-        chain = FrameChain(body, costs[low:high], times[low:high], own, settings.tolerance, tied)
-        q[low:high] = chain.descend(q[low:high], held, settings.iterations)
-        if progress is not None:
-            progress(last, len(q))
-    return q

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,18 @@ from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import observable
+from estimator.tracking.smoothing.chain import REACH
+from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties, ties_of
-from humanoid.kinematics.body import PosedBody
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.shape.surface import Surface
+from humanoid.support.spilled import Spill
+
+
+def spill_of(search: ModeSearch, observations: Sequence[Observation], settings: SmoothSettings) -> Spill:
+    """Where the energies of all frames are, or what ties these: in memory are those of a window along two paths."""
+    shared = [search.model, *search.model.cost(None).terms, *(c for o in observations[:1] for c in o.cameras)]
+    return Spill(2 * (settings.window + 2 * REACH), shared, (Body, Surface))
 
 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:

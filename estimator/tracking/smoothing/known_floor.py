@@ -10,7 +10,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.floor import OFF, KnownFloor
 from estimator.energy.gravity_prior import world_up
 from humanoid.collision.floor import FloorDistances
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, batches
 
 SUNK = 0.005
 """[m] Standard deviation of a part below the floor."""
@@ -25,7 +25,8 @@ def floor_of(body: Body, cameras: Sequence[Camera], known: KnownFloor) -> FloorD
 def height_above(floor: FloorDistances, body: Body, q: np.ndarray) -> float:
     """How high the lowest part of a body is above a floor [m], the median of poses q (T, nq) without those that are
     NaN; NaN where none is left, or the body has no flesh."""
-    lowest = floor.lowest(body.placed(q[np.isfinite(q).all(axis=1)]))
+    posed = q[np.isfinite(q).all(axis=1)]
+    lowest = np.concatenate([floor.lowest(body.placed(some)) for some in batches(posed)])
     return float(np.median(lowest)) if len(lowest) and np.isfinite(lowest).all() else np.nan
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -67,39 +68,57 @@ class MotionEnergy:
     def add(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
         """Add to gradient (T, nv) and blocks (1 + K, T, nv, nv) at poses q (T, nq), block k of which couples frame t
         with frame t + k; return the energy."""
+        energy = 0.0
+        for moved, precision, share in self._moved(q, self._turning):
+            self._add(moved, precision, share, gradient, blocks)
+            energy += self._cost(moved, precision, share)
+        return energy
+
+    def energy(self, q: np.ndarray) -> float:
+        """What `add` returns, to the last bit, without derivatives."""
+        energy = 0.0
+        for moved, precision, share in self._moved(q, self._turning[:0]):
+            energy += self._cost(moved, precision, share)
+        return energy
+
+    def _moved(self, q: np.ndarray, turning: np.ndarray) -> Iterator[tuple[Movements, np.ndarray, np.ndarray]]:
+        """Velocities, accelerations and what is new in these, those that count, each with its precision, (nv,) or
+        (M, nv), and its share (M,); with the Jacobians of the degrees of freedom `turning`."""
         if len(q) < 2:
-            return 0.0
-        velocities = self._velocities(q)
-        energy = self._add(velocities, self._velocity_precision, self._shares(self._dt), gradient, blocks)
+            return
+        velocities = self._velocities(q, turning)
+        yield velocities, self._velocity_precision, self._shares(self._dt)
         if len(q) < 3:
-            return energy
+            return
         span = 0.5 * (self._dt[1:] + self._dt[:-1])
         shares, precision = self._shares(span), self._acceleration_precision
         accelerations = velocities.differences(span)
         alone = slice(0, 1 if self._prior.memory > 0.0 else len(span))
-        energy += self._add(accelerations.rows(alone), precision[alone], shares[alone], gradient, blocks)
+        yield accelerations.rows(alone), precision[alone], shares[alone]
         if self._prior.memory > 0.0:
-            news = accelerations.mixed(*self._prior.innovation(span[1:]))
-            energy += self._add(news, precision[1:], shares[1:], gradient, blocks)
-        return energy
+            yield accelerations.mixed(*self._prior.innovation(span[1:])), precision[1:], shares[1:]
+
+    def _cost(self, moved: Movements, precision: np.ndarray, share: np.ndarray) -> float:
+        square, nu = precision * np.square(moved.values), self._prior.nu
+        return float(0.5 * nu * np.sum(share[:, None] * np.log1p(square / nu)))
 
     def _shares(self, dt: np.ndarray) -> np.ndarray:
         return np.array([self._prior.share(d) for d in dt.tolist()])
 
-    def _velocities(self, q: np.ndarray) -> Movements:
+    def _velocities(self, q: np.ndarray, turning: np.ndarray) -> Movements:
         model, rate = self._body.model, 1.0 / self._dt
         values = rate[:, None] * np.array([pin.difference(model, a, b) for a, b in pairwise(q)])
-        turns = np.zeros((len(rate), 2, len(self._turning), len(self._turning)))
-        if len(self._turning):
-            some = np.ix_(self._turning, self._turning)
+        turns = np.zeros((len(rate), 2, len(turning), len(turning)))
+        if len(turning):
+            some = np.ix_(turning, turning)
             for t, pair in enumerate(pairwise(q)):
                 turns[t] = [rate[t] * J[some] for J in pin.dDifference(model, *pair)]
         return Movements(values, np.stack([-rate, rate], axis=1), turns)
 
     def _add(
         self, moved: Movements, precision: np.ndarray, share: np.ndarray, gradient: np.ndarray, blocks: np.ndarray
-    ) -> float:
-        """Add what movements cost, of precision (nv,) or (M, nv), each counted by its share (M,)."""
+    ) -> None:
+        """Add the derivatives of what movements cost, of precision (nv,) or (M, nv), each counted by its share (M,)."""
         square, nu = precision * np.square(moved.values), self._prior.nu
         weight = share[:, None] * precision / (1.0 + square / nu)
         pull, reach = weight * moved.values, moved.rates.shape[1]
@@ -114,4 +133,3 @@ class MotionEnergy:
                 diagonal = np.einsum("tii->ti", block)
                 diagonal[of[k], adding] += (moved.rates[:, k] * moved.rates[:, j])[:, None] * weight[:, adding]
                 block[of[k], turning[:, None], turning] += loaded @ moved.turns[:, j]
-        return float(0.5 * nu * np.sum(share[:, None] * np.log1p(square / nu)))

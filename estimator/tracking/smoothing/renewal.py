@@ -15,6 +15,7 @@ from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import flow_ties, renewed_cost, standing_ties
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
+from humanoid.support.spilled import MadeList, SpilledList
 
 See = Callable[[int], Observation]
 """A frame of the track, by its place in it, with what its pictures show."""
@@ -27,8 +28,8 @@ class Trajectory:
 
     q: np.ndarray
     association: Sequence[str]
-    costs: list[Cost]
-    ties: list[Ties]
+    costs: SpilledList[Cost]
+    ties: SpilledList[Ties]
     motion: MotionPrior
 
 
@@ -67,7 +68,8 @@ class Renewal:
 
     def energy(self, trajectory: Trajectory) -> float:
         """Of all frames, of what ties them and of their motion at equal pace, so that trajectories can be compared."""
-        return self._chain(trajectory.costs, trajectory.ties, self._motion, 0).energy(trajectory.q)
+        costs, ties = trajectory.costs, trajectory.ties
+        return self._chain(costs, MadeList(len(ties) - 1, lambda i: ties[i + 1]), self._motion, 0).energy(trajectory.q)
 
     def _window(self, trajectory: Trajectory, seen: dict[int, Observation], first: int, last: int) -> None:
         low, high = max(0, first - REACH), min(len(trajectory.q), last + REACH)
@@ -76,14 +78,16 @@ class Renewal:
         q, least = trajectory.q[low:high].copy(), np.inf
         for left in reversed(range(self._settings.rounds + 1)):
             costs, ties = self._renewed(trajectory, seen, q, low, first, last)
-            chain = self._chain(costs, ties, trajectory.motion.frames(low, high), low)
+            chain = self._chain(costs, ties[1:], trajectory.motion.frames(low, high), low)
             energy = chain.energy(q)
             enough = energy > least - self._settings.round_gain
             if energy < least:
                 least = energy
                 trajectory.q[low:high] = q
-                trajectory.costs[first:last] = costs[first - low : last - low]
-                trajectory.ties[first : last + 1] = ties[first - low : last + 1 - low]
+                for i in range(first, last):
+                    trajectory.costs[i] = costs[i - low]
+                for i in range(first, min(last + 1, high)):
+                    trajectory.ties[i] = ties[i - low]
             if enough:
                 break
             if left:
@@ -108,5 +112,6 @@ class Renewal:
         return costs, ties
 
     def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], motion: MotionPrior, low: int) -> FrameChain:
+        """Of frames from `low` on; ties: of each but the first to the one before."""
         times, tolerance = self._times[low : low + len(costs)], self._settings.tolerance
-        return FrameChain(self._search.body, costs, times, motion, tolerance, ties[1:])
+        return FrameChain(self._search.body, costs, times, motion, tolerance, ties)

@@ -17,7 +17,8 @@ from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import STEP, Ground
 from estimator.inference.hand_points import HandPoints
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, batches
+from humanoid.support.spilled import MadeList
 
 _LEAST = 0.1  # s: what stands for less is not held
 _FAINT = 0.1  # probability of standing
@@ -54,7 +55,7 @@ class Stances(NamedTuple):
         feet = FootPoints.of(body)
         if feet is None or len(q) < 2:
             return None
-        landmarks = body.landmarks_of(body.placed(q))
+        landmarks = np.concatenate([body.landmarks_of(body.placed(some)) for some in batches(q)])
         points = landmarks[:, feet.landmark]
         times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
         every = np.array([_seen(body, o) for o in observations])
@@ -76,21 +77,27 @@ class Stances(NamedTuple):
         places, weight = (np.concatenate(pair, axis=1) for pair in zip((places, weight), more, strict=True))
         return Stances(np.concatenate([feet.landmark, palms.landmark]), places, weight, floor)
 
-    def held(self, body: Body, costs: Sequence[Cost], std: float) -> list[Cost]:
+    @property
+    def hold(self) -> bool:
+        """Whether anything stands."""
+        return bool(np.any(self.weight > _FAINT))
+
+    def held(self, body: Body, costs: Sequence[Cost], std: float) -> MadeList[Cost]:
         """Costs (T) with the pulls of each point that stands, std [m], with long tails, as feet roll. A cost without a
         pull is the given one itself. A foot on a stair stands on no floor, and is held alike."""
-        joint, local = body.landmark_joint[self.landmark], body.landmark_local[self.landmark]
-        precision, result = np.eye(3) / std**2, []
-        for cost, place, share in zip(costs, self.places, self.weight, strict=True):
-            some = np.flatnonzero(share > _FAINT)
-            if len(some):
-                pull = PointTargets(
-                    body, joint[some], local[some], place[some], np.tile(precision, (len(some), 1, 1)),
-                    weight=share[some], potential="lorentzian", nu=_NU, name="stances",
-                )  # fmt: skip
-                cost = cost.plus([pull])
-            result.append(cost)
-        return result
+        return MadeList(len(costs), lambda t: self._pulled(body, costs[t], t, std))
+
+    def _pulled(self, body: Body, cost: Cost, t: int, std: float) -> Cost:
+        some = np.flatnonzero(self.weight[t] > _FAINT)
+        if not len(some):
+            return cost
+        landmark = self.landmark[some]
+        pull = PointTargets(
+            body, body.landmark_joint[landmark], body.landmark_local[landmark], self.places[t, some],
+            np.tile(np.eye(3) / std**2, (len(some), 1, 1)),
+            weight=self.weight[t, some], potential="lorentzian", nu=_NU, name="stances",
+        )  # fmt: skip
+        return cost.plus([pull])
 
 
 def _seen(body: Body, observation: Observation) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,11 +28,15 @@ class TrajectoryUncertainty:
         self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
         self._motion = motion
 
-    def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> np.ndarray | None:
-        """(T, nv, nv) of poses q (T, nq), see `FrameChain.covariances`; None where there are none, as nothing holds a
-        pose. costs (T): energy of each frame. ties (T): of each frame to the one before."""
-        nv, window, count = self._body.nv, self._settings.window, len(q)
-        result = np.zeros((count, nv, nv))
+    def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> Iterator[np.ndarray]:
+        """(nv, nv) of each of the poses q (T, nq), see `FrameChain.covariances`. costs (T): energy of each frame. ties
+        (T): of each frame to the one before.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: nothing holds a pose.
+        """
+        window, count = self._settings.window, len(q)
         for first in range(0, count, window):
             last = min(count, first + window)
             low, high = max(0, first - _MARGIN), min(count, last + _MARGIN)
@@ -41,12 +45,7 @@ class TrajectoryUncertainty:
                 self._settings.tolerance, ties[low + 1 : high],
             )  # fmt: skip
             prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
-            try:
-                told = chain.covariances(q[low:high], self._settings.lasting, prior)
-            except np.linalg.LinAlgError:
-                return None
-            result[first:last] = told[first - low : last - low]
-        return result
+            yield from chain.covariances(q[low:high], self._settings.lasting, prior)[first - low : last - low]
 
     def weights(
         self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray], between: MotionPrior

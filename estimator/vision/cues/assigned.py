@@ -80,8 +80,6 @@ class AssignedPoints(BatchTerm):
     groups: assignments of the points.
     constant: energy of what has no assignment (back-facing and occluded nodes, contour points without an edge).
     name: of what is assigned.
-
-    One object serves one thread: it reuses buffers.
     """
 
     def __init__(
@@ -103,7 +101,6 @@ class AssignedPoints(BatchTerm):
         self._body, self.camera, self._constant = body, camera, float(constant)
         self._intrinsics, self._distortion, self._R, self._t = camera.arrays
         self._joint, self._local = joint[used], local[used]
-        self._loaded: LoadedPoints | None = None
 
     def points_of_features(self) -> tuple[np.ndarray, np.ndarray, Assignments]:
         """The features one by one: joint (A,) and local (A, 3) [m] of the point of each, and the assignments, in which
@@ -122,7 +119,7 @@ class AssignedPoints(BatchTerm):
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
         target, precision, weight, potential, nu = self._features
-        loaded = self._loaded = self._loaded or LoadedPoints.on(self._joint)
+        loaded = LoadedPoints.passing(self._joint)
         value: float = assigned_loads(
             posed.placements, self._joint, self._local, self._intrinsics, self._distortion, self._R, self._t,
             self._first, target, precision, weight, potential, nu, exact, loaded.points, loaded.force, loaded.weight,
