@@ -111,7 +111,7 @@ class FrameChain:
         self._motion.add(q, moving, blocks)
         free = free_mask(self._body, q, share[:, None] * model.gradient + moving)
         both = free[:, :, None] & free[:, None, :]
-        told = inverse_diagonal(_definite(blocks, free)) * both
+        told = inverse_diagonal(_definite(blocks, free, blocks)) * both
         if prior is not None:
             told = np.linalg.solve(np.eye(self._body.nv) + told @ (prior * both), told)
         return 0.5 * (told + told.transpose(0, 2, 1))
@@ -126,7 +126,9 @@ class FrameChain:
         """
         model = self._model(q)
         free = free_mask(self._body, q, model.gradient)
-        factor = cholesky_banded(_banded(_definite(model.blocks, free)), lower=True, check_finite=False)
+        bands = _banded(_definite(model.blocks, free, model.blocks))
+        del model
+        factor = cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False)
         moved, _ = dtbtrs(factor, rng.standard_normal((free.size, count)), uplo="L", trans="T")
         return np.asarray(moved).reshape(*free.shape, count) * free[:, :, None]
 
@@ -173,11 +175,14 @@ class FrameChain:
         q, gradient = model.q, model.gradient
         count, nv = gradient.shape
         free = free_mask(self._body, q, gradient) & ~held[:, None]
-        blocks = _only(model.blocks, free)
+        blocks = _only(model.blocks, free, np.empty_like(model.blocks))
         diagonal = np.einsum("tii->ti", blocks[0])
         diagonal *= 1.0 + damping
         diagonal[~free] = 1.0
-        step = solveh_banded(_banded(blocks), np.where(free, -gradient, 0.0).ravel(), lower=True, check_finite=False)
+        bands = _banded(blocks)
+        del blocks, diagonal  # large
+        right = np.where(free, -gradient, 0.0).ravel()
+        step = solveh_banded(bands, right, lower=True, check_finite=False, overwrite_ab=True)
         return np.asarray(step).reshape(count, nv)
 
 
@@ -197,18 +202,19 @@ class _Poses(Problem[ChainModel]):
         return self._chain.at(model.q, step[0])
 
 
-def _only(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Blocks (1 + REACH, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero."""
-    kept = blocks * free[None, :, :, None]
+def _only(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Blocks (1 + REACH, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero, in `out`,
+    which may be the blocks themselves."""
+    np.multiply(blocks, free[None, :, :, None], out=out)
     for k in range(len(blocks)):
-        kept[k, : max(0, len(free) - k)] *= free[k:, None, :]
-    return np.asarray(kept)
+        out[k, : max(0, len(free) - k)] *= free[k:, None, :]
+    return out
 
 
-def _definite(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _definite(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:
     """The same with ones for variables that are not free, and a little more than nothing for those that nothing
     holds."""
-    kept = _only(blocks, free)
+    kept = _only(blocks, free, out)
     np.einsum("tii->ti", kept[0])[:] += np.where(free, _LEAST, 1.0)
     return kept
 
@@ -217,7 +223,7 @@ def _banded(blocks: np.ndarray) -> np.ndarray:
     """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`."""
     _, count, nv, _ = blocks.shape
     n = count * nv
-    bands = np.zeros((len(blocks) * nv, n))
+    bands = np.zeros((len(blocks) * nv, n), order="F")  # as LAPACK has them, which then needs no copy
     for k, there in enumerate(blocks[:count]):
         for i in range(nv):  # row of the upper block: variable i of frame t; columns: those of frame t + k
             first = i if k == 0 else 0
