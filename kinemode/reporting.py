@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 import shlex
 from collections.abc import Iterator
@@ -17,13 +16,13 @@ from estimator.runs.run_file import Run
 from estimator.tracking.unused_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
 from humanoid.subject.subject import BUILT_IN, load_subject
+from humanoid.support.files import content_digest
 from kinemode.explain import run_settings
 from kinemode.findings import findings
 from viz.report.facts import Facts
 
 _LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "numba")
 _SAME = 1e-9  # of a length
-_BLOCK = 1 << 20
 _GUESSED = "no camera given"  # as the note of `kinemode.inputs.load` begins
 _BESIDE = {"fit": "auto", "person": "auto"}
 
@@ -127,12 +126,9 @@ def digest(path: Path) -> str:
         return "a folder"
     try:
         with path.open("rb") as file:
-            total = hashlib.sha256()
-            while block := file.read(_BLOCK):
-                total.update(block)
+            return content_digest(file)
     except OSError:
         return "not there any more"
-    return total.hexdigest()
 
 
 def _versions(run: Run) -> list[tuple[str, str]]:

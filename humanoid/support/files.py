@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from humanoid.support.errors import InputError
 
@@ -12,6 +13,8 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+_BLOCK = 1 << 20
 
 
 def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes:
@@ -33,6 +36,14 @@ def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes
     if len(content) > most:
         raise InputError(path, f"is larger than {most // 1_000_000} MB", remedy="give a smaller file")
     return content
+
+
+def content_digest(file: IO[bytes]) -> str:
+    """The SHA-256 of what an open file has from here on, which may be more than fits into memory."""
+    total = hashlib.sha256()
+    while block := file.read(_BLOCK):
+        total.update(block)
+    return total.hexdigest()
 
 
 def read_toml(path: Path, *, remedy: str) -> dict[str, Any]:

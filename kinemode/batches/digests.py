@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-_BLOCK = 1 << 20
+from humanoid.support.files import content_digest
 
 
 class FileStamp(NamedTuple):
@@ -57,15 +57,12 @@ def stamped(files: Sequence[Path]) -> dict[str, FileStamp]:
 
 
 def _stamp(file: Path) -> FileStamp | None:
-    total = hashlib.sha256()
     try:
         with file.open("rb") as content:
             state = os.fstat(content.fileno())
-            while block := content.read(_BLOCK):
-                total.update(block)
+            return FileStamp(state.st_size, state.st_mtime_ns, content_digest(content))
     except OSError:
         return None
-    return FileStamp(state.st_size, state.st_mtime_ns, total.hexdigest())
 
 
 def unchanged(files: Sequence[Path], stamps: Mapping[str, FileStamp]) -> bool:
