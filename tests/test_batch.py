@@ -29,13 +29,14 @@ from kinemode.batches.clip_job import work
 from kinemode.batches.digests import input_files, stamped, unchanged
 from kinemode.batches.engines import DaskEngine, Engine, ProcessEngine, engine_of
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
-from kinemode.batches.outcome import DONE, FAILED, ClipOutcome, TrackedRun
+from kinemode.batches.outcome import ClipOutcome, TrackedRun
 from kinemode.batches.row import BatchRow
 from kinemode.batches.task import OF_TRACK_ALONE, TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from kinemode.options import InputOptions, TrackerOptions
 from tests.builders import body_of
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import ended, kinemode_process, until
+from viz.batch.entry import DONE, FAILED
 
 FRAMES, FPS = 5, 15.0
 

@@ -22,10 +22,11 @@ from benchmarks.support.proc import ResidentMemory, is_alive, memory, seconds_un
 from humanoid.support.errors import InputError
 from kinemode.batches.engines import processors
 from kinemode.batches.manifest import read_manifest, rows_of
-from kinemode.batches.outcome import DONE, FAILED, ClipOutcome
+from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.task import BatchTask
 from tests.made_runs import made_run
 from tests.waiting import until
+from viz.batch.entry import DONE, FAILED
 
 SUBJECT = body_of("human34").subject
 

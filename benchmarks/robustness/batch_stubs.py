@@ -18,9 +18,10 @@ from kinemode.batches.digests import stamped
 from kinemode.batches.engines import ProcessEngine
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.manifest import rows_of
-from kinemode.batches.outcome import DONE, ClipOutcome, TrackedRun
+from kinemode.batches.outcome import ClipOutcome, TrackedRun
 from kinemode.batches.task import BatchTask, TaskAnswer
 from kinemode.target import made_folder
+from viz.batch.entry import DONE
 
 WORKERS = 2
 FRAMES = 60

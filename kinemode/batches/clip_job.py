@@ -19,10 +19,11 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import locked
 from kinemode.batches.digests import FileStamp, stamped
-from kinemode.batches.outcome import DONE, FAILED, FILE, ClipOutcome, TrackedRun
+from kinemode.batches.outcome import FILE, ClipOutcome, TrackedRun
 from kinemode.batches.task import LOCK, TOKEN, BatchTask, TaskAnswer, check_versions, own_folder, versions
 from kinemode.notices import InputWarning
 from kinemode.target import made_folder
+from viz.batch.entry import DONE, FAILED
 
 if TYPE_CHECKING:
     from estimator.runs.run_file import Run

@@ -12,7 +12,6 @@ from typing import Any
 from humanoid.support.atomic import replacing
 from kinemode.batches.digests import FileStamp
 
-DONE, FAILED = "done", "failed"
 FILE = "outcome.json"
 
 
@@ -40,9 +39,9 @@ class TrackedRun:
 class ClipOutcome:
     """What became of a clip.
 
-    status: "done" or "failed". message: why it failed. runs: of one that was tracked. options, inputs: what it depends
-    on, see `kinemode.batches.digests`; reference: what it was compared with. seconds: of wall-clock time;
-    processor_seconds: of processor time, programs that it started included. notes: what was assumed.
+    status: done or failed, see `viz.batch.entry`. message: why it failed. runs: of one that was tracked. options,
+    inputs: what it depends on, see `kinemode.batches.digests`; reference: what it was compared with. seconds: of
+    wall-clock time; processor_seconds: of processor time, programs that it started included. notes: what was assumed.
     """
 
     name: str

@@ -11,7 +11,7 @@ from humanoid.support.errors import InputError
 from kinemode.batches.leader import PAGE, TABLE
 from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow
-from viz.batch.entry import DONE, FAILED, WAITING, BatchEntry
+from viz.batch.entry import WAITING, BatchEntry
 from viz.batch.page import write_batch_page
 from viz.batch.table import write_batch_table
 
@@ -55,13 +55,14 @@ class ShownBatch:
 
 def _entries(outcome: ClipOutcome, person: str) -> Iterator[BatchEntry]:
     """One for each run, one for a clip without any; time is that of the clip, in its first."""
-    status = DONE if outcome.status == DONE else FAILED
     spent = (outcome.seconds, outcome.processor_seconds)
     if not outcome.runs:
-        yield BatchEntry(outcome.name, status, person, outcome.message, seconds=spent[0], processor_seconds=spent[1])
+        yield BatchEntry(
+            outcome.name, outcome.status, person, outcome.message, seconds=spent[0], processor_seconds=spent[1]
+        )
     for i, run in enumerate(outcome.runs):
         seconds, used = spent if i == 0 else (None, None)
         yield BatchEntry(
-            run.name, status, person, outcome.message or run.message, run.subject, run.tracker, run.frames, run.hard,
-            run.unobserved, run.doubtful, run.error, seconds, used, run.thumbnail, run.report, run.run,
+            run.name, outcome.status, person, outcome.message or run.message, run.subject, run.tracker, run.frames,
+            run.hard, run.unobserved, run.doubtful, run.error, seconds, used, run.thumbnail, run.report, run.run,
         )  # fmt: skip

@@ -12,9 +12,10 @@ from typing import Any
 from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
 from kinemode.batches.digests import input_files, options_digest, unchanged
-from kinemode.batches.outcome import DONE, ClipOutcome
+from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow, fitting_name
 from kinemode.target import made_folder
+from viz.batch.entry import DONE
 
 TOKEN = ".batch"
 """The file in the folder of a batch by whose content a worker knows that it sees the same folder as the leader."""
