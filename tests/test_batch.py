@@ -24,19 +24,22 @@ from estimator.runs.run_file import Run
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
+from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode.batches.clip_job import work
+from kinemode.batches.clip_job import _around, work
 from kinemode.batches.digests import input_files, stamped, unchanged
 from kinemode.batches.engines import DaskEngine, Engine, ProcessEngine, engine_of
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.outcome import ClipOutcome, TrackedRun
 from kinemode.batches.row import BatchRow
+from kinemode.batches.shown import ShownBatch
 from kinemode.batches.task import OF_TRACK_ALONE, TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from kinemode.options import InputOptions, TrackerOptions
 from tests.builders import body_of
+from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import ended, kinemode_process, until
-from viz.batch.entry import DONE, FAILED
+from viz.batch.entry import DONE, FAILED, look_ranks
 
 FRAMES, FPS = 5, 15.0
 
@@ -102,6 +105,27 @@ def test_clips_are_tracked_as_alone_and_not_twice(clips: Path, tmp_path: Path) -
     assert set(changed.outcomes["second"].runs[0].exports) == {"csv", "trc"}  # of the run as it is
     assert (out / "clips" / "second" / "second.run").stat().st_mtime_ns == run
     assert km.open_run(out / changed.outcomes["first"].runs[0].run).header.seed == 3
+
+
+def test_a_clip_of_nobody_is_done_and_looked_at_first(tmp_path: Path) -> None:
+    """It has no picture and no report, which show poses, but all else."""
+    root, subject, body = tmp_path.resolve(), load_subject("human34"), body_of("human34")
+    task = BatchTask(BatchRow("clip", "row 1"), root, "", exports=("csv",), report=True)
+    task.clip_folder.mkdir(parents=True)
+    q = np.tile(body.neutral, (3, 1, 1))
+    seen = made_run(task.clip_folder / "seen.run", subject, q)
+    nobody = made_run(task.clip_folder / "nobody.run", subject, np.nan * q, status=["unobserved"] * 3)
+    made = [_around(task, run, run.file.stem) for run in (seen, nobody)]
+    assert [faults for _, faults in made] == [[], []]
+    assert [(bool(run.thumbnail), bool(run.report), set(run.exports)) for run, _ in made] == [
+        (True, True, {"csv"}),
+        (False, False, {"csv"}),
+    ]
+    assert {file.stem for file in root.rglob("*.jpg")} == {"seen"}
+    shown = ShownBatch([task.row], root, "")
+    shown.put(ClipOutcome("clip", DONE, runs=tuple(run for run, _ in made)))
+    assert [entry.status for entry in shown.entries()] == [DONE, DONE]
+    assert look_ranks(shown.entries()) == (None, 1)
 
 
 def test_a_batch_that_is_killed_goes_on(clips: Path, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import locked
@@ -199,8 +201,9 @@ def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]
         return file.relative_to(task.root).as_posix()
 
     exports = {format: made(format, exported_file(stem, format)) for format in task.exports}
-    report = made("report", beside(stem, "html")) if task.report else ""
-    thumbnail = made("thumbnail", beside(stem, "jpg")) if run.frame_count else ""
+    anybody = bool(np.isfinite(run.q).all(axis=1).any())  # of nobody there is nothing to draw
+    report = made("report", beside(stem, "html")) if task.report and anybody else ""
+    thumbnail = made("thumbnail", beside(stem, "jpg")) if anybody else ""
     error: float | None = None
     if task.row.reference is not None:
         try:
