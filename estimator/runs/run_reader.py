@@ -506,7 +506,9 @@ class Run(Summarised):
 
     @property
     def has_keypoints(self) -> bool:
-        """Whether the keypoints it was made from were stored with it."""
+        """Whether the keypoints it was made from were stored with it, and are of cameras."""
+        if not self.header.cameras:
+            return False
         with run_store.reading(self.file) as connection:
             return connection.execute("SELECT position FROM observation LIMIT 1").fetchone() is not None
 
