@@ -24,8 +24,8 @@ from humanoid.subject.subject import Marker, Subject
 
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject."""
-_SAME = 0.02  # logarithm of sizes up to which a person is of the same
-_ROUNDS = 3  # of resizing
+_OTHER, _SAME = 0.03, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
+_ROUNDS = 4  # of resizing
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,8 @@ def _fitted(
     best = minimise(energy, energy.model(measures, poses), newton).model
     fitted = _subject(proportions, best)
     scales = best.measures.scales
-    asked = float(np.exp(np.log(scales).mean())) if len(scales) and bounded_lengths(fitted) else 1.0
+    asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0
+    asked = asked if abs(np.log(asked)) > _OTHER or bounded_lengths(fitted) else 1.0
     count = len(proportions.names)
     covariance = np.linalg.inv(best.hessian)
     of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in zip(best.covariances, best.follows, strict=True)]
