@@ -90,7 +90,10 @@ def _fitted(
     """The fit of a subject as large as it is, and by how much lengths ask for another size."""
     proportions = ProportionedBody(subject)
     share = min(1.0, settings.effective_frames / len(used))
-    energy = MarkerEnergy(proportions, used, track_settings.cost, share)
+    # all frames are of one person: the rest positions tell once which way a joint's zero may be off, not of every frame
+    cost = track_settings.cost
+    once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
+    energy = MarkerEnergy(proportions, used, once, share)
     measures = Measures(
         np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(subject.markers), 3))
     )
