@@ -23,9 +23,10 @@ CHROMIUM = "chromium"
 EXTRA = "pip install -e .[benchmark]"
 RUN = "a run of beam4cam with keypoints (kinemode track)"
 ELMO_FIGURES = "figures that `elmo --json` wrote"
+OPENSIM = "a Python that has opensim (--opensim-python)"
 NOTHING = "nothing"
 OURS = ("benchmarks", "humanoid", "estimator", "viz", "kinemode")
-NEEDS = (BEAM4CAM, MOCAP, MOCAP_MORE, OPENCAP, INDEX, DETECTOR, CHROMIUM, EXTRA, RUN, ELMO_FIGURES, NOTHING)
+NEEDS = (BEAM4CAM, MOCAP, MOCAP_MORE, OPENCAP, INDEX, DETECTOR, CHROMIUM, EXTRA, RUN, ELMO_FIGURES, OPENSIM, NOTHING)
 """What a measure may need."""
 
 
@@ -253,6 +254,14 @@ MEASURES = (
         "How well the detector sees two rendered people who cross before four cameras, together and alone.",
         "nobody swapped, 1.1 times alone",
         (DETECTOR,),
+    ),
+    # points
+    Measure(
+        "benchmarks.points.points",
+        "Tracks of markers: errors against captured motion, a laboratory and OpenSim, bands, processor time, cameras.",
+        "1.0 ms a frame; four cameras as points <= 1.15 of their keypoints",
+        (NOTHING,),
+        (OPENCAP, MOCAP, BEAM4CAM, OPENSIM),
     ),
     # papers_css
     Measure(

@@ -1,0 +1,90 @@
+"""Bodies fitted to files of points and tracked from them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import kinemode as km
+from estimator.data.markers.load import load_points
+from estimator.data.observation import Observation
+from estimator.runs.marker_residuals import MarkerResiduals, marker_residuals
+from estimator.runs.run_file import Run
+from estimator.tracking.fitting.fit import Fit
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Subject
+from kinemode.explain import run_settings
+from kinemode.from_points import fit_to_points, track_points
+from kinemode.inputs.declared import Declared
+from kinemode.inputs.points import PointFiles, load_point_inputs
+from kinemode.jobs import TrackOptions
+
+TRACKER = "markers"
+Part = tuple[float | None, float | None]
+"""Where it begins and ends in a file [s]."""
+WHOLE: Part = (None, None)
+
+
+def middle_of(path: Path, seconds: float) -> Part:
+    """So many seconds in the middle of a file of points; all of a shorter one."""
+    time = load_points(path).time
+    middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * seconds
+    return middle - half, middle + half
+
+
+def fit_of(subject: Subject, path: Path, *, seed: int = 0, markers: str = "auto", part: Part = WHOLE) -> Fit:
+    """Lengths and places of markers by a trial, or by a part of it."""
+    with warnings.catch_warnings():
+        _quiet()
+        return fit_to_points(subject, _files(path, markers, part), seed, None)
+
+
+def run_of(
+    subject: Subject,
+    path: Path,
+    out: Path,
+    *,
+    fit: str = "off",
+    seed: int = 0,
+    markers: str = "auto",
+    settings: Mapping[str, Any] | None = None,
+    part: Part = WHOLE,
+) -> Run:
+    """A trial, or a part of it, tracked, and smoothed, by the tracker of markers."""
+    with warnings.catch_warnings():
+        _quiet()
+        options = TrackOptions(tracker=TRACKER, settings=settings, seed=seed, fit=fit, out=out, overwrite=True)
+        return track_points(subject, _files(path, markers, part), options)
+
+
+def observations_of(
+    subject: Subject, path: Path, *, markers: str = "auto", part: Part = WHOLE
+) -> tuple[Body, Sequence[Observation]]:
+    """The body with its markers, and what it is tracked from."""
+    marked, inputs = load_point_inputs(subject, _files(path, markers, part))
+    return Body(marked), inputs.observations
+
+
+def residuals_of(run: Run) -> MarkerResiduals:
+    """How far the markers were measured from their places along the best trajectory."""
+    residuals = marker_residuals(run, run_settings(run).cost.marker_noise)
+    assert residuals is not None
+    return residuals
+
+
+def root_mean_square(values: np.ndarray) -> float:
+    """Over all entries that are known."""
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+def _files(path: Path, markers: str, part: Part) -> PointFiles:
+    return PointFiles((path,), markers, declared=Declared(start=part[0], end=part[1]))
+
+
+def _quiet() -> None:
+    for category in (km.InputWarning, km.FindingWarning):
+        warnings.simplefilter("ignore", category)
