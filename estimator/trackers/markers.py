@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
-from estimator.trackers.defaults import NO_CAPTURE
+from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, observable
 from estimator.trackers.mixture_state import (
@@ -75,14 +76,16 @@ class MarkerTracker(Initialisation, CarriesMixture):
         counts = {Family.KEPT: len(starts), Family.SAMPLE: 0}
         refined = search.refined([_as_it_is(h) for h in starts], case)
         mixture = search.mixture(refined, case, self.settings.modes, rng)
-        if not self._sure(observation, mixture):
+        explained = self._explained(observation, mixture)
+        if self._doubtful(observation, mixture, explained):
             more = [*others, *self._samples(rng, mixture)]
             counts = {Family.KEPT: len(starts) + len(others), Family.SAMPLE: len(more) - len(others)}
             explored = search.distinct(search.explored(more, case), self.settings.modes + search.settings.spare)
             refined = [*refined, *search.refined(explored, case)]
             mixture = search.mixture(refined, case, self.settings.modes, rng)
+            explained = self._explained(observation, mixture)
         steps = StepCounts.between(before, search.steps)
-        return classify_frame(search, observation, mixture, search_counts(counts, steps))
+        return classify_frame(search, observation, mixture, search_counts(counts, steps), explained=explained)
 
     def _starts(self, prior: Mixture, elapsed: float) -> tuple[list[Hypothesis], list[Hypothesis]]:
         """Each mode where its velocity has taken it, and where it was."""
@@ -93,11 +96,13 @@ class MarkerTracker(Initialisation, CarriesMixture):
             were.append(moved[-1]._replace(q=mode.q))
         return moved, were
 
-    def _sure(self, observation: Observation, mixture: Mixture) -> bool:
+    def _explained(self, observation: Observation, mixture: Mixture) -> float:
         best = mixture.modes[0]
-        if best.status == ITERATIONS or len(observation.known_markers) < self.settings.seen * len(self.body.marker_std):
-            return False
-        return agreement(self.search, observation, best.q, best.association) >= self.settings.sure
+        return agreement(self.search, observation, best.q, best.association)
+
+    def _doubtful(self, observation: Observation, mixture: Mixture, explained: float) -> bool:
+        few = len(observation.known_markers) < self.settings.seen * len(self.body.marker_std)
+        return few or mixture.modes[0].status == ITERATIONS or explained < self.settings.sure
 
     def _samples(self, rng: np.random.Generator, mixture: Mixture) -> list[Hypothesis]:
         """About the best mode."""
@@ -113,12 +118,14 @@ def _as_it_is(h: Hypothesis) -> Candidate:
 
 
 NAME = "markers"
+_QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exact_below": 3.0}}}
+"""Markers say enough for the true curvature to be safe early; a descent that promises less energy has ended."""
 SPEC = Spec(
     name=NAME,
     sentence="points in space: a descent or two a frame, a search of many where they say little",
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),
-    defaults=NO_CAPTURE,
+    defaults=together(NO_CAPTURE, _QUICK),
     unused=(ONLY_TO_BEGIN,),
 )

@@ -109,13 +109,21 @@ def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, assoc
 
 
 def classify_frame(
-    search: ModeSearch, observation: Observation, mixture: Mixture, extra: Mapping[str, np.ndarray] | None = None
+    search: ModeSearch,
+    observation: Observation,
+    mixture: Mixture,
+    extra: Mapping[str, np.ndarray] | None = None,
+    *,
+    explained: float | None = None,
 ) -> tuple[MixtureState, FrameResult]:
     """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
-    did not converge in its budget or overlaps itself. extra: see `FrameResult`."""
+    did not converge in its budget or overlaps itself. extra: see `FrameResult`. explained: the best mode's `agreement`,
+    where it is known."""
     best = mixture.modes[0]
     overlapping = best.penetration > search.settings.contact.limit
-    hard = agreement(search, observation, best.q, best.association) < ENOUGH or best.status == ITERATIONS or overlapping
+    if explained is None:
+        explained = agreement(search, observation, best.q, best.association)
+    hard = explained < ENOUGH or best.status == ITERATIONS or overlapping
     result = result_of(observation, mixture, "hard" if hard else "tracked", extra)
     return MixtureState(mixture, observation.time), result
 
