@@ -14,7 +14,7 @@ from test_run_file import header, state_of, walk
 
 import kinemode as km
 import viz.exporters  # noqa: F401 - registers glb and rrd
-from estimator.data.formats.opensim import read_mot
+from estimator.data.formats.opensim import read_mot, read_trc, write_trc
 from estimator.data.formats.reference import load_reference
 from estimator.runs.export import EXPORTERS, Exporter, export
 from estimator.runs.run_file import Run, RunWriter
@@ -95,6 +95,18 @@ def test_trc(run: Run, tmp_path: Path) -> None:
     assert reference.names == run.body.landmark_names
     np.testing.assert_allclose(reference.time, run.time, atol=1e-3)
     np.testing.assert_allclose(reference.points, run.landmarks, atol=1e-6)
+
+
+def test_a_missing_point_at_the_end_of_a_line_is_a_cell_that_opensim_counts(tmp_path: Path) -> None:
+    """OpenSim's reader counts a cell by the tab after it, or by what is in it."""
+    points = np.ones((3, 2, 3))
+    points[1, 1] = np.nan
+    points[2] = np.nan
+    write_trc(tmp_path / "a.trc", ("a", "b"), points, np.arange(3) / 60.0)
+    lines = (tmp_path / "a.trc").read_text().splitlines()[6:]
+    assert [len(line.removesuffix("\t").split("\t")) for line in lines] == [2 + 6] * 3
+    assert [line.endswith("\t") for line in lines] == [False, True, True]
+    np.testing.assert_array_equal(read_trc(tmp_path / "a.trc").points, points)
 
 
 def test_mot(run: Run, tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.nda
         [str(i + 1), f"{t:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)]
         for i, (t, row) in enumerate(zip(time, values, strict=True))
     ]
+    for row in rows:  # OpenSim does not count an empty cell that no tab follows, and refuses the file
+        row += [""] if row[-1] == "" else []
     path.write_text("\n".join("\t".join(row) for row in head + rows) + "\n", encoding="utf-8")
 
 
