@@ -53,8 +53,8 @@ class CapturedTrial:
 
 
 def captured_trial(clip: Path, seed: int, faults: MarkerFaults, seconds: float, fps: float) -> CapturedTrial:
-    """The first seconds of a captured motion; equal seeds have equal people, whatever the faults' sizes."""
-    rng = np.random.default_rng(seed)
+    """The first seconds of a captured motion; every clip and seed has a person of its own, whatever the faults."""
+    rng = np.random.default_rng((seed, *clip.stem.encode()))
     person = random_person(rng, faults.places)
     body, mocap = Body(person), load_mocap(clip)
     time = np.arange(0.0, min(seconds, mocap.seconds), 1.0 / fps)
