@@ -53,7 +53,7 @@ def facts_of(run: Run) -> Facts:
         blanks=_BLANKS,
         errors=camera_errors(run, run_settings(run).cost) if len(header.cameras) > 1 else {},
         settings=changed_settings(run),
-        markers=marker_residuals(run, run_settings(run).cost.marker_noise),
+        markers=marker_residuals(run, run_settings(run).cost.markers),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
         versions=_versions(run),
     )

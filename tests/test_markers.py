@@ -15,7 +15,7 @@ from builders import bent, body_of
 import kinemode as km
 from estimator.data.formats.opensim import write_trc
 from estimator.data.observation import Observation
-from estimator.energy.marker_targets import marker_targets
+from estimator.energy.marker_targets import MarkerNoise, marker_targets
 from estimator.runs.lasting_spread import lasting_by_markers
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.search.cost_settings import CostSettings
@@ -69,10 +69,10 @@ def test_the_energy_of_markers_is_that_of_their_distances() -> None:
     away = seen.markers.copy()
     away[0, 0] += 0.03
     away[1] = np.nan
-    (term,) = marker_targets(body, replace(seen, markers=away), 0.005, nu=4.0)
-    variance = 0.005**2 + body.marker_std[0] ** 2
+    (term,) = marker_targets(body, replace(seen, markers=away), MarkerNoise(0.005, 0.5, 4.0))
+    variance = 0.005**2 + 0.25 * body.marker_std[0] ** 2
     assert term.value(body.at(body.neutral)) == pytest.approx(0.5 * 4.0 * np.log1p(0.03**2 / variance / 4.0))
-    assert not marker_targets(body, replace(seen, markers=None), 0.005, nu=4.0)
+    assert not marker_targets(body, replace(seen, markers=None), MarkerNoise(0.005, 0.5, 4.0))
 
 
 def test_the_gradient_by_lengths_and_places_is_that_of_the_energy() -> None:
@@ -177,7 +177,7 @@ def test_a_file_of_points_becomes_a_run(recorded: tuple[Path, Body, np.ndarray],
     off = np.rad2deg(np.array([body.difference(a, b)[6:] for a, b in zip(q, tracked.q, strict=True)]))
     assert np.sqrt(np.mean(off**2)) < 1.5
     assert tracked.markers.shape == (12, len(body.marker_names), 3)
-    residuals = marker_residuals(tracked, CostSettings().marker_noise)
+    residuals = marker_residuals(tracked, CostSettings().markers)
     assert residuals is not None
     assert np.nanmax(residuals.rms) < 0.01
     assert not residuals.missing.any()

@@ -16,7 +16,6 @@ from benchmarks.points.frame_time import seconds_of_frames
 from benchmarks.points.tracked_points import middle_of, root_mean_square, run_of
 from benchmarks.support.common import tell
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
-from estimator.energy.marker_targets import marker_stds
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.coordinates import opensim_coordinates
 from estimator.runs.export import export
@@ -83,7 +82,7 @@ def measure_opensim(data: Path, work: Path, python: Path | None, seconds: float,
 
 def compared(run: Run, work: Path, python: Path, truth: np.ndarray | None = None) -> dict[str, dict[str, float]]:
     """Figures of each side of a run; truth (T, nq): true poses, where they are known."""
-    measured, weights = run.markers, 1.0 / np.square(marker_stds(run.body, run_settings(run).cost.marker_noise))
+    measured, weights = run.markers, 1.0 / np.square(run_settings(run).cost.markers.stds(run.body))
     assert measured is not None
     measured, weights = measured[run.index], weights / weights.max()
     low, high = limits(run)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator.data.observation import Observation
@@ -11,26 +13,31 @@ from humanoid.kinematics.body import Body, PosedBody, points_in_world
 NAME = "markers"
 
 
-def marker_stds(body: Body, noise: float) -> np.ndarray:
-    """How far each marker (M,) may be measured from its place on the body [m], as one standard deviation along each
-    axis: the noise of the measurement, and how unsure its place is."""
-    return np.asarray(np.hypot(noise, body.marker_std))
+class MarkerNoise(NamedTuple):
+    """How far a marker may be measured from its place on a body. measured [m]: standard deviation of the measurement.
+    place: share of the deviation of its place that counts as noise of a frame; all of it is alike in all frames, but
+    takes other values where skin moves. nu: of the Lorentzian whose long tails let outliers be."""
+
+    measured: float
+    place: float
+    nu: float
+
+    def stds(self, body: Body) -> np.ndarray:
+        """Of each marker (M,) [m], along each axis."""
+        return np.asarray(np.hypot(self.measured, self.place * body.marker_std))
 
 
-def marker_targets(body: Body, observation: Observation, noise: float, nu: float) -> list[PointTargets]:
-    """What draws a body's markers to where a frame has them, Lorentzian with `nu`; nothing where it has none.
-
-    noise [m]: standard deviation of the measurement.
-    """
+def marker_targets(body: Body, observation: Observation, noise: MarkerNoise) -> list[PointTargets]:
+    """What draws a body's markers to where a frame has them; nothing where it has none."""
     some = observation.known_markers
     if observation.markers is None or not len(some):
         return []
-    precision = np.eye(3) / np.square(marker_stds(body, noise))[some, None, None]
+    precision = np.eye(3) / np.square(noise.stds(body))[some, None, None]
     places = body.marker_joint[some], body.marker_local[some], observation.markers[some]
-    return [PointTargets(body, *places, precision, potential="lorentzian", nu=nu, name=NAME)]
+    return [PointTargets(body, *places, precision, potential="lorentzian", nu=noise.nu, name=NAME)]
 
 
-def marker_distances(posed: PosedBody, body: Body, observation: Observation, noise: float) -> np.ndarray:
+def marker_distances(posed: PosedBody, body: Body, observation: Observation, noise: MarkerNoise) -> np.ndarray:
     """How far the markers that a frame has (N,) lie from their places on a posed body, in standard deviations along one
     axis."""
     some = observation.known_markers
@@ -38,4 +45,4 @@ def marker_distances(posed: PosedBody, body: Body, observation: Observation, noi
         return np.zeros(0)
     places = points_in_world(posed, body.marker_joint[some], body.marker_local[some])
     away = np.linalg.norm(observation.markers[some] - places, axis=1)
-    return np.asarray(away / marker_stds(body, noise)[some])
+    return np.asarray(away / noise.stds(body)[some])

@@ -219,7 +219,7 @@ def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...
 
 
 def _far_markers(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[FarMarker, ...]:
-    residuals = marker_residuals(run, cost.marker_noise)
+    residuals = marker_residuals(run, cost.markers)
     if residuals is None:
         return ()
     own = residuals._replace(apart=residuals.apart[rows])

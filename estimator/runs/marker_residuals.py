@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.energy.marker_targets import marker_stds
+from estimator.energy.marker_targets import MarkerNoise
 from estimator.runs.run_file import Run
 
 _NEAREST = 3.0  # standard deviations along one axis up to which a marker is no outlier
@@ -48,12 +48,12 @@ class MarkerResiduals(NamedTuple):
         return np.asarray(np.isnan(self.apart).mean(axis=0))
 
 
-def marker_residuals(run: Run, noise: float) -> MarkerResiduals | None:
-    """Of a run by markers; None of another. noise [m]: `CostSettings.marker_noise` of its settings."""
+def marker_residuals(run: Run, noise: MarkerNoise) -> MarkerResiduals | None:
+    """Of a run by markers; None of another. noise: that of its settings."""
     body, measured = run.body, run.markers
     if measured is None:
         return None
     places = body.markers_of(body.placed(np.nan_to_num(run.q)))
     apart = np.linalg.norm(measured[run.index] - places, axis=2)
     apart[~np.isfinite(run.q).all(axis=1)] = np.nan
-    return MarkerResiduals(body.marker_names, apart, marker_stds(body, noise))
+    return MarkerResiduals(body.marker_names, apart, noise.stds(body))

@@ -68,7 +68,7 @@ class CostModel:
         beside: list[Term] = [
             *lifted_directions(self.body, observation, s.lifted_weight),
             *self._level_feet(observation),
-            *marker_targets(self.body, observation, s.marker_noise, s.marker_nu),
+            *marker_targets(self.body, observation, s.markers),
         ]
         return Reprojection(self.body, observation, sigma, s.potential, s.nu, beside)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from estimator.energy.marker_targets import MarkerNoise
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_terms import term_settings
 from humanoid.support.settings import setting
@@ -37,8 +38,9 @@ class CostSettings:
     lifted_weight: how much the directions of bones count that a network has lifted from one camera's picture, where the
         keypoint file has them (`estimator.energy.lifted`), 0 not at all; of successive frames one in 0.3 s counts.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
-    marker_noise [m]: standard deviation of where a marker is measured, beside how unsure its place on the body is;
-        marker_nu: of the Lorentzian whose long tails let outliers be.
+    marker_noise [m]: standard deviation of where a marker is measured; marker_place: share of the deviation of its
+        place on the body that counts as noise of every frame, beside what is off in all frames alike; marker_nu: of the
+        Lorentzian whose long tails let outliers be.
     terms: of kinds of terms that plugins have registered, by name.
     """
 
@@ -65,5 +67,11 @@ class CostSettings:
     lifted_weight: float = setting(0.3, at_least=0)
     exchange_penalty: float = setting(3.0, at_least=0)
     marker_noise: float = setting(0.005, above=0)
+    marker_place: float = setting(0.3, at_least=0, at_most=1)
     marker_nu: float = setting(4.0, above=0)
     terms: Mapping[str, Any] = field(default_factory=term_settings)
+
+    @property
+    def markers(self) -> MarkerNoise:
+        """The noise of markers."""
+        return MarkerNoise(self.marker_noise, self.marker_place, self.marker_nu)

@@ -103,7 +103,7 @@ def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, assoc
     distances = search.term(observation, association).distances(posed) if observation.count else np.zeros(0)
     seen = distances[~np.isnan(distances)]
     shares = [float(np.mean(seen < FAR))] if seen.size else []
-    off = marker_distances(posed, search.body, observation, search.model.settings.marker_noise)
+    off = marker_distances(posed, search.body, observation, search.model.settings.markers)
     shares += [float(np.mean(off < FAR))] if off.size else []
     return min([*shares, *search.model.likelihood(observation, posed).agreement(posed)], default=0.0)
 

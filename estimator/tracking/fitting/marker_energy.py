@@ -111,7 +111,7 @@ class MarkerEnergy(Problem[MarkerModel]):
         """One frame's share of gradient and Hessian, its pose at the minimum."""
         posed, some = minimum.posed, observation.known_markers
         joints = body.marker_joint[some]
-        (term,) = marker_targets(body, observation, self._settings.marker_noise, self._settings.marker_nu)
+        (term,) = marker_targets(body, observation, self._settings.markers)
         force, weight = term.point_loads(posed)
         D = self._derivatives(body, minimum, some)
         J = body.point_jacobians(posed, joints, points_in_world(posed, joints, body.marker_local[some]))
