@@ -19,17 +19,18 @@ from kinemode.terminal import report
 
 BAND = 0.9
 _DEVIATIONS = 1.6448536269514722  # of a normal distribution within which 90 % lie
-FIGURES = ("rmse", "rest", "filtered", "known", "expected", "length", "worst_length", "by_covariance", "by_posterior")
+SHARES = ("by_fit", "by_covariance", "by_posterior")
+FIGURES = ("rmse", "rest", "filtered", "known", "expected", "length", "worst_length", *SHARES)
 _COLUMNS = (
-    "clip, seed", "angles", "no offset", "filtered", "all known", "expected", "lengths", "worst", "90 %: smoothed",
-    "run's",
+    "clip, seed", "angles", "no offset", "filtered", "all known", "expected", "lengths", "worst", "90 %: fit",
+    "smoothed", "run's",
 )  # fmt: skip
 LEGEND = (
     "angles: RMSE [degrees] over joints and frames, smoothed; no offset: each joint's mean error removed; filtered: as"
     " tracked. all known: with true lengths and places of markers, so noise alone. expected: RMS standard deviation of"
     " the fit's posterior, which no estimator beats on average. lengths: RMS and largest error of the body's segments"
-    " [mm]. 90 %: share of true angles in the bands of the smoothed covariance, and in those that the run has"
-    " (Run.interval)."
+    " [mm]. 90 %: share of true angles in the bands of the fit, in which lengths and places are unsure; of the smoothed"
+    " covariance; and of the run (Run.interval)."
 )
 
 
@@ -65,6 +66,7 @@ def trial_scores(trial: CapturedTrial, stem: Path, seed: int) -> tuple[dict[str,
         "filtered": root_mean_square(angle_errors(run.filtered_q, truth)),
         "known": root_mean_square(angle_errors(known.q, trial.q[known.index])),
         "expected": expected(fit), "length": root_mean_square(lengths), "worst_length": float(np.abs(lengths).max()),
+        "by_fit": float(inside_fit(fit, trial.q).mean()),
         "by_covariance": float(inside[0].mean()), "by_posterior": float(inside[1].mean()), "frames": len(run),
     }  # fmt: skip
     squares, offsets = np.square(errors).mean(axis=0), np.square(errors.mean(axis=0))
@@ -92,8 +94,18 @@ def inside_covariance(run: Run, errors: np.ndarray) -> np.ndarray:
     smoothed = run.smoothed
     assert smoothed is not None
     assert smoothed.covariance is not None
-    std = np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2)[:, ROOT_V.stop :])
-    return np.abs(errors) <= _DEVIATIONS * np.degrees(std)
+    return np.abs(errors) <= _DEVIATIONS * deviations(smoothed.covariance)
+
+
+def inside_fit(fit: Fit, truth: np.ndarray) -> np.ndarray:
+    """The same of the fit's own frames (F, J), lengths and places unsure; truth (T, nq): poses of all frames."""
+    errors = angle_errors(fit.poses, truth[[o.index for o in fit.observations]])
+    return np.abs(errors) <= _DEVIATIONS * deviations(fit.pose_covariance)
+
+
+def deviations(covariance: np.ndarray) -> np.ndarray:
+    """Of the joints (T, J) [deg], by covariances (T, nv, nv) [rad^2]."""
+    return np.degrees(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, ROOT_V.stop :]))
 
 
 def inside_interval(run: Run, truth: np.ndarray) -> np.ndarray:
@@ -105,8 +117,7 @@ def inside_interval(run: Run, truth: np.ndarray) -> np.ndarray:
 
 def expected(fit: Fit) -> float:
     """RMS standard deviation of the joints in the fit's frames [deg]."""
-    variances = np.diagonal(fit.pose_covariance, axis1=1, axis2=2)[:, ROOT_V.stop :]
-    return float(np.degrees(np.sqrt(variances.mean())))
+    return root_mean_square(deviations(fit.pose_covariance))
 
 
 def _show(figures: dict[str, Any]) -> None:
@@ -126,6 +137,6 @@ def _show(figures: dict[str, Any]) -> None:
 
 def _overall(of: Sequence[dict[str, float]]) -> dict[str, float]:
     """RMS of errors, the worst of the worst, means of shares."""
-    shares = {key: float(np.mean([t[key] for t in of])) for key in ("by_covariance", "by_posterior")}
+    shares = {key: float(np.mean([t[key] for t in of])) for key in SHARES}
     errors = {key: root_mean_square(np.array([t[key] for t in of])) for key in FIGURES if key not in shares}
     return {**errors, **shares, "worst_length": max(t["worst_length"] for t in of)}

@@ -92,9 +92,11 @@ def main(
     figures: dict[str, Any] = {"measure": "points"}
     with work_folder(work) as place, threadpool_limits(limits=1):
         for name, (there, measure) in parts.items():
-            if there and (flags[name] or not any(flags.values())):
+            if any(flags.values()) and not flags[name]:
+                continue
+            if there:
                 figures[name] = measure(place)
-            elif flags[name] or not there:
+            else:
                 print(f"{name}: {MISSING[name]}, so it is not measured")
     save(json, figures)
 
