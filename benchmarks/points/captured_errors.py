@@ -94,7 +94,7 @@ def inside_covariance(run: Run, errors: np.ndarray) -> np.ndarray:
     smoothed = run.smoothed
     assert smoothed is not None
     assert smoothed.covariance is not None
-    return np.abs(errors) <= _DEVIATIONS * deviations(smoothed.covariance)
+    return np.abs(errors) <= _DEVIATIONS * deviations(np.array(smoothed.covariance))
 
 
 def inside_fit(fit: Fit, truth: np.ndarray) -> np.ndarray:
