@@ -11,8 +11,10 @@ from threadpoolctl import threadpool_limits
 from estimator.runs.run_file import Run
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
+from estimator.trackers.markers import NAME
 from estimator.tracking.fitting.fit import Fit, bound_note
 from estimator.tracking.fitting.markers import fit_markers
+from estimator.tracking.registry import settings_for
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
@@ -46,7 +48,7 @@ def fit_to_points(loaded: Subject, files: PointFiles, seed: int, out: PathLike |
         _check_markers(files, inputs)
         for note in (*marked.notes, *inputs.notes):
             warnings.warn(note, InputWarning, stacklevel=3)
-        result = fit_markers(marked, inputs.observations, seed=seed)
+        result = fit_markers(marked, inputs.observations, seed=seed, track_settings=settings_for(NAME))
         for note in result.notes:
             warnings.warn(note, InputWarning, stacklevel=3)
         if said := bound_note(result.subject):

@@ -23,10 +23,10 @@ from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
 BY_ONE_CAMERA = tuple(
-    name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed", "dual_chain")
+    name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed", "dual_chain", "markers")
 )
 """ELMO and its parts go by depth, which these clips do not have, loose-limbed people by several cameras, dual chains by
-two arms."""
+two arms, markers by points in space."""
 
 
 def main(

@@ -23,6 +23,8 @@ def lasting_by_landmarks(
     free. std [m]: of a bias, averaged over the landmarks.
     """
     known = np.flatnonzero([landmark_name(name) is not None for name in body.landmark_names])
+    if not len(known):
+        return np.zeros_like(covariances)
     deviation = std * relative_spread([body.landmark_names[i] for i in known])
     jacobians = (body.landmark_jacobians(mode, known) for mode in posed)
     return _moved(jacobians, deviation, priors, covariances)
@@ -45,8 +47,6 @@ def _moved(
     """What least squares makes of points that are off by deviations (N,) [m], drawn towards the rest positions, where
     the modes are free. jacobians (K) of (N, 3, nv): of the points."""
     moved = np.zeros_like(covariances)
-    if not len(deviation):
-        return moved
     for own, jacobian, prior, covariance in zip(moved, jacobians, priors, covariances, strict=True):
         free = np.flatnonzero(np.diagonal(covariance) > 0.0)
         if not len(free):

@@ -64,11 +64,11 @@ def opensim_model(body: Body, name: str) -> Model:
 
 
 def _markers(body: Body, segments: dict[int, str]) -> list[OsimMarker]:
-    """The landmarks, and the markers that are called otherwise, on the segments of their joints."""
-    known, points = set(body.landmark_names), list[tuple[str, int, np.ndarray]]()
-    points += zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
-    own = zip(body.marker_names, body.marker_joint, body.marker_local, strict=True)
-    points += [each for each in own if each[0] not in known]
+    """The landmarks and the markers, on the segments of their joints; of one name the marker, which was measured."""
+    known, points = set(body.marker_names), list[tuple[str, int, np.ndarray]]()
+    landmarks = zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
+    points += [each for each in landmarks if each[0] not in known]
+    points += zip(body.marker_names, body.marker_joint, body.marker_local, strict=True)
     return [OsimMarker(name, segments[int(j)], R_OPENSIM_WORLD @ place) for name, j, place in points]
 
 

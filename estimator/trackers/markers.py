@@ -120,12 +120,15 @@ def _as_it_is(h: Hypothesis) -> Candidate:
 NAME = "markers"
 _QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exact_below": 3.0}}}
 """Markers say enough for the true curvature to be safe early; a descent that promises less energy has ended."""
+_SOON_NEW: dict[str, Any] = {"smooth": {"lasting": 0.05}}
+"""What is wrong in a frame of markers lasts less long than what a detector gets wrong; what is wrong in all frames
+alike, their places, is counted beside it (`estimator.runs.lasting_spread`)."""
 SPEC = Spec(
     name=NAME,
     sentence="points in space: a descent or two a frame, a search of many where they say little",
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),
-    defaults=together(NO_CAPTURE, _QUICK),
+    defaults=together(NO_CAPTURE, _QUICK, _SOON_NEW),
     unused=(ONLY_TO_BEGIN,),
 )
