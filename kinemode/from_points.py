@@ -12,7 +12,7 @@ from estimator.runs.run_file import Run
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.markers import NAME
-from estimator.tracking.fitting.fit import Fit, bound_note
+from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.markers import fit_markers
 from estimator.tracking.registry import settings_for
 from humanoid.subject.subject import Subject
@@ -20,7 +20,7 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 from kinemode.inputs.named import PathLike
 from kinemode.inputs.points import PointFiles, load_point_inputs
-from kinemode.jobs import TrackOptions, frames_at_first, job_of, track_inputs
+from kinemode.jobs import TrackOptions, frames_at_first, job_of, kept_fit, track_inputs
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import cue_choice
 from kinemode.terminal.interruption import kept_if_interrupted
@@ -49,13 +49,7 @@ def fit_to_points(loaded: Subject, files: PointFiles, seed: int, out: PathLike |
         for note in (*marked.notes, *inputs.notes):
             warnings.warn(note, InputWarning, stacklevel=3)
         result = fit_markers(marked, inputs.observations, seed=seed, track_settings=settings_for(NAME))
-        for note in result.notes:
-            warnings.warn(note, InputWarning, stacklevel=3)
-        if said := bound_note(result.subject):
-            warnings.warn(said, FindingWarning, stacklevel=3)
-    if out is not None:
-        result.subject.write(out)
-    return result
+    return kept_fit(result, out)
 
 
 def _check_markers(files: PointFiles, inputs: Inputs) -> None:

@@ -212,13 +212,18 @@ def fit_subject(
             result = person.fit_person(
                 loaded, inputs.observations, reader, seed=seed, height=height, floor=inputs.floor
             )
-            for note in result.notes:
-                warnings.warn(note, InputWarning, stacklevel=3)
-            if said := bound_note(result.subject):
-                warnings.warn(said, FindingWarning, stacklevel=3)
+    return kept_fit(result, out)
+
+
+def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
+    """The same, written where it is to be; what it says against its input is told to who has called for it."""
+    for note in fit.notes:
+        warnings.warn(note, InputWarning, stacklevel=4)
+    if said := bound_note(fit.subject):
+        warnings.warn(said, FindingWarning, stacklevel=4)
     if out is not None:
-        result.subject.write(out)
-    return result
+        fit.subject.write(out)
+    return fit
 
 
 def check_height(height: float | None, subject: Subject) -> None:

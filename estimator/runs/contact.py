@@ -155,7 +155,7 @@ def contact_of_run(run: Run, *, hands: bool = False) -> Contact | None:
     confidence = run.confidence[: len(run)]  # shorter in runs from before keypoints were kept
     seen[: len(confidence)] = (confidence[:, :, feet.landmark] > 0.0).any(axis=1)
     if run.markers is not None:
-        seen |= _by_markers(run, feet.landmark)
+        seen |= run.body.landmarks_beside(np.isfinite(run.markers[run.index]).all(axis=2))[:, feet.landmark]
     shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
     standing, floor = feet.contact(points, run.time, _UP, _known_floor(run), shown)
@@ -166,14 +166,6 @@ def contact_of_run(run: Run, *, hands: bool = False) -> Contact | None:
         return contact
     places = run.landmarks[:, palms.landmark]
     return replace(contact, hand_names=palms.names, hands=palms.standing(places, run.time, floor))
-
-
-def _by_markers(run: Run, landmarks: np.ndarray) -> np.ndarray:
-    """Whether some marker on the joint of each landmark (P,), by its number, was measured, (T, P)."""
-    assert run.markers is not None
-    there = np.isfinite(run.markers[run.index]).all(axis=2)
-    same = run.body.marker_joint[:, None] == run.body.landmark_joint[landmarks]
-    return np.asarray((there[:, :, None] & same).any(axis=1))
 
 
 def _known_floor(run: Run) -> KnownFloor | Ground:

@@ -526,6 +526,8 @@ class Run(Summarised):
     def markers(self) -> np.ndarray | None:
         """(planned T, M, 3) where the subject's markers were measured, in the world [m], NaN where missing; None of a
         run without."""
+        if not self.header.points:
+            return None
         with run_store.reading(self.file) as connection:
             rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
         frames = [self._keypoints_of(data, i).get("markers") for i, (data,) in enumerate(rows)]

@@ -101,7 +101,7 @@ class MarkerTracker(Initialisation, CarriesMixture):
         return agreement(self.search, observation, best.q, best.association)
 
     def _doubtful(self, observation: Observation, mixture: Mixture, explained: float) -> bool:
-        few = len(observation.known_markers) < self.settings.seen * len(self.body.marker_std)
+        few = len(observation.known_markers) < self.settings.seen * len(self.body.marker_names)
         return few or mixture.modes[0].status == ITERATIONS or explained < self.settings.sure
 
     def _samples(self, rng: np.random.Generator, mixture: Mixture) -> list[Hypothesis]:
@@ -120,7 +120,7 @@ def _as_it_is(h: Hypothesis) -> Candidate:
 NAME = "markers"
 _QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exact_below": 3.0}}}
 """Markers say enough for the true curvature to be safe early; a descent that promises less energy has ended."""
-_SOON_NEW: dict[str, Any] = {"smooth": {"lasting": 0.05}}
+_SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
 """What is wrong in a frame of markers lasts less long than what a detector gets wrong; what is wrong in all frames
 alike, their places, is counted beside it (`estimator.runs.lasting_spread`)."""
 SPEC = Spec(
@@ -129,6 +129,6 @@ SPEC = Spec(
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),
-    defaults=together(NO_CAPTURE, _QUICK, _SOON_NEW),
+    defaults=together(NO_CAPTURE, _QUICK, _SHORT_LIVED),
     unused=(ONLY_TO_BEGIN,),
 )

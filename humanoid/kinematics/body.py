@@ -267,6 +267,11 @@ class Body(Summarised):
         """Places of the markers of N configurations in the world [m], (N, M, 3)."""
         return points_of_each(placed, self.marker_joint, self.marker_local)
 
+    def landmarks_beside(self, measured: np.ndarray) -> np.ndarray:
+        """Which landmarks (..., L) have on their joint one of the markers that are measured (..., M) bool."""
+        same = self.marker_joint[:, None] == self.landmark_joint
+        return np.asarray((measured[..., None] & same).any(axis=-2))
+
     def landmark_jacobians(self, posed: PosedBody, some: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], or of some by their numbers, world frame, (L, 3, nv)."""
         return self.point_jacobians(posed, self.landmark_joint[some], self.landmarks(posed)[some])

@@ -102,11 +102,15 @@ class Spill:
         return stream.getvalue()
 
 
-class SpilledList(Sequence[T], Generic[T]):
-    """One of a `Spill`'s lists; a slice of it is a plain list, all of which is in memory."""
+class _Items(Sequence[T], Generic[T]):
+    """So many items by their places; a slice is a plain list, all of which is in memory."""
 
-    def __init__(self, spill: Spill, number: int) -> None:
-        self._spill, self._number, self._count = spill, number, 0
+    def __init__(self, count: int) -> None:
+        self._count = count
+
+    def _item(self, i: int) -> T:
+        """The item in a place."""
+        raise NotImplementedError
 
     def __len__(self) -> int:
         return self._count
@@ -117,8 +121,19 @@ class SpilledList(Sequence[T], Generic[T]):
     def __getitem__(self, index: slice) -> list[T]: ...
     def __getitem__(self, index: int | slice) -> T | list[T]:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(self._count))]
-        item: T = self._spill.get((self._number, range(self._count)[index]))
+            return [self._item(i) for i in range(*index.indices(self._count))]
+        return self._item(range(self._count)[index])
+
+
+class SpilledList(_Items[T]):
+    """One of a `Spill`'s lists."""
+
+    def __init__(self, spill: Spill, number: int) -> None:
+        super().__init__(0)
+        self._spill, self._number = spill, number
+
+    def _item(self, i: int) -> T:
+        item: T = self._spill.get((self._number, i))
         return item
 
     def __setitem__(self, index: int, item: T) -> None:
@@ -130,23 +145,15 @@ class SpilledList(Sequence[T], Generic[T]):
         self._count += 1
 
 
-class MadeList(Sequence[T], Generic[T]):
-    """`count` items, each made when it is asked for, by its place."""
+class MadeList(_Items[T]):
+    """Items each of which is made when it is asked for, by its place."""
 
     def __init__(self, count: int, make: Callable[[int], T]) -> None:
-        self._count, self._make = count, make
+        super().__init__(count)
+        self._make = make
 
-    def __len__(self) -> int:
-        return self._count
-
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[T]: ...
-    def __getitem__(self, index: int | slice) -> T | list[T]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(self._count))]
-        return self._make(range(self._count)[index])
+    def _item(self, i: int) -> T:
+        return self._make(i)
 
 
 class _Places:

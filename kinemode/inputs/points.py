@@ -53,15 +53,13 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     track = load_points(paths, up=told.up, unit=files.unit, fps=_rate(told))
     marked = _marked(subject, files.markers, track)
     track, _ = mirrored_swaps(track, marked.pairs)
-    _check_hand(marked.subject, track)
     body = Body(marked.subject)
+    points = track.points[:, [track.names.index(name) for name in body.marker_names]]
+    _check_hand(body, points, track.source)
     rows = _part(track, told)
-    places = [track.names.index(name) for name in body.marker_names]
     L = len(body.landmark_names)
     nowhere = np.zeros((0, L, 2)), np.zeros((0, L))
-    observations = [
-        Observation(i, float(track.time[t]), (), *nowhere, markers=track.points[t, places]) for i, t in enumerate(rows)
-    ]
+    observations = [Observation(i, float(track.time[t]), (), *nowhere, markers=points[t]) for i, t in enumerate(rows)]
     inputs = Inputs(
         observations, track.time[rows], (), (*track.notes, *marked.notes), floor=told.known_floor(), points=paths
     )
@@ -116,15 +114,15 @@ def _pairs_of(names: Sequence[str], subject: Subject) -> tuple[tuple[str, str], 
         return ()
 
 
-def _check_hand(subject: Subject, track: MarkerTrack) -> None:
-    """Raise InputError where the markers of the trunk are mirrored: the file is left-handed, or its labels are."""
-    trunk = [marker for marker in subject.markers if not marker.link.startswith(_SIDES)]
-    body = Body(subject.with_markers(trunk))
+def _check_hand(body: Body, points: np.ndarray, source: str) -> None:
+    """Raise InputError where the markers of the trunk are mirrored in points (T, M, 3) of a body's markers: the file is
+    left-handed, or its labels are."""
+    trunk = [i for i, marker in enumerate(body.subject.markers) if not marker.link.startswith(_SIDES)]
     at_rest = body.markers_of(body.placed(body.neutral[None]))[0]
-    if mirrored(at_rest, track.points[:, [track.names.index(marker.name) for marker in trunk]]):
+    if mirrored(at_rest[trunk], points[:, trunk]):
         problem = "the markers of the trunk are mirrored: its axes are left-handed, or left and right are exchanged"
         remedy = "change the sign of one axis in the file, or the labels of left and right"
-        raise InputError(track.source, problem, remedy=remedy)
+        raise InputError(source, problem, remedy=remedy)
 
 
 def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerSet:

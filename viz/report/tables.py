@@ -136,8 +136,8 @@ def markers_part(residuals: MarkerResiduals | None) -> str:
     whole = float(np.sqrt(np.nanmean(np.square(residuals.apart))))
     said = (
         f"Distance of what was measured from the marker's place on the body; {number(whole, True)} mm root mean square"
-        " of all. Expected: deviation along each axis, of the measurement and of the place. Outlying: farther than"
-        " three of these."
+        " of all. Expected: deviation along each axis, of the measurement and of what counts of the place's. Outlying:"
+        " farther than three of these."
     )
     head = ("marker", "RMS [mm]", "median [mm]", "expected [mm]", "outlying", "missing")
     parts = [f'<p class="muted">{escape(said)}</p>', f'<div class="scroll">{table(head, rows, numbers=5)}</div>']

@@ -25,21 +25,19 @@ from humanoid.subject.subject import Marker, Subject
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject."""
 _OTHER, _SAME = 0.03, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
-_ROUNDS = 4  # of resizing
+_ROUNDS = 3  # of resizing
 
 
 @dataclass(frozen=True)
 class MarkerFitSettings:
     """How the fit is made.
 
-    frames: it looks at this many, evenly spread over the trial. rounds: times the poses are found anew with the
-    measures of the round before. iterations: Newton steps a round. enough: decrease of the energy that a step has to
-    bring for another to follow. effective_frames: soft tissue moves alike in frames that are near each other, so that
-    all frames together count as this many.
+    frames: it looks at this many, evenly spread over the trial. iterations: Newton steps. enough: decrease of the
+    energy that a step has to bring for another to follow. effective_frames: soft tissue moves alike in frames that are
+    near each other, so that all frames together count as this many.
     """
 
     frames: int = 40
-    rounds: int = 2
     iterations: int = 15
     enough: float = 1e-3
     effective_frames: float = 12.0
@@ -63,16 +61,15 @@ def fit_markers(
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
     used = _chosen(observations, settings.frames)
     if not used:
-        body = ProportionedBody(subject)
-        none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
-        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+        return _unfitted(subject, ProportionedBody(subject))
+    fit, seen = _fitted(subject, used, seed, settings, track_settings)
     size = 1.0
     for _ in range(_ROUNDS):
-        fit, seen = _fitted(subject if size == 1.0 else subject.resized(size), used, seed, settings, track_settings)
         step = float(np.clip(size * seen, *SIZES)) / size
         if abs(np.log(step)) < _SAME:
             break
         size *= step
+        fit, seen = _fitted(subject.resized(size), used, seed, settings, track_settings)
     return replace(fit, size=size)
 
 
@@ -102,12 +99,12 @@ def _fitted(
         return _unfitted(subject, proportions), size
     newton = NewtonSettings(settings.iterations, enough=settings.enough)
     best = minimise(energy, energy.model(measures, poses), newton).model
-    fitted = _subject(proportions, best)
+    covariance = np.linalg.inv(best.hessian)
+    fitted = _subject(proportions, best, covariance)
     scales = best.measures.scales
     asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0
     asked = asked if abs(np.log(asked)) > _OTHER or bounded_lengths(fitted) else 1.0
     count = len(proportions.names)
-    covariance = np.linalg.inv(best.hessian)
     of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in zip(best.covariances, best.follows, strict=True)]
     fit = Fit(
         fitted, proportions.names, scales, covariance[:count, :count], tuple(used), np.array(best.poses),
@@ -142,11 +139,12 @@ def _size(body: Body, used: Sequence[Observation], poses: Sequence[np.ndarray]) 
     return float(np.median(sizes))
 
 
-def _subject(proportions: ProportionedBody, best: MarkerModel) -> Subject:
-    """The subject with the lengths and the markers' places that were fitted, and how unsure these are."""
+def _subject(proportions: ProportionedBody, best: MarkerModel, covariance: np.ndarray) -> Subject:
+    """The subject with the lengths and the markers' places that were fitted, and how unsure these are; covariance
+    (G, G): of the measures, as in `MarkerModel`."""
     scaled = proportions.base.subject.scaled(proportions.scales(best.measures.scales))
     lengths = len(proportions.names)
-    variances = np.diag(np.linalg.inv(best.hessian))[lengths:].reshape(-1, 3)
+    variances = np.diag(covariance)[lengths:].reshape(-1, 3)
     markers = []
     for marker, offset, variance in zip(scaled.markers, best.measures.offsets, variances, strict=True):
         frame = scaled.model.frames[scaled.model.getFrameId(marker.link, pin.FrameType.BODY)]

@@ -103,7 +103,9 @@ class Stances(NamedTuple):
 def _seen(body: Body, observation: Observation) -> np.ndarray:
     """Which landmarks (L,) a camera sees, or have a marker on the same joint."""
     by_cameras = np.isfinite(observation.known_pixels).all(axis=2).any(axis=0)
-    return np.asarray(by_cameras | np.isin(body.landmark_joint, body.marker_joint[observation.known_markers]))
+    if observation.markers is None:
+        return np.asarray(by_cameras)
+    return np.asarray(by_cameras | body.landmarks_beside(np.isfinite(observation.markers).all(axis=1)))
 
 
 def held_places(
