@@ -32,6 +32,9 @@ def track_points(loaded: Subject, files: PointFiles, wanted: TrackOptions) -> Ru
     path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, wanted.out))
     job = job_of(loaded, wanted, path, "auto")
     job.target.check()
+    if files.static and not job.fits(loaded):
+        problem = f"{loaded.source} is taken as measured, so the static trial is not used"
+        raise InputError("static", problem, remedy="leave it out, or fit a built-in subject")
     with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
         marked, inputs = load_point_inputs(loaded, files)
         _check_markers(files, inputs)
@@ -48,7 +51,7 @@ def fit_to_points(loaded: Subject, files: PointFiles, seed: int, out: PathLike |
         _check_markers(files, inputs)
         for note in (*marked.notes, *inputs.notes):
             warnings.warn(note, InputWarning, stacklevel=3)
-        result = fit_markers(marked, inputs.observations, seed=seed, track_settings=settings_for(NAME))
+        result = fit_markers(marked, inputs.observations, inputs.static, seed=seed, track_settings=settings_for(NAME))
     return kept_fit(result, out)
 
 

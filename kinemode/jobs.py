@@ -171,7 +171,8 @@ def _fitted(
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
             return stored.subject, known, ()  # fitted when the run began
     if inputs.observations[0].markers is not None:
-        fit = fit_markers(subject, inputs.observations, seed=job.seed, track_settings=job.settings)
+        moving, static = inputs.observations, inputs.static
+        fit = fit_markers(subject, moving, static, seed=job.seed, track_settings=job.settings)
         return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes
     shown = cues if job.fit == "auto" else None
     fit = person.fit_person(

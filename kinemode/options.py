@@ -173,11 +173,15 @@ class PointOptions:
         `subjects --markers` has begun; auto takes the subject's own, or the set that knows most of the names.
     unit
         Of length of the points, m, cm or mm, where the file does not say it.
+    static
+        Points of a trial in which the same person stands upright, all joints about straight, with the same markers: the
+        fit then knows the joints' zeros. Joints that are bent there are not taken as known.
     """
 
     points: Files = None
     markers: str = "auto"
     unit: str | None = None
+    static: Files = None
 
     def arguments(self) -> dict[str, Any]:
         """The options as `kinemode.track` and `fit` take them."""

@@ -21,6 +21,7 @@ from estimator.runs.marker_residuals import marker_residuals
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.marker_energy import MarkerEnergy, Measures
 from estimator.tracking.fitting.markers import MarkerFitSettings, fit_markers
+from estimator.tracking.fitting.standing import standing_pose
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
@@ -112,6 +113,62 @@ def test_a_person_of_another_size_is_resized_first() -> None:
     body = Body(subject.resized(0.75))
     fit = fit_markers(subject, measured(body, poses(body, 4)))
     assert fit.size == pytest.approx(0.75, abs=0.03)
+
+
+def displaced(subject: Subject, seed: int) -> Subject:
+    """A person whose markers sit a centimetre from where the set has them."""
+    rng = np.random.default_rng(seed)
+    moved = [np.array(m.xyz) + rng.normal(size=3) * 0.01 / np.sqrt(3.0) for m in subject.markers]
+    places: list[tuple[float, float, float]] = [(float(x), float(y), float(z)) for x, y, z in moved]
+    return subject.with_markers([replace(m, xyz=xyz) for m, xyz in zip(subject.markers, places, strict=True)])
+
+
+def standing(body: Body, count: int, **held: float) -> np.ndarray:
+    """Upright, all joints at zero but some that are held [rad]."""
+    q = standing_pose(body, body.neutral)
+    for name, angle in held.items():
+        q[body.model.idx_qs[body.model.getJointId(name)]] = angle
+    return np.tile(body.clamp(q), (count, 1))
+
+
+def test_a_static_trial_tells_the_zeros_of_the_joints() -> None:
+    """Markers that sit elsewhere turn the joints' zeros, which a pose that is known brings back."""
+    body = Body(displaced(marked(), 5))
+    q = poses(body, 8)
+    moving, static = measured(body, q, 0.001), measured(body, standing(body, 4), 0.001, seed=1)
+    off = []
+    for stood in ((), static):
+        fit = fit_markers(marked(), moving, stood)
+        assert fit.frames == tuple(range(8))
+        assert fit.notes == ()
+        errors = np.array([body.difference(a, b)[6:] for a, b in zip(q, fit.poses, strict=True)])
+        off.append(float(np.sqrt(np.mean(errors.mean(axis=0) ** 2))))
+    assert off[1] < 0.5 * off[0]
+
+
+def test_static_frames_count_as_one() -> None:
+    """A longer static trial is no better known pose, and the heading it is taken at does not matter."""
+    body = Body(marked())
+    moving, stood = measured(body, poses(body, 3)), standing(body, 1)
+    fits = [fit_markers(marked(), moving, measured(body, np.tile(stood, (count, 1)))) for count in (1, 5)]
+    np.testing.assert_allclose(fits[0].scales, fits[1].scales, atol=1e-6)
+    np.testing.assert_allclose(fits[0].covariance, fits[1].covariance, rtol=1e-4, atol=1e-9)
+    turned_round = stood.copy()
+    turned_round[:, 3:7] = 0.0, 0.0, 1.0, 0.0
+    other = fit_markers(marked(), moving, measured(body, turned_round))
+    np.testing.assert_allclose(fits[0].scales, other.scales, atol=1e-5)
+
+
+def test_joints_that_are_bent_in_a_static_trial_are_not_taken_as_known() -> None:
+    body = Body(marked())
+    held = {"left_shoulder_elevation": 1.4, "right_shoulder_elevation": 1.4}
+    moving, static = measured(body, poses(body, 3), 0.001), measured(body, standing(body, 3, **held), 0.001)
+    fit = fit_markers(marked(), moving, static)
+    assert set(fit.bent) >= set(held)
+    assert not any("knee" in name or "hip" in name for name in fit.bent)
+    (note,) = fit.notes
+    assert note.startswith("bent in the static trial")
+    assert "left_shoulder_elevation" in note
 
 
 def test_exact_markers_give_the_pose_whatever_outliers_say() -> None:
@@ -230,6 +287,43 @@ def test_options_of_points_need_points() -> None:
         km.track("human34", "walk.mp4", markers="opencap")
     with pytest.raises(km.InputError, match="fit: no points are given"):
         km.track("human34", "walk.mp4", fit="markers")
+
+
+def test_a_static_trial_of_a_file_joins_the_fit(recorded: tuple[Path, Body, np.ndarray], tmp_path: Path) -> None:
+    """By TRC and by npz it is the same trial, and a run has no trace of it but the person."""
+    path, body, _ = recorded
+    points, time = body.markers_of(body.placed(standing(body, 3))), np.arange(3) / FPS
+    more = np.concatenate([points, points[:, :1] + 0.1], axis=1)
+    write_trc(tmp_path / "static.trc", (*body.marker_names, "EXTRA"), more, time)
+    np.savez(tmp_path / "static.npz", points=points, names=np.array(body.marker_names), fps=FPS, unit="m", up="z")
+    with pytest.warns(km.InputWarning, match="static trial alone are left out: EXTRA"):
+        fit = km.fit("human34", points=path, static=tmp_path / "static.trc")
+    again = km.fit("human34", points=path, static=[tmp_path / "static.npz"])
+    np.testing.assert_allclose(fit.scales, again.scales, atol=1e-4)
+    assert np.abs(fit.scales - km.fit("human34", points=path).scales).max() > 1e-6
+    run = km.track("human34", points=path, static=tmp_path / "static.npz", out=tmp_path / "walk.run")
+    assert run.header.points == (str(path),)
+    assert len(run) == 12
+    assert [m.std for m in run.subject.markers] == [m.std for m in again.subject.markers]
+
+
+def test_a_static_trial_without_a_use_is_refused(
+    recorded: tuple[Path, Body, np.ndarray], tracked: Any, tmp_path: Path
+) -> None:
+    path, me = recorded[0], tmp_path / "me.urdf"
+    tracked.subject.scaled({"left_knee_flexion": 1.02}).write(me)
+    points = np.random.default_rng(0).normal(size=(2, 4, 3))
+    write_trc(tmp_path / "other.trc", ["A", "B", "C", "D"], points, [0.0, 0.02])
+    for subject, given, problem in (
+        ("human34", {"static": path}, "--static: is of points"),
+        ("human34", {"points": path, "static": path, "fit": "off"}, "--static: is for the fit"),
+        (me, {"points": path, "static": path}, "static: .*me.urdf is taken as measured"),
+        ("human34", {"points": path, "static": tmp_path / "other.trc"}, "other.trc: no frame has 4 of the markers"),
+        ("human34", {"points": path, "static": tmp_path / "none.trc"}, "none.trc"),
+    ):
+        with pytest.raises(km.InputError, match=problem) as told:
+            km.track(subject, **given)
+        assert "\n" not in str(told.value)
 
 
 def test_a_left_handed_file_is_refused(recorded: tuple[Path, Body, np.ndarray], tmp_path: Path) -> None:

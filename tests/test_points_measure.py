@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.points import captured_errors, laboratory, opensim_side
-from benchmarks.points.captured_trials import CapturedTrial, MarkerFaults, missing, random_person, spoilt
+from benchmarks.points.captured_trials import (
+    CapturedTrial,
+    MarkerFaults,
+    missing,
+    random_person,
+    spoilt,
+    standing_points,
+)
 from benchmarks.points.four_cameras import triangulated
 from benchmarks.points.tracked_points import observations_of
 from estimator.data.observation import Observation
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
+from estimator.tracking.fitting.standing import standing_pose
 from humanoid.kinematics.body import Body
 
 NOTHING_WRONG = MarkerFaults(noise=0.0, outliers=0.0, gaps=0.0, places=0.0)
@@ -64,6 +73,19 @@ def test_a_trial_without_faults_has_its_markers_where_the_body_has_them(tmp_path
     seen = np.array([o.markers for o in observations])
     assert seen == pytest.approx(tracked.markers_of(tracked.placed(q)), abs=1e-6)
     assert captured_errors.angle_errors(q, q).shape == (3, body.nv - 6)
+
+
+def test_who_stands_for_the_static_trial_does_so_as_nearly_as_asked() -> None:
+    body = Body(random_person(np.random.default_rng(0), 0.01))
+    upright = body.markers_of(body.placed(standing_pose(body, body.neutral)[None]))[0]
+    rng = np.random.default_rng(0)
+    assert standing_points(body, rng, NOTHING_WRONG) is None
+    still, loose = (standing_points(body, rng, replace(NOTHING_WRONG, standing=degrees)) for degrees in (0.0, 3.0))
+    assert still is not None
+    assert loose is not None
+    assert still == pytest.approx(np.tile(upright, (60, 1, 1)), abs=1e-9)
+    assert np.ptp(loose, axis=0) == pytest.approx(0.0, abs=1e-9)
+    assert 0.002 < np.linalg.norm(loose[0] - upright, axis=1).max() < 0.3
 
 
 def test_weights_count() -> None:

@@ -55,7 +55,8 @@ def measure_captured(
 def trial_scores(trial: CapturedTrial, stem: Path, seed: int) -> tuple[dict[str, float], dict[str, list[float]]]:
     """Figures of a trial by `FIGURES`; and by joint the mean square error [deg^2] and both shares inside bands."""
     path = trial.write(stem.with_name(f"{stem.name}.trc"))
-    fit = fit_of(load_subject("human34"), path, seed=seed, markers=SET)
+    static = trial.write_static(stem.with_name(f"{stem.name}_static.trc"))
+    fit = fit_of(load_subject("human34"), path, seed=seed, markers=SET, static=static)
     run = run_of(fit.subject, path, stem.with_name(f"{stem.name}.run"), seed=seed)
     known = run_of(trial.person, path, stem.with_name(f"{stem.name}_known.run"), seed=seed)
     errors, truth = angle_errors(run.q, trial.q[run.index]), trial.q[run.index]
@@ -123,6 +124,8 @@ def expected(fit: Fit) -> float:
 def _show(figures: dict[str, Any]) -> None:
     trials, faults = figures["trials"], figures["faults"]
     said = f"noise {1e3 * faults['noise']:.0f} mm, places {1e3 * faults['places']:.0f} mm"
+    if faults["standing"] is not None:
+        said += f", a static trial within {faults['standing']:g} degrees"
     made = report.table(f"captured motion by {SET}, {said}", *_COLUMNS)
     for name, of in (*trials.items(), ("all", _overall(list(trials.values())))):
         made.add_row(name, *(f"{of[key]:.2f}" for key in FIGURES))

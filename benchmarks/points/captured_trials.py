@@ -10,7 +10,8 @@ import numpy as np
 from estimator.data.formats.opensim import write_trc
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
-from humanoid.kinematics.body import Body
+from estimator.tracking.fitting.standing import standing_pose
+from humanoid.kinematics.body import ROOT_V, Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.marker_set import marker_set
 from humanoid.subject.subject import Marker, Subject, load_subject
@@ -18,6 +19,7 @@ from humanoid.subject.subject import Marker, Subject, load_subject
 SET, FPS = "plug-in-gait", 60.0
 CLIPS = ("walk_straight_07_01", "punch_02_05", "jump_16_01", "dance_05_10", "bend_scoop_lift_02_06")
 _SPREAD, _MOST = 0.06, 0.15  # of a scale from 1: standard deviation, and the most
+_STANDING = 1.0  # s
 _SURE = 1e-4  # m: of places that are known
 
 
@@ -25,7 +27,8 @@ _SURE = 1e-4  # m: of places that are known
 class MarkerFaults:
     """What is wrong with measured markers. noise [m]: standard deviation along each axis. outliers: share of the
     measurements that lie `far` [m], RMS, along each axis elsewhere. gaps: share that is missing, in bursts of 1 to
-    `longest` frames. places [m]: RMS length of how far the markers sit from where the set has them."""
+    `longest` frames. places [m]: RMS length of how far the markers sit from where the set has them. standing [deg]:
+    standard deviation of the joints from upright standing in a static trial, None where there is none."""
 
     noise: float = 0.005
     outliers: float = 0.05
@@ -33,18 +36,28 @@ class MarkerFaults:
     gaps: float = 0.1
     longest: int = 10
     places: float = 0.01
+    standing: float | None = None
 
 
 @dataclass(frozen=True)
 class CapturedTrial:
     """person: the true one, markers at their true places, which are known. q (T, nq): true poses. names (M), time (T,)
-    and points (T, M, 3) [m]: what is measured, NaN where it is missing."""
+    and points (T, M, 3) [m]: what is measured, NaN where it is missing. static (S, M, 3) [m]: the same while the person
+    stands, None where there is no static trial."""
 
     person: Subject
     q: np.ndarray
     names: tuple[str, ...]
     time: np.ndarray
     points: np.ndarray
+    static: np.ndarray | None = None
+
+    def write_static(self, path: Path) -> Path | None:
+        """The static trial as a TRC file, where there is one."""
+        if self.static is None:
+            return None
+        write_trc(path, self.names, self.static, np.arange(len(self.static)) / FPS)
+        return path
 
     def write(self, path: Path) -> Path:
         """As a TRC file."""
@@ -60,7 +73,19 @@ def captured_trial(clip: Path, seed: int, faults: MarkerFaults, seconds: float, 
     time = np.arange(0.0, min(seconds, mocap.seconds), 1.0 / fps)
     q = retarget(body, mocap, time).q
     points = body.markers_of(body.placed(q))
-    return CapturedTrial(person, q, body.marker_names, time, spoilt(points, rng, faults))
+    measured = spoilt(points, rng, faults)
+    return CapturedTrial(person, q, body.marker_names, time, measured, standing_points(body, rng, faults))
+
+
+def standing_points(body: Body, rng: np.random.Generator, faults: MarkerFaults) -> np.ndarray | None:
+    """Points (S, M, 3) [m] of somebody who stands still, as they are measured; None where nobody does."""
+    if faults.standing is None:
+        return None
+    away = np.radians(faults.standing) * rng.normal(size=body.nv)
+    away[ROOT_V] = 0.0
+    q = body.integrate(standing_pose(body, body.neutral), away)
+    points = body.markers_of(body.placed(np.tile(q, (round(_STANDING * FPS), 1))))
+    return spoilt(points, rng, faults)
 
 
 def random_person(rng: np.random.Generator, places: float) -> Subject:

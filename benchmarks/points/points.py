@@ -41,6 +41,7 @@ def main(
     fits: Annotated[tuple[str, ...], Several] = (OWN,),
     seconds: float = 3.0,
     places: float = 10.0,
+    static: float | None = None,
     opensim_python: Path | None = None,
     data: Data = None,
     work: Work = None,
@@ -70,6 +71,9 @@ def main(
         Of each trial: the middle of a laboratory's, the beginning of captured motion.
     places
         Of --captured: RMS distance of the markers from where their set has them [mm].
+    static
+        Of --captured: the person is fitted on a static trial besides, of 1 s, standing upright but for random
+        deviations of the joints of so many degrees.
     opensim_python
         A Python that has the module opensim, where this has not.
     """
@@ -79,7 +83,7 @@ def main(
     shared = data_folder(data)
     if shared is None:
         raise InputError("data", "the evaluation data is not here", remedy=_ANYWHERE)
-    faults, first = MarkerFaults(places=1e-3 * places), seeds[0]
+    faults, first = MarkerFaults(places=1e-3 * places, standing=static), seeds[0]
     python = python_with_opensim(opensim_python)
     laboratory, mocap, beam = shared / LABORATORY, shared / "mocap", shared / "beam4cam"
     parts: dict[str, tuple[object, Callable[[Path], dict[str, Any]]]] = {

@@ -36,11 +36,19 @@ def middle_of(path: Path, seconds: float) -> Part:
     return middle - half, middle + half
 
 
-def fit_of(subject: Subject, path: Path, *, seed: int = 0, markers: str = "auto", part: Part = WHOLE) -> Fit:
-    """Lengths and places of markers by a trial, or by a part of it."""
+def fit_of(
+    subject: Subject,
+    path: Path,
+    *,
+    seed: int = 0,
+    markers: str = "auto",
+    part: Part = WHOLE,
+    static: Path | None = None,
+) -> Fit:
+    """Lengths and places of markers by a trial, or by a part of it, and by a static trial where there is one."""
     with warnings.catch_warnings():
         _quiet()
-        return fit_to_points(subject, _files(path, markers, part), seed, None)
+        return fit_to_points(subject, _files(path, markers, part, static), seed, None)
 
 
 def run_of(
@@ -81,8 +89,9 @@ def root_mean_square(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.square(values))))
 
 
-def _files(path: Path, markers: str, part: Part) -> PointFiles:
-    return PointFiles((path,), markers, declared=Declared(start=part[0], end=part[1]))
+def _files(path: Path, markers: str, part: Part, static: Path | None = None) -> PointFiles:
+    declared = Declared(start=part[0], end=part[1])
+    return PointFiles((path,), markers, declared=declared, static=() if static is None else (static,))
 
 
 def _quiet() -> None:

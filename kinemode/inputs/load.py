@@ -60,7 +60,8 @@ class Inputs:
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
     points up; None where it was not. floor: what is known of it in that world. points: files of
-    points in space, in place of cameras. other_layouts: makes the observations as they are if the keypoints are of
+    points in space, in place of cameras. static: points of a trial in which the person stands upright, for the fit
+    alone. other_layouts: makes the observations as they are if the keypoints are of
     another layout of as many points, by its name.
     """
 
@@ -76,6 +77,7 @@ class Inputs:
     R_upright_given: np.ndarray | None = None
     floor: KnownFloor = None
     points: tuple[Path, ...] = ()
+    static: tuple[Observation, ...] = ()
     other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
 
     @property

@@ -34,13 +34,15 @@ class PointFiles:
 
     paths: TRC, C3D, npz or csv; several have points of the same instants. markers: the set that their names are of, by
     name or as a TOML file; "auto" takes the subject's own markers, or the set that knows most of the names. unit: of
-    length, see `load_points`. declared: axis that points up, rate, part, floor.
+    length, see `load_points`. declared: axis that points up, rate, part, floor. static: files of a trial in which the
+    person stands upright, for the fit; unit, axis and rate are said of them, too.
     """
 
     paths: tuple[PathLike, ...]
     markers: PathLike = AUTO
     unit: str | None = None
     declared: Declared = Declared()  # noqa: RUF009, it is frozen
+    static: tuple[PathLike, ...] = ()
 
 
 def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inputs]:
@@ -52,18 +54,52 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     paths = tuple(Path(path) for path in files.paths)
     track = load_points(paths, up=told.up, unit=files.unit, fps=_rate(told))
     marked = _marked(subject, files.markers, track)
-    track, _ = mirrored_swaps(track, marked.pairs)
     body = Body(marked.subject)
-    points = track.points[:, [track.names.index(name) for name in body.marker_names]]
-    _check_hand(body, points, track.source)
     rows = _part(track, told)
+    static, notes = _static(body, files, marked.pairs)
+    inputs = Inputs(
+        _observations(body, track, marked.pairs, rows), track.time[rows], (), (*track.notes, *marked.notes, *notes),
+        floor=told.known_floor(), points=paths, static=static,
+    )  # fmt: skip
+    return marked.subject, inputs
+
+
+def _observations(
+    body: Body, track: MarkerTrack, pairs: Sequence[tuple[str, str]], rows: np.ndarray
+) -> list[Observation]:
+    """Frames of a file, those of `rows`, with a body's markers; a marker that the file has not is missing.
+
+    Raises InputError: mirrored markers.
+    """
+    track, _ = mirrored_swaps(track, pairs)
+    points = np.full((len(track.time), len(body.marker_names), 3), np.nan)
+    for i, name in enumerate(body.marker_names):
+        if name in track.names:
+            points[:, i] = track.points[:, track.names.index(name)]
+    _check_hand(body, points, track.source)
     L = len(body.landmark_names)
     nowhere = np.zeros((0, L, 2)), np.zeros((0, L))
-    observations = [Observation(i, float(track.time[t]), (), *nowhere, markers=points[t]) for i, t in enumerate(rows)]
-    inputs = Inputs(
-        observations, track.time[rows], (), (*track.notes, *marked.notes), floor=told.known_floor(), points=paths
-    )
-    return marked.subject, inputs
+    return [Observation(i, float(track.time[t]), (), *nowhere, markers=points[t]) for i, t in enumerate(rows)]
+
+
+def _static(
+    body: Body, files: PointFiles, pairs: Sequence[tuple[str, str]]
+) -> tuple[tuple[Observation, ...], tuple[str, ...]]:
+    """All frames of the static trial, and notes; nothing where there is none.
+
+    Raises InputError: files that cannot be read, or that have none of the body's markers in any frame.
+    """
+    if not files.static:
+        return (), ()
+    told = files.declared
+    track = load_points([Path(path) for path in files.static], up=told.up, unit=files.unit, fps=_rate(told))
+    observations = _observations(body, track, pairs, np.arange(len(track.time)))
+    if max(len(o.known_markers) for o in observations) < _FEWEST:
+        problem = f"no frame has {_FEWEST} of the markers that are tracked"
+        raise InputError(track.source, problem, remedy="give the static trial of the same markers")
+    others = [name for name in track.names if name not in body.marker_names]
+    notes = (f"markers of the static trial alone are left out: {first_of(others, _LISTED)}",) if others else ()
+    return tuple(observations), (*track.notes, *notes)
 
 
 def _rate(told: Declared) -> float | None:

@@ -186,6 +186,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     ),
     "keypoints": (_keypoints, "a path, a list of paths, an array (T, K, 3), or a mapping of names to such"),
     "points": _FILES,
+    "static": _FILES,
     "markers": (_path, "the name of a set of markers, or the path of a TOML file"),
     "unit of length": (_or_none(_text), "a text"),
     "masks": _FILES,

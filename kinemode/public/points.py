@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import AUTO, Declared
 from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike, kept, named_paths
+from kinemode.inputs.named import Named, PathLike, kept, named_paths
 from kinemode.public.arguments import check_as
 
 if TYPE_CHECKING:
@@ -38,14 +38,14 @@ def point_files(given: Mapping[str, Any], declared: Declared) -> PointFiles:
         if plain is not None and plain not in (usual, "off", (), []):
             raise InputError(name, "is of cameras, and points are given", remedy="leave one of them out")
     check_as("unit of length", unit=given["unit"])
-    paths = tuple(named_paths(kept(given["points"]), _FILE).values())
+    paths, static = (tuple(named_paths(kept(given[name]), _FILE).values()) for name in ("points", "static"))
     if not paths:
         raise InputError("points", "there are none", remedy="a .trc, .c3d, .npz or .csv")
     if Path(given[MARKERS]).suffix == ".toml":
         check_exists(given[MARKERS])
     from kinemode.inputs.points import PointFiles
 
-    return PointFiles(paths, given[MARKERS], given["unit"], declared)
+    return PointFiles(paths, given[MARKERS], given["unit"], declared, static)
 
 
 def check_fit(fit: str, *, points: bool) -> None:
@@ -56,8 +56,14 @@ def check_fit(fit: str, *, points: bool) -> None:
         raise InputError("fit", "no points are given", remedy="add --points FILE, or leave it out")
 
 
-def check_no_points(markers: PathLike, unit: str | None) -> None:
+def check_static(fit: str) -> None:
+    """Raise InputError for a static trial where nothing is fitted."""
+    if fit not in (AUTO, MARKERS):
+        raise InputError("--static", f"is for the fit, and fit is {fit!r}", remedy="use --fit markers, or leave it out")
+
+
+def check_no_points(markers: PathLike, unit: str | None, static: Named) -> None:
     """Raise InputError for what is said of points where there are none."""
-    for option, value, usual in (("--markers", markers, AUTO), ("--unit", unit, None)):
+    for option, value, usual in (("--markers", markers, AUTO), ("--unit", unit, None), ("--static", static, None)):
         if value != usual:
             raise InputError(option, "is of points, and none are given", remedy="add --points FILE, or leave it out")

@@ -12,7 +12,7 @@ from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
-from kinemode.public.points import MARKERS, check_fit, check_no_points, point_files
+from kinemode.public.points import MARKERS, check_fit, check_no_points, check_static, point_files
 from kinemode.target import RunTarget, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -50,6 +50,7 @@ def track(
     points: Named = None,
     markers: PathLike = AUTO,
     unit: str | None = None,
+    static: Named = None,
     tracker: str | None = None,
     modes: int | None = None,
     seed: int = 0,
@@ -104,6 +105,9 @@ def track(
         up, `fps` its rate and unit its unit of length (m, cm or mm), where it does not say them.
     markers: what the points are: the name of a set of markers, or a TOML file of one (`kinemode subjects --markers`
         begins it); "auto" takes the subject's own markers, or the set that knows most of the names.
+    static: files of points in which the same person stands upright, all joints about straight, with the same markers;
+        the fit then knows the joints' zeros, which a motion does not tell. Joints that are bent there, as of arms held
+        out, are not taken as known. `up`, `fps` and `unit` are said of them, too.
     tracker, modes: name of the tracker ("css" unless given, "markers" with points) and how many hypotheses it keeps;
         unless given as many as its settings say, for which each tracker has its own default. A single-mode tracker
         keeps one.
@@ -175,10 +179,9 @@ def track(
     out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
 
-    tracker = tracker or (DEFAULT if by_points is None else MARKERS)
     wanted = jobs.TrackOptions(
-        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
-        index=index, start=start_by, height=height,
+        cues, tracker or (DEFAULT if by_points is None else MARKERS), modes, settings, seed, fit, out, resume,
+        overwrite, workers, progress or unreported, index=index, start=start_by, height=height,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
         return _work(person, by_points)(loaded, seen, wanted)
@@ -199,6 +202,7 @@ def fit(
     points: Named = None,
     markers: PathLike = AUTO,
     unit: str | None = None,
+    static: Named = None,
     seed: int = 0,
     height: float | None = None,
     person: Persons = "auto",
@@ -352,8 +356,10 @@ def _point_files(given: Mapping[str, Any], told: Declared) -> PointFiles | None:
     """Files of points, None where the arguments name none."""
     check_fit(given.get("fit", AUTO), points=given["points"] is not None)
     if given["points"] is None:
-        check_no_points(given["markers"], given["unit"])
+        check_no_points(given["markers"], given["unit"], given["static"])
         return None
+    if given["static"] is not None:
+        check_static(given.get("fit", AUTO))
     return point_files(given, told)
 
 

@@ -10,9 +10,10 @@ from estimator.data.observation import Observation, PoseEstimate
 from estimator.tracking.fitting.floor_size import FloorSize
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, first_of
 
 _HEIGHT_OFF = 0.03  # logarithm of heights from which two are said to differ
+_LISTED = 12  # names in a note
 _AT_BOUND = 1e-3  # of a proportion, relative to the end of its range
 
 
@@ -49,7 +50,7 @@ class Fit:
     uncertain each pose is by its own frame, with the lengths as uncertain as they are. shape: of the flesh, None where
     it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted. height
     [m]: what the user knows of the person, None where nothing. by_floor: what one camera sees of the size by a known
-    floor, None where nothing.
+    floor, None where nothing. bent: joints of a static trial that are too far from upright standing to be known.
     """
 
     subject: Subject
@@ -63,10 +64,17 @@ class Fit:
     size: float = 1.0
     height: float | None = None
     by_floor: FloorSize | None = None
+    bent: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
+        if not self.bent:
+            return self._notes_on_size()
+        joints = first_of(self.bent, _LISTED)
+        return (*self._notes_on_size(), f"bent in the static trial, so not taken as known there: {joints}")
+
+    def _notes_on_size(self) -> tuple[str, ...]:
         if self.height is not None:
             seen = stature(self.subject)
             if abs(np.log(seen / self.height)) < _HEIGHT_OFF:

@@ -12,10 +12,12 @@ from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.newton import Problem, Step
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.marker_targets import marker_targets
+from estimator.energy.priors import Transition
 from estimator.energy.term import QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step
+from estimator.tracking.fitting.standing import StaticTrial, standing_pose
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
 
@@ -52,13 +54,23 @@ class MarkerEnergy(Problem[MarkerModel]):
     """Energy of lengths and markers' places, minimised over the poses of all frames (variable projection), in their
     hard ranges.
 
-    share: of each frame; soft tissue moves alike in frames that are near each other.
+    share: of each frame; soft tissue moves alike in frames that are near each other. static: frames of somebody who
+    stands, which come after the others and count as one together: there is one pose that the person took.
     """
 
     def __init__(
-        self, body: ProportionedBody, observations: Sequence[Observation], settings: CostSettings, share: float
+        self,
+        body: ProportionedBody,
+        observations: Sequence[Observation],
+        settings: CostSettings,
+        share: float,
+        static: StaticTrial | None = None,
     ) -> None:
-        self._body, self._observations, self._settings, self._share = body, observations, settings, share
+        self._body, self._settings = body, settings
+        self._frames = [_WeighedFrame(o, share, None) for o in observations]
+        if static is not None:
+            stood = static.observations
+            self._frames += [_WeighedFrame(o, 1.0 / len(stood), static.std) for o in stood]
         count = 3 * len(body.base.marker_names)
         place_std = np.repeat(body.base.marker_std, 3)
         self._mean, self._std = (np.concatenate(each) for each in ((body.mean, np.zeros(count)), (body.std, place_std)))
@@ -94,14 +106,16 @@ class MarkerEnergy(Problem[MarkerModel]):
         minima: list[np.ndarray] = []
         covariances: list[np.ndarray] = []
         follows: list[np.ndarray] = []
-        for observation, q in zip(self._observations, poses, strict=True):
+        for (observation, share, std), q in zip(self._frames, poses, strict=True):
             cost = frames.cost(frames.observation_term(observation))
+            if std is not None:
+                cost = cost.plus([Transition(body, standing_pose(body, q), std)])
             minimum = seeker.seek(cost, q, _SEARCH).quadratic
             quadratic = cost.of(minimum.posed)
             of_frame = self._frame(body, observation, quadratic)
-            value += self._share * minimum.value
-            gradient = gradient + self._share * of_frame.gradient
-            hessian = hessian + self._share * of_frame.hessian
+            value += share * minimum.value
+            gradient = gradient + share * of_frame.gradient
+            hessian = hessian + share * of_frame.hessian
             minima.append(minimum.posed.q)
             covariances.append(mode_covariance(body, minimum.posed.q, quadratic.gradient, quadratic.hessian))
             follows.append(of_frame.follows)
@@ -132,6 +146,14 @@ class MarkerEnergy(Problem[MarkerModel]):
         for k, (m, R_world_joint) in enumerate(zip(some, minimum.posed.rotations[joints], strict=True)):
             D[k, :, lengths + 3 * m : lengths + 3 * m + 3] = R_world_joint
         return D
+
+
+class _WeighedFrame(NamedTuple):
+    """A frame, what it counts, and how sure its joints are about zero, (nv,) [rad]; None where nobody knows."""
+
+    observation: Observation
+    share: float
+    std: np.ndarray | None
 
 
 class _FrameShare(NamedTuple):

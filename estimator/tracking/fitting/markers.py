@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.spec import mode_search
 from estimator.tracking.fitting.fit import Fit, bounded_lengths
 from estimator.tracking.fitting.marker_energy import MarkerEnergy, MarkerModel, Measures
+from estimator.tracking.fitting.standing import static_trial
 from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
@@ -34,18 +36,24 @@ class MarkerFitSettings:
 
     frames: it looks at this many, evenly spread over the trial. iterations: Newton steps. enough: decrease of the
     energy that a step has to bring for another to follow. effective_frames: soft tissue moves alike in frames that are
-    near each other, so that all frames together count as this many.
+    near each other, so that all frames together count as this many. static_frames: it looks at this many of the static
+    trial, which count as one together. standing_std [rad]: of every joint there, from upright standing. bent_from
+    [rad]: farther from it a joint is not taken as known.
     """
 
     frames: int = 40
     iterations: int = 15
     enough: float = 1e-3
     effective_frames: float = 12.0
+    static_frames: int = 8
+    standing_std: float = 0.05
+    bent_from: float = 0.35
 
 
 def fit_markers(
     subject: Subject,
     observations: Sequence[Observation],
+    static: Sequence[Observation] = (),
     *,
     seed: int = 0,
     settings: MarkerFitSettings | None = None,
@@ -57,20 +65,31 @@ def fit_markers(
     A subject of another size is resized as a whole first. The fitted subject's markers have the places that were
     fitted, with their deviations. Trials without enough markers leave the subject as it is. Equal seeds give equal
     fits.
+
+    static: frames of a trial in which the person stands upright, all joints about zero (`standing_pose`). Without it
+    markers do not tell a joint's zero from where they sit.
     """
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
     used = _chosen(observations, settings.frames)
     if not used:
         return _unfitted(subject, ProportionedBody(subject))
-    fit, seen = _fitted(subject, used, seed, settings, track_settings)
+    trials = _Trials(used, _chosen(static, settings.static_frames))
+    fit, seen = _fitted(subject, trials, seed, settings, track_settings)
     size = 1.0
     for _ in range(_ROUNDS):
         step = float(np.clip(size * seen, *SIZES)) / size
         if abs(np.log(step)) < _SAME:
             break
         size *= step
-        fit, seen = _fitted(subject.resized(size), used, seed, settings, track_settings)
+        fit, seen = _fitted(subject.resized(size), trials, seed, settings, track_settings)
     return replace(fit, size=size)
+
+
+class _Trials(NamedTuple):
+    """Frames that are looked at, of a moving trial and of a static one."""
+
+    moving: Sequence[Observation]
+    static: Sequence[Observation]
 
 
 def _chosen(observations: Sequence[Observation], count: int) -> list[Observation]:
@@ -82,33 +101,37 @@ def _chosen(observations: Sequence[Observation], count: int) -> list[Observation
 
 
 def _fitted(
-    subject: Subject, used: Sequence[Observation], seed: int, settings: MarkerFitSettings, track_settings: Settings
+    subject: Subject, trials: _Trials, seed: int, settings: MarkerFitSettings, track_settings: Settings
 ) -> tuple[Fit, float]:
     """The fit of a subject as large as it is, and by how much lengths ask for another size."""
+    body, (used, stood) = Body(subject), trials
     proportions = ProportionedBody(subject)
     share = min(1.0, settings.effective_frames / len(used))
     # all frames are of one person: the rest positions tell once which way a joint's zero may be off, not of every frame
     cost = track_settings.cost
     once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
-    energy = MarkerEnergy(proportions, used, once, share)
     measures = Measures(
         np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(subject.markers), 3))
     )
     poses = _poses(subject, used, seed, track_settings)
-    if (size := _size(Body(subject), used, poses)) and abs(np.log(size)) > _SAME * 2:
+    if (size := _size(body, used, poses)) and abs(np.log(size)) > _SAME * 2:
         return _unfitted(subject, proportions), size
+    poses_static = _poses(subject, stood, seed, track_settings)
+    known = static_trial(body, stood, poses_static, settings.standing_std, settings.bent_from) if stood else None
+    energy = MarkerEnergy(proportions, used, once, share, known)
     newton = NewtonSettings(settings.iterations, enough=settings.enough)
-    best = minimise(energy, energy.model(measures, poses), newton).model
+    best = minimise(energy, energy.model(measures, [*poses, *poses_static]), newton).model
     covariance = np.linalg.inv(best.hessian)
     fitted = _subject(proportions, best, covariance)
     scales = best.measures.scales
     asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0
     asked = asked if abs(np.log(asked)) > _OTHER or bounded_lengths(fitted) else 1.0
     count = len(proportions.names)
-    of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in zip(best.covariances, best.follows, strict=True)]
+    own = zip(best.covariances[: len(used)], best.follows[: len(used)], strict=True)
+    of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in own]
     fit = Fit(
-        fitted, proportions.names, scales, covariance[:count, :count], tuple(used), np.array(best.poses),
-        np.array(of_poses),
+        fitted, proportions.names, scales, covariance[:count, :count], tuple(used),
+        np.array(best.poses[: len(used)]), np.array(of_poses), bent=known.bent if known is not None else (),
     )  # fmt: skip
     return fit, asked
 
