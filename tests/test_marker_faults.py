@@ -63,6 +63,25 @@ def test_gaps_hide_no_swap() -> None:
     assert mirrored_swaps(whole, [("L", "R")])[1] == ()
 
 
+def test_points_that_were_measured_elsewhere_change_no_labels() -> None:
+    """Of a head that leaps, with noise, gaps and outliers as of a laboratory, all labels stay."""
+    time = np.arange(180) / 60.0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        away = 0.065 * np.stack([-np.sin(time), np.cos(time), 0.0 * time], axis=1)
+        leap = np.stack([0.4 * time, 0.0 * time, 0.5 * np.abs(np.sin(2.5 * time))], axis=1)
+        points = np.stack([leap + away, leap - away], axis=1) + 0.005 * rng.normal(size=(180, 2, 3))
+        wrong = rng.random((180, 2)) < 0.05
+        points[wrong] += 0.1 * rng.normal(size=(int(wrong.sum()), 3))
+        for column in range(2):
+            for begin in rng.integers(5, 170, size=3):
+                points[begin : begin + 6, column] = np.nan
+        track = MarkerTrack(("L", "R"), points, time, "a")
+        mended, _ = mirrored_swaps(track, [("L", "R")])
+        changed = ~np.isclose(mended.points, points, equal_nan=True).all(axis=(1, 2))
+        assert not changed.any(), seed
+
+
 def test_paths_that_cross_are_no_swap() -> None:
     whole = legs(np.random.default_rng(3))
     whole.points[:, :, 1] *= 0.05  # a centimetre apart as they pass

@@ -15,6 +15,7 @@ _ACCELERATION = 60.0  # [m/s^2] of a foot in its swing
 _NOISE = 0.015  # [m] by which a path may jump beside
 _RECENT = 0.25  # [s] that a path may be missing and still be continued
 _FIT = 4  # frames whose line continues a path
+_CONFIRMING = 9  # frames on either side of a change that have to agree with it, of which a quarter may be outliers
 _LISTED = 4
 
 
@@ -23,7 +24,9 @@ def mirrored_swaps(track: MarkerTrack, pairs: Sequence[tuple[str, str]]) -> tupl
 
     Labels change where, exchanged, they continue the paths of both markers and, as they are, neither: paths go on along
     their line of the last frames, and may leave it by what a limb can accelerate. Where the two are too near to tell,
-    or have both been missing for long, labels stay. Between such gaps the labels of most frames are right.
+    or have both been missing for long, labels stay, and so they do where what lies between the two, over several frames
+    before and after, does not turn round: one point that was measured elsewhere changes no labels. Between such gaps
+    the labels of most frames are right.
     """
     points, notes = track.points.copy(), []
     for left, right in pairs:
@@ -53,6 +56,7 @@ def _exchanged(a: np.ndarray, b: np.ndarray, time: np.ndarray) -> np.ndarray:
                 now = not now
                 paths[t:stop], seen[t:stop] = paths[t:stop, ::-1].copy(), seen[t:stop, ::-1].copy()
             state[t] = now
+        state[start:stop] = _confirmed(state[start:stop], paths[start:stop], seen[start:stop], time[start:stop])
         if state[start:stop][seen[start:stop].any(axis=1)].mean() > 0.5:
             state[start:stop] ^= True
     return state
@@ -88,6 +92,37 @@ def _changes(paths: np.ndarray, seen: np.ndarray, time: np.ndarray, t: int, star
     own, other = fits[range(len(where)), where], fits[range(len(where)), [1 - k for k in where]]
     slack, slack_other = allowed[where], allowed[[1 - k for k in where]]
     return bool((own > slack).all() and (other <= slack_other).all() and (own > 2.0 * other).all())
+
+
+def _confirmed(state: np.ndarray, paths: np.ndarray, seen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The frames (T,) that are exchanged in `state`, without those changes that frames on either side speak against;
+    paths (T, 2, 3) with the labels put right as `state` has it.
+
+    A path of which a few points are outliers may seem to change once, and never back. From one marker to the other it
+    is as far and the same way on both sides of a change that is one. A marker that is seen alone is read as where both
+    are seen, before and after, where these agree.
+    """
+    both = np.flatnonzero(seen.all(axis=1))
+    between, state = (paths[:, 1] - paths[:, 0])[both], state.copy()
+    for change in np.flatnonzero(np.diff(state[both])) + 1:
+        before, after = slice(max(0, change - _CONFIRMING), change), slice(change, change + _CONFIRMING)
+        moment = 0.5 * (time[both[change - 1]] + time[both[change]])
+        were, are = (_at_moment(time[both[part]] - moment, between[part]) for part in (before, after))
+        if were @ are < 0.0:
+            state[both[change] :] ^= True
+            between[change:] *= -1.0
+    for first, last in pairwise(both):
+        if state[first] == state[last]:
+            state[first:last] = state[first]
+    return state
+
+
+def _at_moment(time: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Where a path (N, 3) is at time 0, by the medians of the slopes between its points and of what is left, so that a
+    few outliers do not matter."""
+    i, k = np.triu_indices(len(time), 1)
+    slope = np.median((path[k] - path[i]) / (time[k] - time[i])[:, None], axis=0) if len(time) > 2 else np.zeros(3)
+    return np.asarray(np.median(path - time[:, None] * slope, axis=0))
 
 
 def _continued(path: np.ndarray, seen: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, float] | None:
