@@ -8,8 +8,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from builders import body_of
 
 from estimator.energy.interpenetration import Interpenetration
+from estimator.search.cost_model import parts_apart
+from estimator.search.cost_settings import CostSettings
+from estimator.tracking.registry import settings_for
+from humanoid.collision.hands import stiff_hands
 from humanoid.collision.self_collision import Contacts, SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text
@@ -222,6 +227,17 @@ def test_pairs_follow_the_tree(human: Body) -> None:
     assert {frozenset(p) for p in changed.pairs} == pairs - {frozenset(("torso", "head"))} | {
         frozenset(("torso", "left_upper_arm"))
     }
+
+
+def test_stiff_hands_are_kept_apart_but_for_markers(human: Body) -> None:
+    hands = frozenset(("left_hand", "right_hand"))
+    assert hands == frozenset(stiff_hands(human))
+    assert stiff_hands(body_of("example-robot-data:g1")) == ()
+    kept = {apart: parts_apart(human, CostSettings(hands_apart=apart)).pairs for apart in (True, False)}
+    assert hands in {frozenset(pair) for pair in kept[True]}
+    assert [pair for pair in kept[True] if frozenset(pair) != hands] == list(kept[False])
+    assert not settings_for("markers").cost.hands_apart
+    assert settings_for("css").cost.hands_apart
 
 
 def test_pairs_that_overlap_at_rest_are_left_out_and_named() -> None:

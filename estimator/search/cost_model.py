@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -25,11 +26,18 @@ from estimator.search.cost_terms import terms_of
 from estimator.search.term_source import TermContext
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
+from humanoid.collision.hands import stiff_hands
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
 
 ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
+
+
+def parts_apart(body: Body, cost: CostSettings) -> SelfCollision:
+    """Distances of the parts of a body that keep clear of each other."""
+    hands = stiff_hands(body)
+    return SelfCollision(body, exclude=[] if cost.hands_apart else list(combinations(hands, 2)))
 
 
 class CostModel:

@@ -28,6 +28,8 @@ class CostSettings:
         alone.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
+    hands_apart: whether hands that a subject holds stiffly on the forearms keep clear of each other; those of a person
+        who clasps them bend at the wrists.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
         frames, per second, of joints, of the root's orientation and of its position; quickness: whether a joint's own
         factor, which its stabiliser has, counts there and in smoothing; transition_potential, transition_nu: long
@@ -54,6 +56,7 @@ class CostSettings:
     pose_prior_file: str = ""
     interpenetration_weight: float = setting(1.0, at_least=0)
     clearance_scale: float = setting(0.005, above=0)
+    hands_apart: bool = True
     turn_speed: float = setting(6.0, above=0)
     root_turn_speed: float = setting(3.0, above=0)
     root_slide_speed: float = setting(1.5, above=0)

@@ -11,7 +11,7 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.limb_targets import LimbPull
 from estimator.numerics.pool import checked_count, worker_pool
-from estimator.search.cost_model import CostModel
+from estimator.search.cost_model import CostModel, parts_apart
 from estimator.search.cost_settings import CostSettings
 from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.hypothesis import Association
@@ -19,7 +19,6 @@ from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood
 from estimator.vision.likelihood.settings import CueSettings
-from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Base, subject_from_text
 
@@ -67,7 +66,7 @@ class SearchRecipe(NamedTuple):
     def search(self) -> ModeSearch:
         """The search."""
         body = Body(subject_from_text(self.urdf, source=self.source, base=self.base))
-        self_collision = SelfCollision(body) if self.self_collision else None
+        self_collision = parts_apart(body, self.cost) if self.self_collision else None
         return ModeSearch(CostModel(body, self.cost, self_collision, self.cues), self.settings)
 
     def message(self, context: FrameSearch) -> CaseMessage:

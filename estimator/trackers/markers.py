@@ -118,6 +118,8 @@ def _as_it_is(h: Hypothesis) -> Candidate:
 
 
 NAME = "markers"
+_CLASPED: dict[str, Any] = {"cost": {"hands_apart": False}}
+"""Markers are on both of two hands that hold each other."""
 _QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exact_below": 3.0}}}
 """Markers say enough for the true curvature to be safe early; a descent that promises less energy has ended."""
 _SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
@@ -129,6 +131,6 @@ SPEC = Spec(
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),
-    defaults=together(NO_CAPTURE, _QUICK, _SHORT_LIVED),
+    defaults=together(NO_CAPTURE, _CLASPED, _QUICK, _SHORT_LIVED),
     unused=(ONLY_TO_BEGIN,),
 )

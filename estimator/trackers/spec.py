@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from estimator.search.cost_model import CostModel
+from estimator.search.cost_model import CostModel, parts_apart
 from estimator.search.cost_settings import CostSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
 from estimator.trackers.base import TrackerProtocol
 from estimator.vision.likelihood.settings import CueSettings
-from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.unused import UnusedRule, unused_where
 
@@ -88,7 +87,7 @@ ONLY_TO_BEGIN = unused_where("search.index", "no pose is looked up but the first
 
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:
     """The search for modes of a body by the settings' energy; parts keep apart where that is part of the energy."""
-    self_collision = SelfCollision(body) if settings.cost.interpenetration_weight > 0.0 else None
+    self_collision = parts_apart(body, settings.cost) if settings.cost.interpenetration_weight > 0.0 else None
     return ModeSearch(CostModel(body, settings.cost, self_collision, settings.cues), settings.search)
 
 

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from humanoid.collision import witness
 from humanoid.collision.clearance import Distances
+from humanoid.collision.hands import stiff_hands
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import ConvexSolid, solids_of
 
@@ -27,7 +27,7 @@ class FloorDistances:
     def __init__(self, body: Body, normal: np.ndarray, height: float, margin: float = 0.02) -> None:
         self.margin = margin
         self._body, self._normal, self._height = body, np.asarray(normal, float), float(height)
-        stiff = _stiff_hands(body)
+        stiff = stiff_hands(body)
         counted = [solid for solid in solids_of(body) if solid.joint > 0 and solid.link not in stiff]
         pieces = [piece for solid in counted for piece in _pieces(solid)]
         self._joint = np.array([piece.joint for piece in pieces], dtype=np.int64)
@@ -93,14 +93,6 @@ class _Piece(NamedTuple):
     rotation: np.ndarray
     place: np.ndarray
     reach: float
-
-
-def _stiff_hands(body: Body) -> set[str]:
-    """Links that carry a wrist and do not move about it."""
-    frames = body.model.frames
-    wrists = {landmark.link for landmark in body.subject.landmarks if landmark.name.endswith("_wrist")}
-    own = {link: frames[body.model.getFrameId(link, pin.FrameType.BODY)].parentFrame for link in wrists}
-    return {link for link, joint in own.items() if frames[joint].type == pin.FrameType.FIXED_JOINT}
 
 
 def _pieces(solid: ConvexSolid) -> list[_Piece]:
