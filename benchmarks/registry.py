@@ -17,6 +17,7 @@ BEAM4CAM = "data: beam4cam"
 MOCAP = "data: mocap"
 MOCAP_MORE = "data: mocap_more"
 OPENCAP = "data: opencap"
+ASAP = "data: asap"
 INDEX = "an index of examples (kinemode train-index)"
 DETECTOR = "a detector (kinemode detect)"
 CHROMIUM = "chromium"
@@ -26,7 +27,21 @@ ELMO_FIGURES = "figures that `elmo --json` wrote"
 OPENSIM = "a Python that has opensim (--opensim-python)"
 NOTHING = "nothing"
 OURS = ("benchmarks", "humanoid", "estimator", "viz", "kinemode")
-NEEDS = (BEAM4CAM, MOCAP, MOCAP_MORE, OPENCAP, INDEX, DETECTOR, CHROMIUM, EXTRA, RUN, ELMO_FIGURES, OPENSIM, NOTHING)
+NEEDS = (
+    BEAM4CAM,
+    MOCAP,
+    MOCAP_MORE,
+    OPENCAP,
+    ASAP,
+    INDEX,
+    DETECTOR,
+    CHROMIUM,
+    EXTRA,
+    RUN,
+    ELMO_FIGURES,
+    OPENSIM,
+    NOTHING,
+)
 """What a measure may need."""
 
 
@@ -262,6 +277,14 @@ MEASURES = (
         "1.0 ms a frame; four cameras as points <= 1.15 of their keypoints",
         (NOTHING,),
         (OPENCAP, MOCAP, BEAM4CAM, OPENSIM),
+    ),
+    # retargeting
+    Measure(
+        "benchmarks.retargeting.retarget",
+        "Motions of persons on robots: limits, collisions, standing feet and likeness, ours and peers'.",
+        "no violated limits, collisions <= 1 mm, below the floor <= 5 mm, slip <= 5 mm, limbs <= 12 degrees",
+        (ASAP, MOCAP, MOCAP_MORE),
+        (EXTRA,),
     ),
     # papers_css
     Measure(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from estimator.data.cameras.camera import Camera
     from estimator.data.formats.cameras import load_cameras, write_cameras
     from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
+    from estimator.retargeting.source import SourceMotion
     from estimator.runs.evaluation import Evaluation
     from estimator.runs.reference_motion import Reference
     from estimator.runs.run_file import Run
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from kinemode.public.live import live
     from kinemode.public.markers import marker_start
     from kinemode.public.results import contact, evaluate, export, gait, open_run, overlay, plot, report, samples, view
+    from kinemode.public.retargeting import Retargeter, match_start, retarget
     from kinemode.public.rigs import calibrate_from_person, check_cameras
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
@@ -55,8 +57,10 @@ _MODULES = {
     "KeypointTrack": "estimator.data.formats.keypoints",
     "ManifestError": "kinemode.batches.faults",
     "Reference": "estimator.runs.reference_motion",
+    "Retargeter": "kinemode.public.retargeting",
     "Run": "estimator.runs.run_file",
     "SceneSettings": "estimator.synthesis.settings",
+    "SourceMotion": "estimator.retargeting.source",
     "Subject": "humanoid.subject.subject",
     "Tracker": "kinemode.public.stepping",
     "ViewSettings": "estimator.synthesis.settings",
@@ -79,12 +83,14 @@ _MODULES = {
     "load_keypoints": "estimator.data.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
     "make_manifest": "kinemode.public.batches",
+    "match_start": "kinemode.public.retargeting",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "plot": "kinemode.public.results",
     "samples": "kinemode.public.results",
     "render": "kinemode.public.clips",
     "report": "kinemode.public.results",
+    "retarget": "kinemode.public.retargeting",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.training",
@@ -106,8 +112,10 @@ __all__ = [
     "KeypointTrack",
     "ManifestError",
     "Reference",
+    "Retargeter",
     "Run",
     "SceneSettings",
+    "SourceMotion",
     "Subject",
     "Tracker",
     "ViewSettings",
@@ -131,12 +139,14 @@ __all__ = [
     "load_subject",
     "make_manifest",
     "marker_start",
+    "match_start",
     "open_run",
     "overlay",
     "plot",
     "render",
     "report",
     "reported",
+    "retarget",
     "samples",
     "track",
     "train_index",

@@ -79,6 +79,8 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     InputError: no such frame or hypothesis, a frame without an observation of its own, a clip that the run was made
         from and that cannot be read any more.
     """
+    if run.header.retargeted:
+        raise InputError(run.file, "was made from another motion, not tracked", remedy="look at it with kinemode view")
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
     can = capabilities_of(make_tracker(run.header.tracker, run.body, settings))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Iterator
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
+from estimator.retargeting.problem import RetargetSettings
 from estimator.runs.diagnosis import camera_errors
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.runs.run_file import Run
@@ -19,6 +21,7 @@ from humanoid.subject.subject import BUILT_IN, load_subject
 from humanoid.support.files import content_digest
 from kinemode.explain import run_settings
 from kinemode.findings import findings
+from kinemode.motion_figures import motion_figures
 from viz.report.facts import Facts
 
 _LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "numba")
@@ -31,11 +34,14 @@ _BLANKS = (
     "The run does not keep the names of keypoint and camera files, which belong where capitals stand, nor options of"
     " time (--start, --end, --fps, --offset). Where SETTINGS.toml is named it has the settings that differ."
 )
+_MOTION_BLANKS = "The run does not keep what was said of the source's file: --fps, --up and --unit."
 
 
 def facts_of(run: Run) -> Facts:
     """All of it; digests are of the files as they are now."""
     header = run.header
+    if header.retargeted:
+        return _facts_of_motion(run)
     told = findings(run)
     assumed = [note for note in header.notes if note not in told]
     lengths = fitted_lengths(run)
@@ -54,6 +60,20 @@ def facts_of(run: Run) -> Facts:
         errors=camera_errors(run, run_settings(run).cost) if len(header.cameras) > 1 else {},
         settings=changed_settings(run),
         markers=marker_residuals(run, run_settings(run).cost.markers),
+        files=[(what, str(path), digest(path)) for what, path in _files(run)],
+        versions=_versions(run),
+    )
+
+
+def _facts_of_motion(run: Run) -> Facts:
+    """Of a run that was made from another motion: nothing of cameras, markers and trackers, but its figures."""
+    assumed = [*run.header.notes, f"the subject is as large as {run.header.subject_source} has it"]
+    return Facts(
+        assumed=assumed,
+        command=_command(run),
+        blanks=_MOTION_BLANKS,
+        motion=motion_figures(run).rows(),
+        settings=changed_settings(run),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
         versions=_versions(run),
     )
@@ -79,6 +99,9 @@ def fitted_lengths(run: Run) -> list[tuple[str, float]]:
 def changed_settings(run: Run) -> list[tuple[str, str, str]]:
     """Settings that differ from the tracker's own: name, value here, value by default; which cues are looked at is the
     command's matter."""
+    if run.header.retargeted:
+        stored, usual = run.header.settings, asdict(RetargetSettings())
+        return [(n, str(stored[n]), str(usual[n])) for n in usual if n in stored and stored[n] != usual[n]]
     changed = changed_values(run.header.tracker, run_settings(run))
     return [(name, str(here), str(usual)) for name, here, usual in changed if not name.startswith("cues.use_")]
 
@@ -86,6 +109,13 @@ def changed_settings(run: Run) -> list[tuple[str, str, str]]:
 def _command(run: Run) -> str:
     """The command that makes the run again, as far as the run knows it."""
     header = run.header
+    if header.retargeted:
+        words = ["retarget", *header.points, "--subject", header.subject_source, "--seed", str(header.seed)]
+        changed = {name: here for name, here, _ in changed_settings(run)}
+        words += ["--match", str(header.settings["match"])] if header.settings.get("match") else []
+        words += ["--method", "frames"] if changed.get("rounds") == "0" else []
+        words += [w for name in ("velocity", "clearance") if name in changed for w in (f"--{name}", changed[name])]
+        return shlex.join(["kinemode", *words, "--out", run.file.name])
     words = ["track"]
     words += [f"{name}={clip}" for name, clip in header.clips.items() if clip is not None]
     words += ["--subject", header.subject_source, "--tracker", header.tracker, "--seed", str(header.seed)]
@@ -134,7 +164,8 @@ def digest(path: Path) -> str:
 def _versions(run: Run) -> list[tuple[str, str]]:
     from kinemode import __version__
 
-    own = [("kinemode that tracked", run.header.version), ("kinemode that reports", __version__)]
+    worked = "kinemode that made the motion" if run.header.retargeted else "kinemode that tracked"
+    own = [(worked, run.header.version), ("kinemode that reports", __version__)]
     versions = [*own, ("Python", platform.python_version())]
     for name in _LIBRARIES:
         try:

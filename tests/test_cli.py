@@ -27,9 +27,9 @@ from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import DEADLINE, ended, kinemode_process
 
 COMMANDS = (
-    "demo", "annotate", "batch", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings",
-    "subjects", "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export", "evaluate",
-    "contact", "gait", "train-index", "train-templates", "version",
+    "demo", "annotate", "batch", "retarget", "detect", "render", "track", "compare", "fit", "live", "calibrate",
+    "settings", "subjects", "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export",
+    "evaluate", "contact", "gait", "train-index", "train-templates", "version",
 )  # fmt: skip
 FRAMES = 4
 

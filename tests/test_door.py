@@ -140,5 +140,12 @@ def test_commands_have_no_second_way(path: Path) -> None:
     """Commands call the door; beside it only what prints, and what has no public name."""
     inner = {name for name in imported(path) if name.partition(".")[0] in ("humanoid", "estimator", "viz", "kinemode")}
     printing = {"kinemode", "kinemode.terminal", "kinemode.comparison.report", "kinemode.options"}
-    unnamed = {"kinemode.demo", "kinemode.explain", "kinemode.findings", "kinemode.settings", "viz.cue_pictures"}
+    unnamed = {
+        "kinemode.demo",
+        "kinemode.explain",
+        "kinemode.findings",
+        "kinemode.motion_figures",
+        "kinemode.settings",
+        "viz.cue_pictures",
+    }
     assert inner <= printing | unnamed

@@ -35,7 +35,7 @@ from viz.batch.table import COLUMNS
 DOCS = ROOT / "docs"
 GUIDE = sorted((DOCS / "guide").glob("*.md"))
 FIRST = "first-clip"
-RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues", "points")
+RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues", "points", "retargeting")
 QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
 """Pages whose tracks are made with few searches and of the subject as it is: other pages fit it."""
 BATCH = "batch"

@@ -33,7 +33,7 @@ def raw(name: str, tmp_path: Path) -> Subject:
     return load_subject(PREFIX + name, landmarks=tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize(("name", "count"), [("g1", 12), ("talos", 37), ("panda", 11)])
+@pytest.mark.parametrize(("name", "count"), [("g1", 16), ("talos", 37), ("panda", 11)])
 def test_it_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) -> None:
     subject = raw(name, tmp_path)
     text = km.landmark_start(subject, out=tmp_path / "start.toml")
@@ -43,7 +43,7 @@ def test_it_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) ->
     body = Body(loaded)
     assert loaded.base == subject.base
     assert len(loaded.landmarks) == count
-    tips = np.array([landmark.name.endswith("_tip") for landmark in loaded.landmarks])
+    tips = np.array([landmark.name.endswith(("_tip", "_heel", "_big_toe")) for landmark in loaded.landmarks])
     posed = body.at(body.neutral)
     places = body.landmarks(posed)
     assert np.array_equal(places[~tips], posed.translations[body.landmark_joint[~tips]])
@@ -53,6 +53,9 @@ def test_it_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) ->
     if name == "g1":  # the file that comes with kinemode was written by hand, link by link
         known = load_subject(path, landmarks=by_hand, package_dirs=[share]).landmarks
         assert {m.name: m.link for m in loaded.landmarks} == {m.name: m.link for m in known}
+        where = {m.name: np.array(m.xyz) for m in known}
+        assert all(np.linalg.norm(where[m.name] - m.xyz) < 0.02 for m in loaded.landmarks)
+        assert all(m.xyz[2] == pytest.approx(-0.035) for m in loaded.landmarks if m.name.endswith(("heel", "toe")))
 
 
 def test_every_line_is_worth_uncommenting(tmp_path: Path) -> None:

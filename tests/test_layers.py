@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 TOP = ("humanoid", "estimator", "viz", "kinemode")
 ESTIMATOR = (
     "numerics", "data", "energy", "vision", "inference", "search", "trackers", "tracking", "runs", "synthesis",
+    "retargeting",
 )  # fmt: skip
 """The packages of `estimator`, the lowest first."""
 FEWEST = 3  # modules of a folder, its `__init__` not counted

@@ -19,6 +19,7 @@ from trimesh.visual.material import PBRMaterial
 
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.runs.run_reader import Run
+from estimator.runs.trainer_motion import continuous_quaternions
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from viz.solids.body_solids import body_solids
@@ -52,7 +53,7 @@ def animated_glb(body: Body, q: np.ndarray, time: np.ndarray) -> bytes:
         scene.add_geometry(
             _mesh(solid), node_name=f"{names[solid.joint]} mesh {number}", parent_node_name=names[solid.joint]
         )
-    quaternions = [_continuous(Rotation.from_matrix(R[:, k]).as_quat()) for k in range(len(joints))]
+    quaternions = [continuous_quaternions(Rotation.from_matrix(R[:, k]).as_quat()) for k in range(len(joints))]
 
     def animate(buffers: Any, tree: dict[str, Any]) -> None:
         _animate(buffers, tree, [names[joint] for joint in joints], time, placements[..., 9:], quaternions)
@@ -114,13 +115,6 @@ def _matrix(R: np.ndarray, t: np.ndarray) -> np.ndarray:
     T: np.ndarray = np.eye(4)
     T[:3, :3], T[:3, 3] = R, t
     return T
-
-
-def _continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Quaternions xyzw (T, 4) of the same turns without changes of sign from one to the next."""
-    flips = np.cumsum(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0) % 2
-    signs = np.concatenate([[1.0], np.where(flips, -1.0, 1.0)])
-    return np.asarray(signs[:, None] * quaternions)
 
 
 def link_names(body: Body) -> tuple[str, ...]:

@@ -4,8 +4,10 @@ Timelines `time` [s] and `frame`. Entities, z up, metres:
 world/body/LINK: the placement of the link's joint, its meshes below it. world/landmarks. world/hypotheses/K: the
 skeletons of the other hypotheses, K their place in the frame. world/cameras/NAME: pinhole (without its distortion),
 keypoints, and the film where it is an mp4 that is still there; of a parallel camera cameras/NAME, without a place in
-the world. angles/NAME, angles/NAME/std: joint angles [deg] or ways [m] of the best path, and the calibrated standard
-deviation of all hypotheses together. status: of the frames, where it changes.
+the world. Of a run that was made from another motion, world/source: bones and head of what the body followed, moved
+aside; world/source/standing and world/standing: places on the floor below what stands of it, and what is to of the
+body; world/floor: its lines. angles/NAME, angles/NAME/std: joint angles [deg] or ways [m] of the best path, and the
+calibrated standard deviation of all hypotheses together. status: of the frames, where it changes.
 """
 
 from __future__ import annotations
@@ -27,9 +29,11 @@ from viz.gltf import link_names
 from viz.scene import Scene, as_scene
 from viz.solids.body_solids import body_solids, skeleton
 from viz.solids.solid import merged, side_of
+from viz.source_figure import HEAD_RADIUS
 
 _MOST_FILM = 200_000_000  # bytes of a film that is put into the file
 _CURVES = 6  # that are shown at first
+_BONE, _STANDS = 0.014, 0.03  # radii of the source's bones, and of places where something stands [m]
 _HALF = 0.5  # px: the middle of the first pixel lies at 0 here, at a half there
 
 
@@ -61,6 +65,7 @@ def write_rrd(run: Run, path: Path) -> None:
     log.body()
     log.landmarks(run.landmarks)
     log.hypotheses()
+    log.source(run.landmarks)
     for c in range(len(scene.cameras)):
         log.camera(c, run.header.clips.get(scene.cameras[c].name))
     for k, angle in enumerate(angles):
@@ -164,6 +169,36 @@ class _Log:
             for gone in shown - {k for k, _, _ in others}:
                 self._to.log(f"world/hypotheses/{gone}", rr.Clear(recursive=False))
             shown = {k for k, _, _ in others}
+
+    def source(self, landmarks: np.ndarray) -> None:
+        """Whom the body followed, and what stands of it, and of the body by its landmarks (T, L, 3) [m]."""
+        rr, source, names = self._rr, self._scene.source, self._scene.body.landmark_names
+        if source is None:
+            return
+        self._to.log(
+            "world/floor", rr.LineStrips3D(source.floor_lines, colors=[palette.GRID], radii=[0.002]), static=True
+        )
+        colours = np.array([palette.SIDES[side] for side in source.sides])
+        for t in range(len(self._scene)):
+            self._at(t)
+            bones = source.points[t][source.segments]
+            there = np.isfinite(bones).all(axis=(1, 2))
+            self._to.log("world/source", rr.LineStrips3D(bones[there], colors=colours[there], radii=[_BONE]))
+            if source.head is not None:
+                head = source.points[t, [source.head]]
+                known = head[np.isfinite(head).all(axis=1)]
+                self._to.log(
+                    "world/source/head", rr.Points3D(known, colors=[palette.SIDES["trunk"]], radii=[HEAD_RADIUS])
+                )
+            self._standing("world/source/standing", source.standing_points(t, source.names, source.points[t]))
+            self._standing("world/standing", source.standing_points(t, names, landmarks[t]))
+
+    def _standing(self, path: str, points: np.ndarray) -> None:
+        """Discs' middles on the floor below points (N, 3) [m]."""
+        source = self._scene.source
+        assert source is not None
+        places = np.column_stack([points[:, :2], np.full(len(points), source.level)])
+        self._to.log(path, self._rr.Points3D(places, colors=[palette.GOOD], radii=[_STANDS]))
 
     def camera(self, c: int, clip: str | None) -> None:
         """A camera, the keypoints in it, and its film."""

@@ -16,6 +16,7 @@ from estimator.runs.filtering import evenly_spaced, frame_rate
 from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
+from viz.source_figure import SourceFigure, source_figure
 
 Frames = Callable[..., Iterable[np.ndarray]]
 """Opens a clip's frames, from the first on or from the one that is given."""
@@ -33,7 +34,7 @@ class Scene:
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
     None where it is not known. contact: tells when the feet stand, and on what floor, if it is asked; None where nobody
-    does.
+    does. source: whom the body follows, beside it; None where it was tracked.
     """
 
     body: Body
@@ -51,6 +52,7 @@ class Scene:
     clip_frames: tuple[np.ndarray | None, ...] = ()
     interval: np.ndarray | None = None
     contact: Callable[[], Contact | None] = lambda: None
+    source: SourceFigure | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -131,8 +133,9 @@ def as_scene(source: Scene | Run) -> Scene:
     status = tuple(str(s) for s in run.status)
     return Scene(
         run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
-        pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras), run.interval(0.9),
-        partial(contact_of_run, run),
+        pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras),
+        None if run.header.retargeted else run.interval(0.9),
+        partial(contact_of_run, run), source_figure(run),
     )  # fmt: skip
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from estimator.runs.run_file import Run
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
-from humanoid.kinematics.body import ROOT_TURN_Q
 from viz.scene import Scene, as_scene
+from viz.source_figure import heading
 
 NAME = "view"
-_SIZE = (640, 480)
+_SIZE, _WIDE = (640, 480), (960, 540)  # of one, and of two beside each other
 _BESIDE = 40.0  # of the direction that the body faces, to its left [deg]
 _FRAMES = 200  # that the camera is to hold
 
@@ -27,10 +27,11 @@ def pictured_scene(source: Scene | Run) -> Scene:
     scene = as_scene(source)
     if scene.cameras:
         return scene
-    known = scene.q[np.isfinite(scene.q).all(axis=1)]
+    known = np.flatnonzero(np.isfinite(scene.q).all(axis=1))
     some = known[np.unique(np.linspace(0, len(known) - 1, _FRAMES).round().astype(int))]
-    points = scene.body.landmarks_of(scene.body.placed(some))
-    settings = ViewSettings(azimuth=_heading(scene, known) + _BESIDE, image_size=_SIZE)
+    points = _seen(scene, some)
+    size = _SIZE if scene.source is None else _WIDE
+    settings = ViewSettings(azimuth=heading(scene.body, scene.q) + _BESIDE, image_size=size)
     (camera,) = framing_cameras(points, settings)
     shape = (len(scene), 1, len(scene.body.landmark_names))
     return replace(
@@ -39,9 +40,14 @@ def pictured_scene(source: Scene | Run) -> Scene:
     )  # fmt: skip
 
 
-def _heading(scene: Scene, q: np.ndarray) -> float:
-    """Where a free root's x axis points in the middle of poses q (T, nq) [deg, -180 to 180]; 0 of a fixed one."""
-    if not scene.body.has_free_root:
-        return 0.0
-    x, y, z, w = q[len(q) // 2, ROOT_TURN_Q]
-    return float(np.degrees(np.arctan2(2.0 * (x * y + z * w), 1.0 - 2.0 * (y * y + z * z))))
+def _seen(scene: Scene, rows: np.ndarray) -> np.ndarray:
+    """Points (T, N, 3) [m] that are to be in the picture at instants `rows` (T,): the body's landmarks; where it stands
+    beside whom it follows, that one's, too, and the body's joints, as not all robots have a landmark on their heads."""
+    placed = scene.body.placed(scene.q[rows])
+    landmarks = scene.body.landmarks_of(placed)
+    if scene.source is None:
+        return landmarks
+    beside = scene.source.points[rows]
+    joints = placed.placements[:, 1:, 9:]
+    beside = np.where(np.isfinite(beside), beside, joints[:, :1])  # what is missing widens nothing
+    return np.concatenate([landmarks, joints, beside], axis=1)

@@ -1,4 +1,5 @@
-"""Runs as files for other programs: npz, csv, trc, mot, osim, mot in the coordinates of gait models, c3d, bvh.
+"""Runs as files for other programs: npz, csv, trc, mot, osim, mot in the coordinates of gait models, c3d, bvh, and
+motions for trainers.
 
 npz has all hypotheses; of the others each has the best path alone.
 
@@ -29,6 +30,7 @@ from estimator.runs.joint_table import joint_columns, std_columns
 from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run, landmarks_along
+from estimator.runs.trainer_motion import write_motion_csv, write_motion_npz
 from estimator.runs.unobserved import unobserved_note
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
@@ -212,6 +214,14 @@ def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
     write_mot(path, names, values, run.time, title=Path(name).stem, note=_noted(run, note))
 
 
+def _motion_npz(run: Run, path: Path, name: str) -> None:
+    write_motion_npz(run, path)
+
+
+def _motion_csv(run: Run, path: Path, name: str) -> None:
+    write_motion_csv(run, path)
+
+
 def _osim(run: Run, path: Path, name: str) -> None:
     write_osim(path, opensim_model(run.body, Path(name).stem))
 
@@ -227,6 +237,8 @@ EXPORTERS: Registry[Exporter] = Registry(
         *(Exporter(f"{model}-mot", partial(_gait_mot, model)) for model in GAIT_MODELS),
         Exporter("c3d", _c3d, one_rate=True),
         Exporter("bvh", _bvh, one_rate=True, marks=False),
+        Exporter("motion-npz", _motion_npz, one_rate=True, marks=False),
+        Exporter("motion-csv", _motion_csv, one_rate=True, marks=False),
     ),
 )
 """Formats by name. `viz.exporters` registers those that show the body."""

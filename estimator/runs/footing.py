@@ -36,13 +36,18 @@ class Footing(NamedTuple):
 
 
 def footing_of(run: Run, contact: Contact, standing: np.ndarray | None = None) -> Footing:
-    """Of a run's drawn trajectory and its contact; standing (T, P) bool: which points ought to stand, those that do by
-    contact unless given."""
-    stands = contact.standing > 0.5
+    """Of a run's drawn trajectory and its contact, see `footing_by_depth`."""
     depth = np.full(1, np.nan)
     if contact.floor is not None and len(run.q):
         floor = FloorDistances(run.body, contact.floor.normal, contact.floor.height)
         depth = np.maximum(0.0, -floor.lowest(run.body.placed(run.q)))
+    return footing_by_depth(depth, contact, standing)
+
+
+def footing_by_depth(depth: np.ndarray, contact: Contact, standing: np.ndarray | None = None) -> Footing:
+    """Of how deep the lowest part is below the floor (T,) [m] and of contact; standing (T, P) bool: which points ought
+    to stand, those that do by contact unless given."""
+    stands = contact.standing > 0.5
     off = np.abs(contact.heights[stands if standing is None else standing])
     moved = _moved(contact)[stands]
     return Footing(

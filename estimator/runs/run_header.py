@@ -16,6 +16,9 @@ from estimator.data.formats.checked_json import LARGEST, mapping, member, number
 from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 
+RETARGETED = "retarget"
+"""What stands for a tracker in a run that was made from another motion."""
+
 
 @dataclass(frozen=True)
 class RunHeader:
@@ -37,7 +40,7 @@ class RunHeader:
     R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
     world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
     floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet. points: paths of the
-    files of points in space, in place of cameras; none where cameras see the body.
+    files of points in space, in place of cameras, or of the motion that was followed; none where cameras see the body.
     """
 
     subject_urdf: str
@@ -63,6 +66,11 @@ class RunHeader:
     contradicted: tuple[int, ...] = ()
     floor: KnownFloor = None
     points: tuple[str, ...] = ()
+
+    @property
+    def retargeted(self) -> bool:
+        """Whether the motion was made from another one, by `kinemode.retarget`: nothing was tracked."""
+        return self.tracker == RETARGETED
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""

@@ -18,7 +18,8 @@ _AT_ONCE = 400  # components of frames that are searched together: fewer cost mo
 
 
 class Spread(NamedTuple):
-    """The calibrated posterior of T frames, a degree of freedom at a time; NaN in frames without hypotheses.
+    """The calibrated posterior of T frames, a degree of freedom at a time; NaN in frames without hypotheses, and of a
+    motion that was made from another one: nobody measured it.
 
     std (T, nv): standard deviations over all hypotheses [rad, m]. best (T, nq): the configuration that `ends` counts
     from. ends (T, 2, nv): where the central interval of a level begins and ends, in the tangent space at `best`, within
@@ -39,6 +40,8 @@ def spread_of(run: Run, level: float) -> Spread:
     std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
     ends = np.full((count, 2, body.nv), np.nan)
     known = np.flatnonzero(np.isfinite(run.mode_weight).any(axis=1)).tolist()
+    if run.header.retargeted:
+        return Spread(std, run.q, ends)
     rows: list[int] = []
     parts: list[Marginals] = []
     for t in known:

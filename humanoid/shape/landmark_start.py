@@ -27,6 +27,8 @@ FEWEST_NAMED = 4
 _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_FROM_END = 0.1
+_SOLES = "soles: under the ends of what hangs on an ankle"
 _DEVIATIONS = 4.0  # standard deviations that a joint's range is taken for
 _TIPS = "tips of the last links: where the line from their joint through their middle leaves them"
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -88,7 +90,8 @@ def candidates(body: Body) -> list[LandmarkCandidate]:
     coco = [LandmarkCandidate(name, link, (0.0, 0.0, 0.0), True) for name, link in named.items()] if person else []
     taken = {landmark.link for landmark in coco}
     own = [LandmarkCandidate(link, link, (0.0, 0.0, 0.0), not person) for link, _ in links if link not in taken]
-    return [*coco, *own, *_ends(body, dict(links), active=not person), *_fixed_ends(body)]
+    feet = _soles(body, named) if person else ()
+    return [*coco, *feet, *own, *_ends(body, dict(links), active=not person), *_fixed_ends(body)]
 
 
 def _moving_links(body: Body) -> Iterator[tuple[str, str]]:
@@ -111,6 +114,32 @@ def _of_a_person(links: list[tuple[str, str]]) -> dict[str, str]:
         if name is not None:
             groups.setdefault(name, []).append(link)
     return {name: groups[name][len(groups[name]) // 2] for name in COCO17 if name in groups}
+
+
+def _soles(body: Body, named: dict[str, str]) -> Iterator[LandmarkCandidate]:
+    """Heels and toes of a person whose ankles are named: on the middle line of what hangs on an ankle's joint, as low
+    as that reaches with all joints at zero, z up and x ahead, a tenth of its length from its ends."""
+    model, posed = body.model, body.at(pin.neutral(body.model))
+    for side in ("left", "right"):
+        link = named.get(f"{side}_ankle")
+        if link is None:
+            continue
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        R_world_joint = posed.rotations[frame.parentJoint]
+        shapes, _ = _geometry(body.subject, {frame.parentJoint})
+        solids = next(
+            (own for every in reversed(shapes) if (own := [s for s in every if s.joint == frame.parentJoint])), []
+        )
+        if not solids:
+            continue
+        high, low = (
+            sign * np.array([max(farthest(s, sign * axis) for s in solids) for axis in R_world_joint])
+            for sign in (1, -1)
+        )
+        margin = _FROM_END * (high[0] - low[0])
+        for part, along in (("heel", low[0] + margin), ("big_toe", high[0] - margin)):
+            place = frame.placement.actInv(R_world_joint.T @ np.array([along, 0.5 * (high[1] + low[1]), low[2]]))
+            yield LandmarkCandidate(f"{side}_{part}", link, tuple(place.round(4).tolist()), True, "", _SOLES)
 
 
 def body_part(name: str) -> str | None:

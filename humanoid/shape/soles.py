@@ -11,15 +11,16 @@ from humanoid.kinematics.body import Body
 from humanoid.shape.solids import farthest, solids_of
 
 
-def heights_above_soles(body: Body, landmarks: Sequence[int]) -> np.ndarray:
+def heights_above_soles(body: Body, landmarks: Sequence[int], up: np.ndarray | None = None) -> np.ndarray:
     """How far landmarks (P,) are above the lowest point of what their own joint moves [m], (P,), where the foot is
-    level: with all joints at zero, along the root's upright axis. 0 where that joint has no flesh, or the subject no
-    such axis."""
-    upright = body.subject.upright
-    if upright is None:
-        return np.zeros(len(landmarks))
+    level: with all joints at zero, along the root's upright axis, or another unit vector up (3,). 0 where that
+    joint has no solids, or nobody says which way is up."""
+    upright, heights = body.subject.upright, np.zeros(len(landmarks))
+    if up is None:
+        if upright is None:
+            return heights
+        up = np.array(upright.axis)
     posed, solids = body.at(pin.neutral(body.model)), solids_of(body)
-    up, heights = np.array(upright.axis), np.zeros(len(landmarks))
     for k, index in enumerate(landmarks):
         joint = body.landmark_joint[index]
         up_joint = posed.placements[joint, :9].reshape(3, 3) @ up  # stored column by column: the transpose

@@ -24,6 +24,7 @@ from humanoid.subject.subject import Flesh
 from humanoid.subject.urdf_elements import parse
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.support.errors import InputError
+from humanoid.support.per_object import per_object
 from humanoid.support.quiet import quiet
 
 Geometry = Literal["auto", "flesh", "collision", "visual"]
@@ -86,6 +87,7 @@ def _flesh_solid(model: pin.Model, flesh: Flesh) -> ConvexSolid:
     return _solid(flesh.link, frame.parentJoint, shape, placement)
 
 
+@per_object
 def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[ConvexSolid, ...]:
     subject, model = body.subject, body.model
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"

@@ -7,7 +7,10 @@ from typing import Literal
 
 from kinemode.options import Flag
 
-Format = Literal["npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "glb", "rrd"]
+Format = Literal[
+    "npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "motion-npz", "motion-csv",
+    "glb", "rrd",
+]  # fmt: skip
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:
@@ -173,9 +176,10 @@ def export(
 
     npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim, and osim the model
     that they drive; gait2392-mot and rajagopal-mot the joint angles of a whole person as those gait models of OpenSim
-    name and measure them; c3d landmarks and joint angles; bvh a skeleton in centimetres and its turns; glb the moving
-    body; rrd all of it for rerun, with hypotheses, cameras and keypoints. npz and rrd have all hypotheses, the others
-    the best path.
+    name and measure them; c3d landmarks and joint angles; bvh a skeleton in centimetres and its turns; motion-npz
+    and motion-csv root and joints at one rate, in the order of the URDF, as trainers of policies read motions; glb
+    the moving body; rrd all of it for rerun, with hypotheses, cameras and keypoints. npz and rrd have all hypotheses,
+    the others the best path.
 
     Examples:
 
@@ -184,6 +188,8 @@ def export(
     kinemode export walk.run walk.osim
 
     kinemode export walk.run walk-gait.mot --format rajagopal-mot
+
+    kinemode export g1.run g1-motion.npz --format motion-npz
 
     Parameters
     ----------

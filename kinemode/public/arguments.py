@@ -178,6 +178,10 @@ _SUBJECT = _either(_of("humanoid.subject.subject", "Subject"), _path)
 _SUBJECT_TAKEN = "a subject from load_subject, a built-in name, or the path of a URDF"
 _RUN = _either(_of("estimator.runs.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "motion to follow": (
+        _either(_RUN, _of("estimator.retargeting.source", "SourceMotion")),
+        "a run, a SourceMotion, or the path of a file",
+    ),
     "subject": (_SUBJECT, _SUBJECT_TAKEN),
     "subject or none": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
     "clips": (

@@ -201,10 +201,11 @@ def export(
         angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "osim", the
         subject as the OpenSim model that the mot drives; "gait2392-mot" and "rajagopal-mot", joint angles as those
         models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
-        [cm] and its turns; "glb", the moving body; "rrd", body, hypotheses, cameras, keypoints and angles for rerun.
-        What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path. Frames
-        that nobody saw are marked, by their status, as missing points or in a line; bvh and glb have no mark for them,
-        which is said.
+        [cm] and its turns; "motion-npz" and "motion-csv", root, joints and, in the npz, links at one rate, in the order
+        of the URDF, for trainers of policies (`estimator.runs.trainer_motion.motion_arrays`); "glb", the moving body;
+        "rrd", body, hypotheses, cameras, keypoints and angles for rerun. What the file's ending says unless given. npz
+        and rrd have all hypotheses, the others the best path. Frames that nobody saw are marked, by their status, as
+        missing points or in a line; bvh, glb and motions for trainers have no mark for them, which is said.
     degrees: of csv, joint angles in degrees, their standard deviations beside them; otherwise these are its last
         columns, and both are in radians.
     filter: cut-off of a Butterworth filter of the best path [Hz], see `kinemode.Run.butterworth`; off unless given.

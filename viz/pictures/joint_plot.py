@@ -169,7 +169,8 @@ def _legend(run: Run, panels: Sequence[JointPanel]) -> list[Any]:
         for side, colour in ON_PAPER.items()
         if side in sides
     ]
-    entries.append(Patch(color="0.5", alpha=0.3, linewidth=0.0, label="90 % interval"))
+    if any(np.isfinite(c.low).any() for panel in panels for _, c in panel.curves):
+        entries.append(Patch(color="0.5", alpha=0.3, linewidth=0.0, label="90 % interval"))
     if run.hypothesis_count > 1:
         entries.append(Line2D([], [], color="0.5", linewidth=0.8, label="other hypotheses"))
     if any(np.isfinite([c.lower, c.upper]).any() for panel in panels for _, c in panel.curves):

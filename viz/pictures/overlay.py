@@ -14,6 +14,7 @@ from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.limb_layer import LimbLayer, limb_layer
 from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
+from viz.pictures.source_layer import SourceLayer
 from viz.scene import Scene
 from viz.solids.body_solids import side_of
 from viz.viewpoint import pictured_scene
@@ -105,6 +106,8 @@ def drawn(
     canvas = reduced(image, view)
     if limbs is not None:
         limbs.draw(canvas, view, t)
+    elif scene.source is not None:
+        _draw_both(SourceLayer(scene.body, scene.source, view, t, scene.q[t]), painter, canvas)
     elif scene.has_body(t):
         painter.solid(canvas, view, scene.body.at(scene.q[t]), OPACITY if image is not None else 1.0)
     if hypotheses and limbs is None:
@@ -130,6 +133,18 @@ def side_by_side(tiles: list[np.ndarray]) -> np.ndarray:
         for t in tiles
     ]
     return np.ascontiguousarray(np.concatenate(padded, axis=1))
+
+
+def _draw_both(layer: SourceLayer, painter: BodyPainter, canvas: np.ndarray) -> None:
+    """A body and whom it follows, the nearer one in front."""
+    layer.draw_floor(canvas)
+    if not layer.in_front:
+        layer.draw_figure(canvas)
+    if np.isfinite(layer.q).all():
+        painter.solid(canvas, layer.view, layer.body.at(layer.q), 1.0)
+    if layer.in_front:
+        layer.draw_figure(canvas)
+    layer.draw_names(canvas)
 
 
 def _draw_others(scene: Scene, painter: BodyPainter, view: CameraProjection, t: int, canvas: np.ndarray) -> None:
@@ -158,7 +173,8 @@ def _draw_caption(scene: Scene, painter: BodyPainter, camera: int, t: int, canva
     status = scene.status[t]
     palette.text(canvas, status, (x + 14, baseline), size, palette.STATUS.get(status, palette.TEXT))
     right = width - 10
-    for side in reversed([side for side in painter.sides if side != "trunk"]):
+    there = {*painter.sides, *(() if scene.source is None else scene.source.sides)}
+    for side in reversed([side for side in palette.SIDES if side in there and side != "trunk"]):
         right -= palette.text_width(side, size)
         palette.text(canvas, side, (right, baseline), size, palette.SIDES[side])
         right -= 12

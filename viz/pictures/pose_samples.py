@@ -32,8 +32,12 @@ def write_samples(
 
     Raises
     ------
-    InputError: a run without a pose, no such camera, a file that cannot be written.
+    InputError: a run without a pose, or that was made from another motion; no such camera, a file that cannot be
+        written.
     """
+    if run.header.retargeted:
+        problem = "was made from another motion, not tracked: it has no posterior to draw poses from"
+        raise InputError(run.file, problem, remedy="kinemode overlay draws it")
     rows = [t for t in range(len(run)) if len(run.result(t).weight)]
     if not rows:
         raise InputError(run.file, "holds no pose", remedy="track with --resume first")

@@ -21,6 +21,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
 from viz import palette
 from viz.pictures.painter import BodyPainter
+from viz.preview.beside import add_source
 from viz.preview.cameras import add_camera
 from viz.preview.curves import joint_curves
 from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh
@@ -28,6 +29,7 @@ from viz.preview.standing import add_floor, add_stances
 from viz.scene import Scene, as_scene, evenly
 from viz.solids.body_solids import body_solids
 from viz.solids.solid import DrawnMesh, merged, sides_among
+from viz.source_figure import LEGEND, heading
 
 KEY_FRAMES = 600
 _NOTHING = 0.005  # a weight below would be written as 0 %
@@ -55,7 +57,9 @@ def page(run: Run | Scene, script: str = "") -> str:
     animation = Animation(default_framerate=_key_rate(scene, rows))
     parts = merged(body_solids(scene.body))
     _add_bodies(root, animation, scene, rows, parts)
-    if contact is not None:
+    if scene.source is not None:
+        add_source(root, animation, scene, rows)
+    elif contact is not None:
         add_stances(root, animation, contact, rows)
     cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
@@ -71,12 +75,16 @@ class _Stage:
         bodies = [t for t in rows if scene.has_body(t)]
         chosen = [bodies[i] for i in evenly(len(bodies), 60)]
         vertices = [painter.vertices(scene.body.at(scene.q[t])) for t in chosen]
-        self.points = np.concatenate([v[:: max(1, len(v) // 200)] for v in vertices])
+        points = [v[:: max(1, len(v) // 200)] for v in vertices]
+        if scene.source is not None:
+            beside = scene.source.points[chosen].reshape(-1, 3)
+            points.append(np.tile(beside[np.isfinite(beside).all(axis=1)], (6, 1)))  # so as to count as much
+        self.points = np.concatenate(points)
         self.lowest = min(float(v[:, 2].min()) for v in vertices)
         low, high = np.quantile(self.points, 0.02, axis=0), np.quantile(self.points, 0.98, axis=0)
         self.centre = (low + high) / 2.0
         self.radius = max(0.3, 0.5 * float(np.linalg.norm(high - low)))
-        towards = scene.cameras[0].origin_world - self.centre if scene.cameras else np.array([1.0, 0.0, 0.0])
+        towards = scene.cameras[0].origin_world - self.centre if scene.cameras else _front(scene)
         towards = -scene.cameras[0].R_camera_world[2] if scene.cameras and scene.cameras[0].parallel else towards
         heading = np.arctan2(towards[1], towards[0]) + np.radians(35.0)
         self.towards_home = np.array([np.cos(heading), np.sin(heading), 0.28])
@@ -85,6 +93,12 @@ class _Stage:
     def eye(self) -> np.ndarray:
         """Where the first view looks from [m], (3,)."""
         return self.centre + self.towards_home * 1.05 * self.radius / np.sin(_HOME_FOV / 2.0)
+
+
+def _front(scene: Scene) -> np.ndarray:
+    """Where a body that no camera saw is seen from, (3,): from its front where it stands beside another."""
+    turn = 0.0 if scene.source is None else np.radians(heading(scene.body, scene.q))
+    return np.array([np.cos(turn), np.sin(turn), 0.0])
 
 
 def _key_rate(scene: Scene, rows: list[int]) -> float:
@@ -222,6 +236,9 @@ def _legend(scene: Scene, parts: tuple[DrawnMesh, ...]) -> list[tuple[str, str |
         legend = [("body", _css(colours.pop()))] if len(colours) == 1 else [("body in its own colours", None)]
     if ((scene.mode_weight >= _NOTHING).sum(axis=1) > 1).any():
         legend.append(("other hypotheses", _css(palette.HYPOTHESIS)))
+    if scene.source is not None:
+        legend += [(side, _css(palette.SIDES[side])) for side in sides_among(scene.source.sides) if side not in sides]
+        legend += [(said, None) for said in LEGEND]
     return legend
 
 

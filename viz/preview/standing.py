@@ -30,23 +30,32 @@ def add_floor(root: meshcat.Visualizer, centre: np.ndarray, lowest: float, floor
 
 def add_stances(root: meshcat.Visualizer, animation: Animation, contact: Contact, rows: list[int]) -> None:
     """A disc under each point of the feet, as large as it probably stands, at the instants `rows`."""
+    places = contact.points[rows].copy()
+    if contact.floor is not None:
+        places -= contact.heights[rows][..., None] * contact.floor.normal
+    add_discs(root["standing"], animation, contact.names, places, contact.standing[rows])
+
+
+def add_discs(
+    root: meshcat.Visualizer, animation: Animation, names: tuple[str, ...], places: np.ndarray, sizes: np.ndarray
+) -> None:
+    """Discs of these names (P) with their middles at places (T, P, 3) [m], NaN for none, as large as sizes (T, P) have
+    it, 1 for all of it; nothing below a half."""
     upright = np.eye(4)
     upright[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]  # three's cylinders lie along y
-    for k, name in enumerate(contact.names):
-        colour = palette.hexadecimal(palette.ON_PAPER["left" if name.startswith("left") else "right"])
-        node = root["standing"][name]
+    for k, name in enumerate(names):
+        colour = palette.hexadecimal(palette.ON_PAPER["left" if "left" in name else "right"])
+        node = root[name]
         node["disc"].set_object(g.Cylinder(_THICKNESS, _RADIUS), g.MeshBasicMaterial(color=colour, opacity=0.7))
         node["disc"].set_transform(upright)
-        places, size = contact.points[rows, k].copy(), contact.standing[rows, k]
-        if contact.floor is not None:
-            places -= contact.heights[rows, k, None] * contact.floor.normal
-        shown = np.isfinite(places).all(axis=1)
+        own, size = places[:, k].copy(), sizes[:, k]
+        shown = np.isfinite(own).all(axis=1)
         if not shown.any():
             continue
-        places[~shown] = places[shown][0]
+        own[~shown] = own[shown][0]
         scale = np.maximum(np.where(shown & (size > 0.5), size, 0.0), _HIDDEN)
         tracks = {
-            "position": MotionTrack("position", "vector3", places),
+            "position": MotionTrack("position", "vector3", own),
             "scale": MotionTrack("scale", "vector3", np.tile(scale[:, None], 3)),
         }
         animation.clips[node.path] = AnimationClip(tracks, fps=animation.default_framerate)

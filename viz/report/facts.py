@@ -25,6 +25,7 @@ class Facts:
 
     findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
+    motion: name and value of each figure of a motion that was made from another, none of one that was tracked.
     errors: how far each camera's keypoints are from the body, by the camera's name [px]. markers: how far the markers
     were measured from the body, None of a run without. settings: name, value and default of those that differ. files:
     what each file is to the run, its path, and its digest or why there is none. versions: of programs, name and number.
@@ -35,6 +36,7 @@ class Facts:
     lengths: Sequence[tuple[str, float]] = ()
     command: str = ""
     blanks: str = ""
+    motion: Sequence[tuple[str, str]] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
     settings: Sequence[tuple[str, str, str]] = ()
     markers: MarkerResiduals | None = None

@@ -13,17 +13,39 @@ from estimator.runs.contact import contact_of_run
 from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_file import Run
-from estimator.trackers.statuses import STATUS_MEANINGS
+from estimator.trackers.statuses import HARD, STATUS_MEANINGS
 from humanoid.support.atomic import replacing
 from viz.page_style import page_style, text
 from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.pictures import COLOURS, angle_figures, contact_figure
-from viz.report.tables import assumed_part, cameras_table, gait_part, markers_part, ranges_table, repeat_part
+from viz.report.tables import (
+    assumed_part,
+    cameras_table,
+    gait_part,
+    markers_part,
+    motion_part,
+    ranges_table,
+    repeat_part,
+)  # fmt: skip
 from viz.scene import Scene
 from viz.viewpoint import pictured_scene
 
+_TRACKED_RANGES = (
+    "The least and the greatest value of each joint, and the range between them; beside each the interval in which it"
+    " lies with a probability of 90&nbsp;%. Intervals are calibrated and count all hypotheses; that of a range takes"
+    " the errors of its two ends as independent. Frames in which nothing was seen do not count."
+)
+_MADE_RANGES = "The least and the greatest value of each joint, and the range between them."
+_BESIDE = (
+    "Sticks: the source, moved aside. Solid: the subject. Discs: where the source's feet stand, and the subject's are"
+    " to."
+)
+_MADE_HARD = (
+    "a stance, a clearance or the floor is missed by over 2 mm: the solver came no nearer, as the source asks for more"
+    " than the body can do, or moves faster"
+)
 _TEMPLATE = Path(__file__).with_name("report.html")
 
 
@@ -58,10 +80,13 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         summary=escape(_summary(run)),
         tags=_tags(run, facts),
         film=_film(run, scene, progress),
+        to_motion='<a href="#motion">How it follows</a>' if facts.motion else "",
+        motion=motion_part(facts.motion),
         key=_key(run) if figures is None else "",
         curves=_curves(drawings),
         feet=_feet(run),
-        ranges=ranges_table(ranges_of_motion(run)),
+        ranges=ranges_table(ranges_of_motion(run), intervals=not run.header.retargeted),
+        ranges_key=_MADE_RANGES if run.header.retargeted else _TRACKED_RANGES,
         untrusted=_untrusted(run, scene),
         cameras=_cameras(run, facts) + markers_part(facts.markers),
         to_cameras=('<a href="#cameras">Cameras</a>' if len(run.header.cameras) > 1 else "")
@@ -80,14 +105,17 @@ def _source(run: Run) -> str:
 def _summary(run: Run) -> str:
     header = run.header
     seconds = float(run.time[-1] - run.time[0])
+    frames = f"{len(run)} frames" + ("" if run.complete else f" of {run.planned_count}, not finished")
+    when = f"{frames}, {run.time[0]:.2f} to {run.time[-1]:.2f} s ({seconds:.2f} s)"
+    who = f"subject {run.subject.name}, {run.body.nv} degrees of freedom"
+    if header.retargeted:
+        return f"{when}; {who}; made from {_source(run)}"
     cameras = [f"{c.name} ({c.image_size[0]} x {c.image_size[1]})" for c in header.cameras]
     several = "cameras" if len(cameras) > 1 else "camera"
     seen_by = f"{several} {', '.join(cameras)}" if cameras else "no camera"
-    frames = f"{len(run)} frames" + ("" if run.complete else f" of {run.planned_count}, not finished")
     return (
-        f"{frames}, {run.time[0]:.2f} to {run.time[-1]:.2f} s ({seconds:.2f} s); {seen_by};"
-        f" subject {run.subject.name}, {run.body.nv} degrees of freedom; tracker {header.tracker}, up to"
-        f" {run.hypothesis_count} hypotheses a frame; {_looked_at(run)}"
+        f"{when}; {seen_by}; {who}; tracker {header.tracker}, up to {run.hypothesis_count} hypotheses a frame;"
+        f" {_looked_at(run)}"
     )
 
 
@@ -120,6 +148,8 @@ def _film(run: Run, scene: Scene, progress: Progress | None) -> str:
         if names and run.header.cameras:
             clip = f"The clip of {', '.join(names)} {what}: the body is drawn on an empty ground."
             parts.append(f"<p>{escape(clip)}</p>")
+    if scene.source is not None:
+        parts.append(f'<p class="muted">{_BESIDE}</p>')
     middle = next(t for t in sorted(range(len(scene)), key=lambda t: abs(t - len(scene) // 2)) if scene.has_body(t))
     poster = _uri("image/jpeg", pictures.stills_of(scene, [middle])[0])
     data = pictures.film(scene, progress)
@@ -138,10 +168,12 @@ def _film(run: Run, scene: Scene, progress: Progress | None) -> str:
 def _key(run: Run) -> str:
     sides = [side for side in ("left", "right") if any(name.startswith(side + "_") for name in run.body.q_names)]
     swatches = "".join(f'<span><i style="background:{COLOURS[side]}"></i>{side}</span>' for side in sides)
+    lines = "line, best hypothesis; band, 90&nbsp;%; thin, other hypotheses"
+    if run.header.retargeted:
+        lines = "line, the motion"
     return (
-        f"Degrees over seconds (metres where a joint slides), positive as the subject's axes have it: line, best"
-        f" hypothesis; band, 90&nbsp;%; thin, other hypotheses; dashed, limits; yellow and hatched, frames not to be"
-        f" trusted. {swatches}"
+        f"Degrees over seconds (metres where a joint slides), positive as the subject's axes have it: {lines}; dashed,"
+        f" limits; yellow and hatched, frames not to be trusted. {swatches}"
     )
 
 
@@ -168,9 +200,8 @@ def _untrusted(run: Run, scene: Scene) -> str:
     spans, more = pictures.untrusted(scene, run.energy)
     if not spans and not more:
         return "<p>None: every frame is tracked.</p>"
-    meanings = [
-        f"<b>{escape(s)}</b>: {text(STATUS_MEANINGS[s])}." for s in dict.fromkeys(span.status for span in spans)
-    ]
+    known = {**STATUS_MEANINGS, HARD: _MADE_HARD} if run.header.retargeted else STATUS_MEANINGS
+    meanings = [f"<b>{escape(s)}</b>: {text(known[s])}." for s in dict.fromkeys(span.status for span in spans)]
     wide = " wide" if len(scene.cameras) > 1 else ""
     parts = [*(f"<p>{meaning}</p>" for meaning in meanings), f'<div class="stills{wide}">']
     parts += [_still(scene, span) for span in spans]

@@ -19,8 +19,15 @@ _UNKNOWN = "\N{EN DASH}"
 _GIVEN = "given"
 
 
-def ranges_table(ranges: Sequence[RangeOfMotion]) -> str:
-    """One row a joint: least, greatest, range, each with its interval, in degrees, or millimetres where it slides."""
+def ranges_table(ranges: Sequence[RangeOfMotion], *, intervals: bool = True) -> str:
+    """One row a joint: least, greatest, range, each with its interval if asked for, in degrees, or millimetres where it
+    slides."""
+    if not intervals:
+        rows = [
+            (r.joint, *(_united(value, r.slides) for value in (r.least.value, r.greatest.value, r.range)))
+            for r in ranges
+        ]
+        return table(("joint", "least", "greatest", "range"), rows, numbers=3)
     head = "".join(f'<th class="n">{name}</th><th class="i">90 %</th>' for name in ("least", "greatest", "range"))
     lines = (
         f"<tr><td>{escape(r.joint)}</td>"
@@ -43,12 +50,15 @@ def number(value: float, slides: bool) -> str:
     return f"{shown:.1f}".replace("-", _SIGN) if np.isfinite(shown) else _UNKNOWN
 
 
+def _united(value: float, slides: bool) -> str:
+    return number(value, slides) + (" mm" if slides else "\N{DEGREE SIGN}")
+
+
 def _valued(value: float, low: float, high: float, slides: bool) -> str:
     """The two cells of a value and its interval."""
-    unit = " mm" if slides else "\N{DEGREE SIGN}"
     known = bool(np.isfinite([low, high]).all())
     interval = f"{number(low, slides)} to {number(high, slides)}" if known else "not known"
-    return f'<td class="n">{number(value, slides)}{unit}</td><td class="i">{interval}</td>'
+    return f'<td class="n">{_united(value, slides)}</td><td class="i">{interval}</td>'
 
 
 def table(
@@ -148,6 +158,18 @@ def _percent(share: float) -> str:
     return f"{share:.1%}" if np.isfinite(share) else _UNKNOWN
 
 
+def motion_part(rows: Sequence[tuple[str, str]]) -> str:
+    """The section with the figures of a motion that was made from another; nothing without any."""
+    if not rows:
+        return ""
+    said = (
+        "The motion against what it was made from and against what holds for the body: limits of its URDF, parts that"
+        " collide, the floor at z = 0, and feet that stand where the source's do."
+    )
+    parts = [f'<p class="muted">{escape(said)}</p>', f'<div class="scroll">{table(("what", "figure"), rows)}</div>']
+    return '<section id="motion"><h2>How it follows</h2>\n' + "\n".join(parts) + "\n</section>"
+
+
 def assumed_part(facts: Facts) -> str:
     """What contradicts subject or input, what nobody measured, and the lengths that were fitted."""
     parts = []
@@ -167,7 +189,8 @@ def repeat_part(facts: Facts) -> str:
     parts = [f"<pre>{escape(facts.command)}</pre>"] if facts.command else []
     if facts.blanks:
         parts.append(f"<p class='muted'>{escape(facts.blanks)}</p>")
-    parts.append("<h3>Settings that differ from the tracker's own</h3>")
+    usual = "those by default" if facts.motion else "the tracker's own"
+    parts.append(f"<h3>Settings that differ from {usual}</h3>")
     parts.append(table(("setting", "here", "by default"), facts.settings) if facts.settings else "<p>None.</p>")
     if facts.files:
         parts.append("<h3>Files, with their SHA-256 as they are now</h3>")

@@ -1,0 +1,133 @@
+"""Which feet of a motion that is followed stand, when, and on what floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.inference.foot_contact import stances_of, standing_probability
+from estimator.inference.ground import STEP, Ground, fitted_ground
+from estimator.retargeting.source import SourceMotion
+from humanoid.subject.landmarks import without_side
+
+_UP = np.array([0.0, 0.0, 1.0])
+_SOLE = {"heel": ("heel", "ankle"), "big_toe": ("big_toe", "small_toe")}  # part of a sole: landmarks that tell of it
+_ABOVE = {"heel": 0.02, "ankle": 0.07, "big_toe": 0.02, "small_toe": 0.02}  # m: expected above the floor, standing
+_SIDES = ("left", "right")
+_LEVEL = 1e-5  # rad: how far the floor may be from level
+_LOW = 0.03  # m: of a single frame, what is so little above its lowest point of the feet stands
+_SURE = 0.5
+_SLOW = 0.35  # m/s: what is faster is landing, leaving or shuffling, not held by the floor
+_SPREAD = 0.06  # m: of the places of a stance, in which ankles roll over feet; what moves farther has made a step
+_FEWEST = 2  # frames of a stance
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class SourceContacts:
+    """Contacts of the feet.
+
+    names (P): points of the soles, left_heel and left_big_toe, then those of the right foot, as far as they are told.
+    landmarks (P): those of the motion that tell of each, as left_ankle of left_heel where the motion has no heels.
+    standing (T, P) bool. floor [m]: height of the level floor, None where nothing stands. above (P,) [m]: how high each
+    landmark is above the floor while it stands. note: what is worth knowing; empty where nothing is.
+    """
+
+    names: tuple[str, ...]
+    landmarks: tuple[str, ...]
+    standing: np.ndarray
+    floor: float | None
+    above: np.ndarray
+    note: str = ""
+
+
+def source_contacts(source: SourceMotion, floor: float | None = None) -> SourceContacts:
+    """Told by how fast points of the feet are and how high above a level floor, which is found with them: see
+    `estimator.inference.foot_contact`.
+
+    Heels, or ankles where there are none, and toes stand each for themselves; all may be in the air. What is faster
+    than 0.35 m/s, or over 6 cm above the floor, as a raised foot, does not stand, and a stance whose places are spread
+    over more than 6 cm is parted where it is fastest: small steps are steps, as what follows is to hold a foot that
+    stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. floor [m]:
+    its height, where it is known.
+    """
+    told = {
+        f"{side}_{part}": name
+        for side in _SIDES
+        for part, options in _SOLE.items()
+        if (name := next((n for o in options if (n := f"{side}_{o}") in source.names), None)) is not None
+    }
+    landmarks = tuple(told.values())
+    points = source.points[:, [source.names.index(name) for name in landmarks]]
+    known = np.isfinite(points).all(axis=2)
+    frames = len(source.times)
+    if not known.any():
+        note = f"{source.source} has no feet: contacts and floor are off"
+        return SourceContacts((), (), np.zeros((frames, 0), dtype=bool), None, np.zeros(0), note)
+    parts = [without_side(name) for name in landmarks]
+    kinds = sorted(set(parts))
+    kind = np.array([kinds.index(part) for part in parts])
+    expected = np.array([_ABOVE[name] for name in kinds])
+    standing, ground = _standing(points, source.times, kind, expected, floor)
+    standing &= known.any(axis=0)
+    if ground is None:
+        note = f"{source.source}: no foot stands, so that there is no floor"
+        return SourceContacts(tuple(told), landmarks, np.zeros_like(standing), None, expected[kind], note)
+    note = "" if floor is not None else f"{source.source}: floor at {ground.height:.3f} m, found where feet stand"
+    return SourceContacts(tuple(told), landmarks, standing, ground.height, ground.above[kind], note)
+
+
+def _standing(
+    points: np.ndarray, times: np.ndarray, kind: np.ndarray, expected: np.ndarray, floor: float | None
+) -> tuple[np.ndarray, Ground | None]:
+    """Whether points (T, P, 3) of kinds (P,) stand, (T, P) bool, and the level floor; None where nothing stands."""
+    if floor is not None:
+        ground = Ground(_UP, floor, 0.0, expected)
+        heights = ground.heights(points, kind)
+        probability = standing_probability(points, times, heights) if len(times) > 1 else (heights < _LOW) * 1.0
+        return _held(np.where(heights < STEP, probability, 0.0), points, times), ground
+    if len(times) == 1:
+        heights = points[..., 2] - expected[kind]
+        lowest = float(np.nanmin(heights))
+        return heights < lowest + _LOW, Ground(_UP, lowest, 0.0, expected)
+    probability = standing_probability(points, times)
+    level: Ground | None = None
+    heights = np.zeros(points.shape[:2])
+    for _ in range(_ROUNDS):
+        tilted = fitted_ground(points, probability, kind, _UP, above=expected, tilt=_LEVEL)
+        if tilted is None:
+            return _held(probability, points, times), None
+        level = Ground(_UP, tilted.height, tilted.std, tilted.above)
+        heights = level.heights(points, kind)
+        probability = standing_probability(points, times, heights)
+    return _held(np.where(heights < STEP, probability, 0.0), points, times), level
+
+
+def _held(probability: np.ndarray, points: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Whether points (T, P, 3) that stand with probabilities (T, P) are held by the floor, (T, P) bool."""
+    speed = np.linalg.norm(np.gradient(points, times, axis=0), axis=2)
+    held = (probability > _SURE) & ~(speed > _SLOW)  # unknown speeds are none that are too fast
+    for k, first, after in stances_of(held.astype(float)):
+        _part_where_it_moves(held[:, k], points[:, k], speed[:, k], first, after)
+    for k, first, after in stances_of(held.astype(float)):
+        if after - first < _FEWEST:
+            held[first:after, k] = False
+    return held
+
+
+def _part_where_it_moves(held: np.ndarray, points: np.ndarray, speed: np.ndarray, first: int, after: int) -> None:
+    """Take the steps out of a stance (first to after) of held (T,) bool in place: while its places (T, 3) are spread
+    over more than `_SPREAD`, it is parted where its speed (T,) is largest."""
+    while after - first > 1:
+        span = points[first:after, :2]
+        known = np.isfinite(span).all(axis=1)
+        if not known.any() or np.linalg.norm(np.ptp(span[known], axis=0)) <= _SPREAD:
+            return
+        own = np.nan_to_num(speed[first:after])
+        fastest = int(np.argmax(own))
+        slow = np.flatnonzero(own <= 0.5 * own[fastest])
+        begin, end = int(slow[slow < fastest].max(initial=-1)) + 1, int(slow[slow > fastest].min(initial=len(own)))
+        held[first + begin : first + end] = False
+        _part_where_it_moves(held, points, speed, first, first + begin)
+        first += end

@@ -1,0 +1,133 @@
+"""A source's motion on a body, from the landmarks to the configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.data.sequence import Progress
+from estimator.retargeting.branches import best_branch
+from estimator.retargeting.contact_file import with_standing
+from estimator.retargeting.contacts import SourceContacts, source_contacts
+from estimator.retargeting.correspondence import Correspondence, check_correspondence, common_correspondence
+from estimator.retargeting.hypotheses import CarriedHypotheses, SourceHypotheses, carried_hypotheses
+from estimator.retargeting.mending import mend
+from estimator.retargeting.problem import MotionProblem, RetargetSettings
+from estimator.retargeting.source import SourceMotion
+from estimator.retargeting.stances import SIDES_PARTS, stances_at
+from estimator.retargeting.start import best_start, start_from
+from estimator.retargeting.targets import Targets, targets_of
+from estimator.retargeting.windows import improve
+from humanoid.kinematics.body import Body
+
+
+@dataclass(frozen=True)
+class RetargetedMotion:
+    """q (T, nq) at times (T,) [s]. energy (T,): of directions and places. keeps (T,) bool: frames that keep to all they
+    have to, looked at once more: stances, parts and the floor within `KEPT`; the others are as near as the solver came.
+    overlap (T,) [m]: the deepest of parts, 0 without any. contacts: of the source. targets: what the body was led to.
+    stands (T, F, 2) bool: heel and toe of its feet. others: the source's other hypotheses, if they were asked for."""
+
+    q: np.ndarray
+    times: np.ndarray
+    energy: np.ndarray
+    keeps: np.ndarray
+    overlap: np.ndarray
+    contacts: SourceContacts
+    targets: Targets
+    stands: np.ndarray
+    notes: tuple[str, ...]
+    others: CarriedHypotheses | None = None
+
+
+def retarget_motion(
+    body: Body,
+    source: SourceMotion,
+    match: Correspondence | None = None,
+    *,
+    settings: RetargetSettings | None = None,
+    seed: int = 0,
+    others: SourceHypotheses | None = None,
+    standing: Mapping[str, np.ndarray] | None = None,
+    start: np.ndarray | None = None,
+    progress: Progress | None = None,
+) -> RetargetedMotion:
+    """A source's motion on a body: frame by frame from the best of several starts, then in windows.
+
+    standing: whether points of the source's soles stand (T,) bool, by name, where that is known. others: hypotheses of
+    the source to carry through. start (nq,): what the first frame is searched from, in place of several; it need not be
+    within the limits. match: by the landmarks' names unless given. Gaps of the source are to be filled before; what is
+    missing then pulls at nothing.
+
+    Raises
+    ------
+    InputError: nothing corresponds, or a landmark that the correspondence names is missing.
+    """
+    settings = settings or RetargetSettings()
+    contacts = contacts_of(source, standing)
+    problem = problem_of(body, source, match, settings, contacts)
+    if start is None:
+        first = best_start(problem, np.random.default_rng(seed), settings.starts)
+    else:
+        first = start_from(problem, start)
+    followed = best_branch(problem, first, progress)
+    done = improve(problem, followed)
+    made = _looked_at(problem, *mend(problem, done), source, contacts)
+    if others is None:
+        return made
+    match = match or common_correspondence(body.landmark_names, source.names)
+    carried = carried_hypotheses(problem, made.q, source, match, made.contacts.floor or 0.0, others)
+    return replace(made, others=carried)
+
+
+def _looked_at(
+    problem: MotionProblem, q: np.ndarray, keeps: np.ndarray, source: SourceMotion, contacts: SourceContacts
+) -> RetargetedMotion:
+    """A motion with what it came to, told anew from its configurations."""
+    energy, overlap = np.empty(len(q)), np.zeros(len(q))
+    for t, each in enumerate(q):
+        model = problem.model(t, each)
+        energy[t] = model.value
+        if problem.collision is not None:
+            overlap[t] = problem.collision.penetration(model.posed)
+    targets = problem.targets
+    notes = [*source.notes, *([contacts.note] if contacts.note and targets.feet else [])]
+    if problem.body.has_free_root and not targets.feet:
+        notes.append("the subject or the source has no feet: nothing is held on a floor")
+    return RetargetedMotion(
+        q, source.times, energy, keeps, overlap, contacts, targets, problem.stances.stands, tuple(notes)
+    )
+
+
+def contacts_of(source: SourceMotion, standing: Mapping[str, np.ndarray] | None = None) -> SourceContacts:
+    """When the source's feet stand: as found, or where it is given (T,) bool by the points' names."""
+    own = source_contacts(source)
+    return own if standing is None else with_standing(own, standing)
+
+
+def problem_of(
+    body: Body,
+    source: SourceMotion,
+    match: Correspondence | None,
+    settings: RetargetSettings,
+    contacts: SourceContacts | None = None,
+) -> MotionProblem:
+    """What a body has to do to move as a source does; contacts: those that are found unless given."""
+    match = match or common_correspondence(body.landmark_names, source.names)
+    check_correspondence(match, body.landmark_names, source.names)
+    contacts = contacts or contacts_of(source)
+    stands = stands_of(contacts, len(source.times))
+    targets = targets_of(body, source, match, contacts.floor or 0.0, np.asarray(stands.all(axis=2)))
+    stances = stances_at(targets.feet, targets.place, stands[:, [foot.number for foot in targets.feet]], source.times)
+    return MotionProblem(body, targets, stances, source.times, settings)
+
+
+def stands_of(contacts: SourceContacts, frames: int) -> np.ndarray:
+    """Whether heel and toe stand (T, 2, 2) bool, of the left foot and the right one."""
+    stands = np.zeros((frames, 2, 2), dtype=bool)
+    for k, name in enumerate(contacts.names):
+        side, part = SIDES_PARTS[name]
+        stands[:, side, part] = contacts.standing[:, k]
+    return stands

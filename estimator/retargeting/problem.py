@@ -1,0 +1,226 @@
+"""The energy of a body in one frame of a motion, and what it has to keep to there."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.retargeting.parts import kept_distances, parts_of
+from estimator.retargeting.stances import HEEL, TOE, FootStances
+from estimator.retargeting.targets import Targets
+from humanoid.collision.floor import FloorDistances
+from humanoid.kinematics.body import ROOT_PLACE_V, SHORTEST_STEP, Body, PosedBody, points_in_world
+from humanoid.support.settings import setting
+
+KEPT = 0.001
+"""[m] within which a stance, a clearance or the floor counts as kept to."""
+_UP = np.array([0.0, 0.0, 1.0])
+
+_PUSH = 0.02  # m: overlap that one step is asked to undo
+_ROUNDED = 1.0 - 1e-6  # of a velocity limit
+
+
+@dataclass(frozen=True)
+class RetargetSettings:
+    """How a motion is made a body's.
+
+    rest [rad]: standard deviation of joints about their rest positions, which decides what the source leaves open.
+    acceleration [rad/s^2], root_acceleration [m/s^2]: standard deviations of what the body does by itself. clearance
+    [m]: that parts keep from each other at least; margin [m]: below which a pair is looked at. velocity: share of the
+    URDF's velocity limits that may be used. collisions: whether parts are kept apart. starts: from how many the first
+    frame is searched. iterations: steps of a frame when it is followed from the one before. window: frames that are
+    improved together, rounds: how often at most; 0 leaves the motion as it was followed frame by frame.
+    """
+
+    rest: float = setting(1.0, above=0)
+    acceleration: float = setting(70.0, above=0)
+    root_acceleration: float = setting(20.0, above=0)
+    clearance: float = setting(0.002, at_least=0)
+    margin: float = setting(0.02, above=0)
+    velocity: float = setting(1.0, above=0, at_most=1.0)
+    collisions: bool = True
+    starts: int = setting(4, at_least=1)
+    iterations: int = setting(2, at_least=1)
+    window: int = setting(10, at_least=4)
+    rounds: int = setting(2, at_least=0)
+
+
+class FrameModel(NamedTuple):
+    """Quadratic model of a frame's energy at a posed body: value, gradient (nv,), hessian (nv, nv)."""
+
+    posed: PosedBody
+    value: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+
+
+class StepRows(NamedTuple):
+    """What a step dx has to meet: equal dx = to, equal (m, nv) and to (m,), and above dx >= least, (k, nv) and (k,)."""
+
+    equal: np.ndarray
+    to: np.ndarray
+    above: np.ndarray
+    least: np.ndarray
+
+
+class Obstacles:
+    """What a body keeps clear of: its own parts and the floor at z = 0. One object serves one thread.
+
+    parts: None where they may go through each other. apart (pairs,) [m]: distance that each pair keeps. floor: None
+    without one.
+    """
+
+    def __init__(self, body: Body, settings: RetargetSettings, *, floor: bool) -> None:
+        self.parts = parts_of(body, settings.margin) if settings.collisions else None
+        self.apart = np.zeros(0)
+        if self.parts is not None:
+            self.apart = kept_distances(body, self.parts, settings.clearance)
+        self.floor = FloorDistances(body, _UP, 0.0, settings.margin) if floor else None
+
+
+class MotionProblem:
+    """A body, its targets and its stances.
+
+    dt (T - 1,) [s]. speed (nv,): velocity limits, infinite where there are none. obstacles: made anew unless given.
+    """
+
+    def __init__(
+        self, body: Body, targets: Targets, stances: FootStances, times: np.ndarray, settings: RetargetSettings,
+        obstacles: Obstacles | None = None,
+    ) -> None:  # fmt: skip
+        self.body, self.targets, self.stances, self.settings = body, targets, stances, settings
+        self.dt = np.maximum(np.diff(times), SHORTEST_STEP)
+        self.speed = _speed_limits(body) * settings.velocity * _ROUNDED
+        obstacles = obstacles or Obstacles(body, settings, floor=bool(targets.feet))
+        self.collision, self.floor, self._apart = obstacles.parts, obstacles.floor, obstacles.apart
+        self.stiff = self._stiffness()
+        self._rest = np.zeros(body.nv)
+        self._rest[body.first_joint_dof :] = 1.0 / settings.rest**2
+        self._joints = np.flatnonzero(self._rest)
+        self._lead()
+
+    def _lead(self) -> None:
+        """Set what pulls at the body."""
+        targets = self.targets
+        target, count = np.nan_to_num(targets.target), 3 * len(targets.feet)
+        if count:
+            target[:, -count:] = np.nan_to_num(self.stances.place.reshape(len(target), count, 3))
+        self._pull, self._weight = target, targets.weight
+
+    def _stiffness(self) -> np.ndarray:
+        """Standard deviations (nv,) of accelerations."""
+        std = np.full(self.body.nv, self.settings.acceleration)
+        if self.body.has_free_root:
+            std[ROOT_PLACE_V] = self.settings.root_acceleration
+        return std
+
+    def without_parts(self) -> MotionProblem:
+        """The same, of a body whose parts go through each other."""
+        other = copy(self)
+        other.collision = None
+        return other
+
+    def with_targets(self, targets: Targets, place: np.ndarray) -> MotionProblem:
+        """The same body led to other targets, its feet to `place` (T, F, 3, 3) [m]; who stands does so as before."""
+        other = copy(self)
+        other.targets, other.stances = targets, self.stances._replace(place=place)
+        other._lead()
+        return other
+
+    @property
+    def frames(self) -> int:
+        """Of the motion."""
+        return len(self.targets.target)
+
+    def model(self, t: int, q: np.ndarray) -> FrameModel:
+        """Of frame t at q (nq,): directions and places, and the rest positions."""
+        body, targets = self.body, self.targets
+        posed = body.at(q)
+        points = points_in_world(posed, targets.joint, targets.local)
+        weight, combination = self._weight[t], targets.combination
+        off = combination @ points - self._pull[t]
+        pulled = weight[:, None] * off
+        J = body.point_jacobians(posed, targets.joint, points)
+        flat = J.reshape(-1, body.nv)
+        A = combination.T @ (weight[:, None] * combination)
+        AJ = (A @ J.reshape(len(points), -1)).reshape(-1, body.nv)
+        hessian = flat.T @ AJ
+        gradient = (combination.T @ pulled).ravel() @ flat
+        lean = body.difference(body.neutral, q) * self._rest
+        lean[: body.first_joint_dof] = 0.0
+        value = 0.5 * float((pulled * off).sum()) + 0.5 * float(lean @ body.difference(body.neutral, q))
+        gradient += lean
+        hessian[self._joints, self._joints] += self._rest[self._joints]
+        return FrameModel(posed, value, gradient, hessian)
+
+    def rows(self, t: int, posed: PosedBody) -> StepRows:
+        """Of frame t: feet that stand, parts that keep clear of each other and of the floor."""
+        equal, to = self._standing(t, posed)
+        above, least = [np.zeros((0, self.body.nv))], [np.zeros(0)]
+        if self.collision is not None:
+            near = self.collision.near(posed)
+            above.append(near.gradient)
+            least.append(np.minimum(self._apart[near.pair] - near.distance, _PUSH))
+        if self.floor is not None:
+            low = self.floor.near(posed)
+            above.append(low.gradient)
+            least.append(np.minimum(-low.distance, _PUSH))
+        return StepRows(equal, to, np.concatenate(above), np.concatenate(least))
+
+    def keeps(self, t: int, q: np.ndarray) -> bool:
+        """Whether frame t keeps at q (nq,) to all it has to, within `KEPT`."""
+        rows = self.rows(t, self.body.at(q))
+        return bool(np.abs(rows.to).max(initial=0.0) < KEPT and rows.least.max(initial=0.0) < KEPT)
+
+    def _standing(self, t: int, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
+        """StepRows of the feet: one point fixed, or the whole foot."""
+        rows, to = [np.zeros((0, self.body.nv))], [np.zeros(0)]
+        for f, foot in enumerate(self.targets.feet):
+            heel, toe = self.stances.stands[t, f]
+            if not (heel or toe):
+                continue
+            place = self.stances.place[t, f]
+            points = points_in_world(posed, np.full(3, foot.joint), foot.local)
+            J = self.body.point_jacobians(posed, np.full(3, foot.joint), points)
+            off = place - points
+            first, second = (HEEL, TOE) if heel else (TOE, HEEL)
+            rows.append(J[first])
+            to.append(off[first])
+            if heel and toe:
+                ahead = place[TOE] - place[HEEL]
+                aside = np.array([-ahead[1], ahead[0], 0.0]) / np.linalg.norm(ahead[:2])
+                count = 3 if foot.rolls else 2
+                rows.append(np.stack([aside @ J[second], J[second, 2], J[2, 2]][:count]))
+                to.append(np.array([aside @ off[second], off[second, 2], off[2, 2]][:count]))
+        return np.concatenate(rows), np.concatenate(to)
+
+    def box(self, q: np.ndarray, t: int, before: np.ndarray | None, after: np.ndarray | None) -> np.ndarray:
+        """Bounds (2, nv) of a step from q (nq,) in frame t by the joints' limits and velocities, with the frames before
+        and after as they are."""
+        bounds = np.stack(self.body.tangent_bounds(q))
+        for other, k in ((before, t - 1), (after, t)):
+            if other is not None:
+                bounds = _common(bounds, self.reach(q, other, float(self.dt[k])))
+        return bounds
+
+    def reach(self, q: np.ndarray, other: np.ndarray, dt: float) -> np.ndarray:
+        """Bounds (2, nv) of a step from q (nq,) by the joints' limits, and the velocities from another configuration,
+        dt [s] away."""
+        away, far = self.body.difference(q, other), self.speed * dt
+        return _common(np.stack(self.body.tangent_bounds(q)), np.stack([away - far, away + far]))
+
+
+def _common(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """What two bounds (2, nv) have in common; where that is nothing, the upper one."""
+    low, high = np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
+    return np.stack([np.minimum(low, high), high])
+
+
+def _speed_limits(body: Body) -> np.ndarray:
+    """(nv,) [1/s], infinite at a free root and where the URDF says 0."""
+    speed = np.array(body.model.velocityLimit, dtype=float)
+    speed[: body.first_joint_dof] = np.inf
+    return np.where(speed > 0.0, speed, np.inf)

@@ -1,0 +1,107 @@
+"""Where feet stand: one place for as long as they do, and swings that lead from one to the next."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.retargeting.feet import Foot, foot_rotation
+
+HEEL, TOE = 0, 1
+LIFT = 5e-4
+"""[m] above the floor at which a sole stands: rounding must not put it below."""
+SIDES_PARTS = {"left_heel": (0, HEEL), "left_big_toe": (0, TOE), "right_heel": (1, HEEL), "right_big_toe": (1, TOE)}
+
+
+class FootStances(NamedTuple):
+    """Of F feet in T frames. stands (T, F, 2) bool: heel and toe. place (T, F, 3, 3) [m]: of the feet's points (see
+    `Foot`); those of what stands do not move while it does, and lie on the floor; swings meet them."""
+
+    stands: np.ndarray
+    place: np.ndarray
+
+
+def stances_at(feet: tuple[Foot, ...], place: np.ndarray, stands: np.ndarray, times: np.ndarray) -> FootStances:
+    """The stances of feet that would otherwise be at place (T, F, 3, 3) [m], and stand when the source does, stands
+    (T, F, 2) bool of heel and toe, at times (T,) [s]."""
+    place = place.copy()
+    for f, foot in enumerate(feet):
+        _hold(foot, place[:, f], stands[:, f], times)
+    place[..., 2] = np.maximum(place[..., 2], LIFT)
+    return FootStances(stands, place)
+
+
+def stretches(holds: np.ndarray) -> list[tuple[int, int]]:
+    """Stretches of frames in which something holds (T,): first, and one after the last."""
+    edges = np.flatnonzero(np.diff(np.r_[False, holds, False])).reshape(-1, 2)
+    return [(int(first), int(after)) for first, after in edges]
+
+
+def _hold(foot: Foot, place: np.ndarray, stands: np.ndarray, times: np.ndarray) -> None:
+    """Move place (T, 3, 3) of one foot so that what stands does not move, in place."""
+    free = place.copy()
+    held = np.full(place.shape, np.nan)
+    for first, after in stretches(np.asarray(stands.any(axis=1))):
+        _hold_stance(foot, free, held, stands, first, after)
+    some = np.isfinite(held).all(axis=(1, 2))
+    if not some.any():
+        return
+    correction = np.zeros(place.shape)
+    correction[some] = held[some] - free[some]
+    known = np.flatnonzero(some)
+    for point in range(3):
+        for axis in range(3):
+            correction[:, point, axis] = np.interp(times, times[known], correction[known, point, axis])
+    place[:] = free + correction
+
+
+def _hold_stance(foot: Foot, free: np.ndarray, held: np.ndarray, stands: np.ndarray, first: int, after: int) -> None:
+    """Fill held[first:after] (., 3, 3) of a foot that stands on something in all of these frames.
+
+    A foot that is flat has one place and one heading for as long as it is. Between two flat stretches it turns on what
+    stands all the while, so that the later one is moved to where that is.
+    """
+    flat = stretches(np.asarray(stands[first:after].all(axis=1)))
+    pivots: np.ndarray | None = None  # of the flat stretch before: its points
+    last = 0
+    where = np.full((after - first, 3, 3), np.nan)
+    for begin, end in flat:
+        some = free[first + begin : first + end]
+        level = _level(foot, some)
+        if pivots is not None:
+            between = stands[first + last : first + begin]
+            on = TOE if between[:, TOE].all() else HEEL
+            level = level + (pivots[on] - level[on])
+        where[begin:end] = level
+        pivots, last = level, end
+    for k in range(after - first):
+        if np.isnan(where[k, 0, 0]):
+            where[k] = _on_one_point(free, where, stands, first, k, flat)
+    held[first:after] = where
+
+
+def _level(foot: Foot, some: np.ndarray) -> np.ndarray:
+    """A level foot (3, 3) on the floor, in the middle of some places (N, 3, 3)."""
+    heel, toe = some[:, HEEL].mean(axis=0), some[:, TOE].mean(axis=0)
+    points = foot.level @ foot_rotation(toe - heel).T
+    points = points - 0.5 * (points[HEEL] + points[TOE]) + 0.5 * (heel + toe)
+    points[:, 2] += LIFT - points[[HEEL, TOE], 2].mean()
+    return points
+
+
+def _on_one_point(
+    free: np.ndarray, where: np.ndarray, stands: np.ndarray, first: int, k: int, flat: list[tuple[int, int]]
+) -> np.ndarray:
+    """The points of a foot (3, 3) that stands on its heel or its toe alone in frame first + k: turned as it is, that
+    point where it is in the nearest flat stretch, or, without one, where it is on the average."""
+    on = TOE if stands[first + k, TOE] else HEEL
+    if flat:
+        begin, end = min(flat, key=lambda pair: max(pair[0] - k, k - pair[1] + 1))
+        point = where[begin if begin > k else end - 1, on]
+    else:
+        alike = stands[first : first + len(where), on]
+        point = free[first : first + len(where), on][alike].mean(axis=0)
+        point[2] = LIFT
+    own = free[first + k]
+    return np.asarray(own + (point - own[on]))

@@ -1,0 +1,147 @@
+"""Motions that a body is to follow, from files of every kind and from runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimator.data.formats.markers import named_points
+from estimator.data.formats.npz import read_npz
+from estimator.data.formats.opensim import METRES
+from estimator.data.formats.point_arrays import checked_rate
+from estimator.data.markers.load import load_points
+from estimator.retargeting.hypotheses import SourceHypotheses
+from estimator.retargeting.smpl_joints import ARRAYS, has_smpl_joints, load_smpl_joints
+from estimator.retargeting.source import SourceMotion
+from estimator.synthesis.mocap import load_mocap
+from humanoid.subject.landmarks import landmark_name
+from humanoid.support.errors import InputError, first_of, misplaced, shown
+
+if TYPE_CHECKING:
+    from estimator.runs.run_reader import Run
+    from kinemode.inputs.named import PathLike
+
+_BVH_NAMES = {"left_toe": "left_big_toe", "right_toe": "right_big_toe", "head_base": "head"}
+_POINTS, _RUN = (".trc", ".c3d", ".csv"), ".run"
+_ARRAYS = "npz"
+_KINDS = "a run (.run), BVH (.bvh), points (.trc, .c3d, .csv, .npz) or SMPL-ordered joints (.npz)"
+_FEWEST = 6  # landmarks, where a file has points that are none
+_OWN = "of a run is known"
+
+
+def load_source(
+    source: PathLike | Run | SourceMotion, *, fps: float | None = None, up: str | None = None, unit: str | None = None
+) -> SourceMotion:
+    """The motion in a file, or in a run: its drawn trajectory, which is the smoothed one of a complete run.
+
+    A motion that was read already stays as it is. The file of a run has the suffix .run. fps: frames per second, where
+    a file does not say them, or instead of what it says. up: the axis that points up, one of `UPS`, where a file does
+    not say it. unit: of length, m, cm or mm.
+
+    Raises
+    ------
+    InputError: another kind of file, no such file, a damaged one; no landmark that is known, or markers, which are to
+        be tracked first; frames per second, axis or unit that nobody says, or that are said of a run.
+    """
+    if isinstance(source, SourceMotion):
+        return source
+    if not isinstance(source, (str, Path)):
+        if not hasattr(source, "landmarks"):
+            raise misplaced("source", source, _KINDS)
+        return _of_run(source, fps, up, unit)
+    path = Path(source)
+    kind = path.suffix.lower()
+    if kind not in (*_POINTS, _RUN, ".bvh", f".{_ARRAYS}"):
+        raise InputError(path, "is no motion that is read", remedy=f"give {_KINDS}")
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    if kind == _RUN:
+        from estimator.runs.run_reader import Run  # slow to import
+
+        return _of_run(Run.open(path), fps, up, unit)
+    if kind == ".bvh":
+        return _of_bvh(path, fps, up, unit)
+    if kind == f".{_ARRAYS}":
+        arrays = read_npz(path)
+        if has_smpl_joints(arrays):
+            return load_smpl_joints(path, up=up, unit=unit, fps=fps)
+        if not {"points", "landmarks"} & set(arrays):
+            remedy = f"one of {', '.join(ARRAYS)} in SMPL's order, or points and names; it has {', '.join(arrays)}"
+            raise InputError(path, "has no joints and no points", remedy=remedy)
+    return _of_points(path, fps, up, unit)
+
+
+def _of_run(run: Run, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+    """The landmarks of a run's trajectory."""
+    for name, value in (("fps", fps), ("up", up), ("unit", unit)):
+        if value is not None:
+            raise InputError(name, _OWN, remedy="leave it out")
+    if not len(run):
+        raise InputError(run.file, "has no frame yet")
+    points = run.landmarks
+    notes = () if run.complete else (f"{run.file.name} is not complete: its trajectory is not smoothed",)
+    return _checked(SourceMotion(run.body.landmark_names, points, run.time, run.file.name, notes))
+
+
+def hypotheses_of(source: PathLike | Run | SourceMotion, count: int) -> SourceHypotheses:
+    """The heaviest `count` hypotheses of every frame of a run, beside the one that its trajectory goes through.
+
+    Raises InputError for another source, which has none.
+    """
+    from estimator.runs.run_reader import Run  # slow to import
+
+    if isinstance(source, (str, Path)) and Path(source).suffix.lower() == _RUN:
+        source = Run.open(source)
+    if not isinstance(source, Run):
+        raise InputError("modes", "only runs have several hypotheses", remedy="leave it out, or give a run")
+    weights, landmarks, path = source.mode_weight, source.mode_landmarks, source.path
+    points = np.full((len(weights), count, *landmarks.shape[2:]), np.nan)
+    weight = np.zeros((len(weights), 1 + count))
+    for t, own in enumerate(weights):
+        known = [int(k) for k in np.argsort(-np.nan_to_num(own), kind="stable") if np.isfinite(own[k])]
+        others = [k for k in known if k != path[t]][:count]
+        weight[t, 0] = own[path[t]] if path[t] >= 0 else 1.0
+        points[t, : len(others)], weight[t, 1 : 1 + len(others)] = landmarks[t, others], own[others]
+    return SourceHypotheses(points, weight)
+
+
+def _of_bvh(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+    """The joints of a BVH file by MotionBuilder's names."""
+    if unit is not None and unit not in METRES:
+        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+    mocap = load_mocap(path, unit=None if unit is None else METRES[unit], up=up)
+    rate, notes = mocap.fps, list[str]()
+    if fps is not None:
+        rate = checked_rate("fps", fps)
+        if abs(mocap.fps / rate - 1.0) > 0.02:
+            notes.append(f"{path.name} has {mocap.fps:.4g} frames per second: --fps {rate:g} is taken")
+    if unit is None:
+        notes.append(f"{path.name}: its unit is taken to be {mocap.unit:.4g} m, by its kind or its legs' length")
+    names = tuple(_BVH_NAMES.get(name, name) for name in mocap.names)
+    return SourceMotion(names, mocap.points, np.arange(len(mocap.points)) / rate, path.name, tuple(notes))
+
+
+def _of_points(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+    """Those points of a file that are landmarks by their names."""
+    track = load_points(path, up=up, unit=unit, fps=fps)
+    named = named_points(track.names, track.points)
+    kept = [i for i, name in enumerate(named.names) if name == landmark_name(name)]
+    others = [name for i, name in enumerate(named.names) if i not in kept]
+    if not kept or (others and len(kept) < _FEWEST):
+        problem = f"has no landmarks to follow but markers: {first_of(others, 6)}"
+        if kept:
+            problem = f"has too few landmarks ({first_of([named.names[i] for i in kept], 6)}) among markers"
+        remedy = f"markers are tracked first: kinemode track --points {path.name}, then the run is retargeted"
+        raise InputError(path, problem, remedy=remedy)
+    notes = (*track.notes, f"{path.name}: no landmarks, left out: {first_of(others, 6)}") if others else track.notes
+    names = tuple(named.names[i] for i in kept)
+    return _checked(SourceMotion(names, named.points[:, kept], track.time, path.name, notes))
+
+
+def _checked(motion: SourceMotion) -> SourceMotion:
+    """The motion; raises InputError where it has no landmark that is known in any frame."""
+    if not np.isfinite(motion.points).all(axis=2).any():
+        raise InputError(motion.source, "has no landmark that is known: all are NaN")
+    return motion
