@@ -28,6 +28,11 @@ class MatchedLimb:
     subject_to: tuple[str, ...]
     weight: float = 1.0
 
+    @property
+    def landmarks(self) -> set[str]:
+        """All that it needs, under the names of either."""
+        return {*self.source_from, *self.source_to, *self.subject_from, *self.subject_to}
+
 
 @dataclass(frozen=True)
 class MatchedPlace:
@@ -53,6 +58,27 @@ class Correspondence:
     source: str = "correspondence"
 
 
+def _same(name: str, first: tuple[str, ...], last: tuple[str, ...], weight: float = 1.0) -> MatchedLimb:
+    return MatchedLimb(name, first, last, first, last, weight)
+
+
+def _of_a_person() -> tuple[MatchedLimb, ...]:
+    limbs = [
+        _same(f"{side}_{name}", (f"{side}_{a}",), (f"{side}_{b}",))
+        for side in _SIDES
+        for name, (a, b) in _SEGMENTS.items()
+    ]
+    pairs = {name: tuple(f"{side}_{joint}" for side in _SIDES) for name, joint in _ACROSS.items()}
+    limbs.append(_same("trunk", pairs["hips"], pairs["shoulders"]))
+    limbs.append(_same("head", pairs["shoulders"], ("head_top",)))
+    limbs += [_same(name, pair[1:], pair[:1], _ACROSS_WEIGHT) for name, pair in pairs.items()]
+    return tuple(limbs)
+
+
+PERSON_LIMBS = _of_a_person()
+"""Thighs, shanks, arms, trunk and head, and the lines across hips and shoulders, of who has COCO's landmarks."""
+
+
 def common_correspondence(subject: Collection[str], source: Collection[str]) -> Correspondence:
     """By the landmarks' names (of the subject and the source) that both have: thighs, shanks, arms, feet, the trunk,
     the head, and the lines across hips and shoulders.
@@ -72,20 +98,7 @@ def common_correspondence(subject: Collection[str], source: Collection[str]) -> 
 
 def person_limbs(landmarks: Collection[str]) -> tuple[MatchedLimb, ...]:
     """Those of a person whose ends are all among some landmarks."""
-    limbs = [
-        _same(f"{side}_{name}", (f"{side}_{a}",), (f"{side}_{b}",))
-        for side in _SIDES
-        for name, (a, b) in _SEGMENTS.items()
-    ]
-    pairs = {name: tuple(f"{side}_{joint}" for side in _SIDES) for name, joint in _ACROSS.items()}
-    limbs.append(_same("trunk", pairs["hips"], pairs["shoulders"]))
-    limbs.append(_same("head", pairs["shoulders"], ("head_top",)))
-    limbs += [_same(name, pair[1:], pair[:1], _ACROSS_WEIGHT) for name, pair in pairs.items()]
-    return tuple(limb for limb in limbs if {*limb.source_from, *limb.source_to} <= set(landmarks))
-
-
-def _same(name: str, first: tuple[str, ...], last: tuple[str, ...], weight: float = 1.0) -> MatchedLimb:
-    return MatchedLimb(name, first, last, first, last, weight)
+    return tuple(limb for limb in PERSON_LIMBS if limb.landmarks <= set(landmarks))
 
 
 def _some(names: Collection[str]) -> str:

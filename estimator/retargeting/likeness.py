@@ -6,35 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.retargeting.correspondence import PERSON_LIMBS, MatchedLimb
 from estimator.retargeting.source import SourceMotion
 from humanoid.kinematics.body import Body
 
 _HIPS, _SHOULDERS = ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder")
-_SIDES = ("left", "right")
+_ALONG = ("trunk", "thigh", "shank", "upper_arm", "forearm")  # lines across the trunk are none
 _SHORTEST = 1e-6  # m: a shorter limb has no direction
 
 
-class LimbDirection(NamedTuple):
-    """A limb from the middle of some landmarks to the middle of others, by name."""
-
-    name: str
-    begin: tuple[str, ...]
-    end: tuple[str, ...]
-
-    @property
-    def landmarks(self) -> tuple[str, ...]:
-        """All that it needs."""
-        return (*self.begin, *self.end)
-
-
-def _of_sides(name: str, begin: str, end: str) -> tuple[LimbDirection, ...]:
-    return tuple(LimbDirection(f"{side} {name}", (f"{side}_{begin}",), (f"{side}_{end}",)) for side in _SIDES)
-
-
-LIMBS = (
-    LimbDirection("trunk", _HIPS, _SHOULDERS), *_of_sides("thigh", "hip", "knee"), *_of_sides("shank", "knee", "ankle"),
-    *_of_sides("upper arm", "shoulder", "elbow"), *_of_sides("forearm", "elbow", "wrist"),
-)  # fmt: skip
+LIMBS = tuple(limb for limb in PERSON_LIMBS if limb.name.endswith(_ALONG))
 """Those that are compared unless others are given."""
 
 
@@ -54,7 +35,7 @@ def likeness_of(
     body: Body,
     landmarks: np.ndarray,
     source: SourceMotion | None,
-    limbs: tuple[LimbDirection, ...] = LIMBS,
+    limbs: tuple[MatchedLimb, ...] = LIMBS,
     scale: float | None = None,
 ) -> Likeness:
     """Of a body's landmarks (T, L, 3) [m] in the world and the motion that they follow, at the same frames, both with z
@@ -77,7 +58,7 @@ def likeness_of(
 
 
 def limb_angles(
-    body: Body, landmarks: np.ndarray, source: SourceMotion, limbs: tuple[LimbDirection, ...] = LIMBS
+    body: Body, landmarks: np.ndarray, source: SourceMotion, limbs: tuple[MatchedLimb, ...] = LIMBS
 ) -> np.ndarray:
     """Angles (T, B) [deg] between those limbs that both have; NaN where the source is missing."""
     both = [limb for limb in limbs if set(limb.landmarks) <= set(source.names) & set(body.landmark_names)]
@@ -117,9 +98,9 @@ def root_distances(body: Body, landmarks: np.ndarray, source: SourceMotion, scal
     return np.asarray(np.linalg.norm((own - own[known[0]]) - (path - path[known[0]]), axis=1))
 
 
-def _way(names: tuple[str, ...], points: np.ndarray, limb: LimbDirection) -> np.ndarray:
+def _way(names: tuple[str, ...], points: np.ndarray, limb: MatchedLimb) -> np.ndarray:
     """From a limb's beginning to its end (T, 3) in points (T, L, 3)."""
-    return _middle(names, points, limb.end) - _middle(names, points, limb.begin)
+    return _middle(names, points, limb.subject_to) - _middle(names, points, limb.subject_from)
 
 
 def _middle(names: tuple[str, ...], points: np.ndarray, of: tuple[str, ...]) -> np.ndarray:

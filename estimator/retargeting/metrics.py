@@ -11,7 +11,8 @@ from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from estimator.retargeting.contacts import SourceContacts
-from estimator.retargeting.likeness import LIMBS, LimbDirection, likeness_of
+from estimator.retargeting.correspondence import MatchedLimb
+from estimator.retargeting.likeness import LIMBS, likeness_of
 from estimator.retargeting.parts import parts_of
 from estimator.retargeting.source import SourceMotion
 from estimator.runs.contact import Contact
@@ -76,7 +77,7 @@ class RetargetMeter:
     limbs: whose directions are compared.
     """
 
-    def __init__(self, body: Body, limbs: tuple[LimbDirection, ...] = LIMBS) -> None:
+    def __init__(self, body: Body, limbs: tuple[MatchedLimb, ...] = LIMBS) -> None:
         self.body, self._limbs = body, limbs
         self._collision = parts_of(body, 0.0)
         self._ground = FloorDistances(body, _UP, 0.0)
