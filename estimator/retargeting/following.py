@@ -60,7 +60,7 @@ def follow_frame(
     q, met, pressed = expected, True, False
     for _ in range(problem.settings.iterations):
         model = problem.model(t, q)
-        rows = problem.rows(t, model.posed)
+        rows = problem.rows(t, model)
         gradient = model.gradient + precision * body.difference(expected, q)
         hessian = model.hessian
         hessian[np.diag_indices(body.nv)] += precision

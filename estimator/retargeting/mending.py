@@ -33,6 +33,6 @@ def _mended(problem: MotionProblem, solver: DenseStep, q: np.ndarray, t: int) ->
     hessian = model.hessian
     hessian[np.diag_indices(body.nv)] += 1.0 / (_HELD * problem.stiff / problem.stiff.max() * dt**2) ** 2
     box = problem.box(q[t], t, q[t - 1] if t > 0 else None, q[t + 1] if t + 1 < len(q) else None)
-    step, _ = solver.solve(hessian, model.gradient, box, *problem.rows(t, model.posed))
+    step, _ = solver.solve(hessian, model.gradient, box, *problem.rows(t, model))
     moved = body.integrate(q[t], step)
     return moved, not problem.keeps(t, moved)

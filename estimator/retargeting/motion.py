@@ -12,6 +12,7 @@ from estimator.retargeting.branches import best_branch
 from estimator.retargeting.contact_file import with_standing
 from estimator.retargeting.contacts import SourceContacts, source_contacts
 from estimator.retargeting.correspondence import Correspondence, check_correspondence, common_correspondence
+from estimator.retargeting.following import follow
 from estimator.retargeting.hypotheses import CarriedHypotheses, SourceHypotheses, carried_hypotheses
 from estimator.retargeting.mending import mend
 from estimator.retargeting.problem import MotionProblem, RetargetSettings
@@ -72,8 +73,10 @@ def retarget_motion(
         first = best_start(problem, np.random.default_rng(seed), settings.starts)
     else:
         first = start_from(problem, start)
-    followed = best_branch(problem, first, progress)
-    done = improve(problem, followed)
+    if settings.rounds:
+        done = improve(problem, best_branch(problem, first, progress))
+    else:
+        done = follow(problem, first, progress).q
     made = _looked_at(problem, *mend(problem, done), source, contacts)
     if others is None:
         return made

@@ -49,12 +49,15 @@ class RetargetSettings:
 
 
 class FrameModel(NamedTuple):
-    """Quadratic model of a frame's energy at a posed body: value, gradient (nv,), hessian (nv, nv)."""
+    """Quadratic model of a frame's energy at a posed body: value, gradient (nv,), hessian (nv, nv). points (P, 3) [m]:
+    those of the targets, in the world; jacobian (P, 3, nv): their derivatives."""
 
     posed: PosedBody
     value: float
     gradient: np.ndarray
     hessian: np.ndarray
+    points: np.ndarray
+    jacobian: np.ndarray
 
 
 class StepRows(NamedTuple):
@@ -154,11 +157,11 @@ class MotionProblem:
         value = 0.5 * float((pulled * off).sum()) + 0.5 * float(lean @ body.difference(body.neutral, q))
         gradient += lean
         hessian[self._joints, self._joints] += self._rest[self._joints]
-        return FrameModel(posed, value, gradient, hessian)
+        return FrameModel(posed, value, gradient, hessian, points, J)
 
-    def rows(self, t: int, posed: PosedBody) -> StepRows:
+    def rows(self, t: int, model: FrameModel) -> StepRows:
         """Of frame t: feet that stand, parts that keep clear of each other and of the floor."""
-        equal, to = self._standing(t, posed)
+        posed, (equal, to) = model.posed, self._standing(t, model)
         above, least = [np.zeros((0, self.body.nv))], [np.zeros(0)]
         if self.collision is not None:
             near = self.collision.near(posed)
@@ -172,20 +175,26 @@ class MotionProblem:
 
     def keeps(self, t: int, q: np.ndarray) -> bool:
         """Whether frame t keeps at q (nq,) to all it has to, within `KEPT`."""
-        rows = self.rows(t, self.body.at(q))
-        return bool(np.abs(rows.to).max(initial=0.0) < KEPT and rows.least.max(initial=0.0) < KEPT)
+        model = self.model(t, q)
+        _, to = self._standing(t, model)
+        if np.abs(to).max(initial=0.0) >= KEPT:
+            return False
+        if self.collision is not None:
+            near = self.collision.near(model.posed, self.settings.clearance)
+            if (self._apart[near.pair] - near.distance).max(initial=0.0) >= KEPT:
+                return False
+        return self.floor is None or self.floor.penetration(model.posed) < KEPT
 
-    def _standing(self, t: int, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
-        """StepRows of the feet: one point fixed, or the whole foot."""
+    def _standing(self, t: int, model: FrameModel) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the feet: one point fixed, or the whole foot."""
         rows, to = [np.zeros((0, self.body.nv))], [np.zeros(0)]
+        feet = len(self.targets.feet)
         for f, foot in enumerate(self.targets.feet):
             heel, toe = self.stances.stands[t, f]
             if not (heel or toe):
                 continue
-            place = self.stances.place[t, f]
-            points = points_in_world(posed, np.full(3, foot.joint), foot.local)
-            J = self.body.point_jacobians(posed, np.full(3, foot.joint), points)
-            off = place - points
+            place, own = self.stances.place[t, f], slice(-3 * (feet - f), -3 * (feet - f) + 3 or None)
+            J, off = model.jacobian[own], place - model.points[own]
             first, second = (HEEL, TOE) if heel else (TOE, HEEL)
             rows.append(J[first])
             to.append(off[first])

@@ -57,7 +57,7 @@ def searched(
         model = problem.model(frame, q)
         hessian = model.hessian + _DAMPING * np.diag(np.diag(model.hessian))
         box = np.clip(problem.box(q, frame, None, None), -_TRUST, _TRUST)
-        step, met = solver.solve(hessian, model.gradient, box, *problem.rows(frame, model.posed))
+        step, met = solver.solve(hessian, model.gradient, box, *problem.rows(frame, model))
         q = body.integrate(q, step)
         if np.abs(step).max() < _STILL:
             break

@@ -56,7 +56,7 @@ def improve_window(problem: MotionProblem, q: np.ndarray, first: int, after: int
     """One constrained step of the frames first to after of q (T, nq), in place; the largest part (after - first,) of
     each frame's."""
     models = [problem.model(t, q[t]) for t in range(first, after)]
-    window = _Window(first, after, models, [problem.rows(first + k, m.posed) for k, m in enumerate(models)])
+    window = _Window(first, after, models, [problem.rows(first + k, m) for k, m in enumerate(models)])
     step = _step(problem, q, window)
     if step is None:
         return np.zeros(after - first)
