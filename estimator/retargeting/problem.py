@@ -13,7 +13,7 @@ from estimator.retargeting.stances import HEEL, TOE, FootStances
 from estimator.retargeting.targets import Targets
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import ROOT_PLACE_V, SHORTEST_STEP, Body, PosedBody, points_in_world
-from humanoid.support.settings import setting
+from humanoid.support.settings import CheckedSettings, setting
 
 KEPT = 0.001
 """[m] within which a stance, a clearance or the floor counts as kept to."""
@@ -24,7 +24,7 @@ _ROUNDED = 1.0 - 1e-6  # of a velocity limit
 
 
 @dataclass(frozen=True)
-class RetargetSettings:
+class RetargetSettings(CheckedSettings):
     """How a motion is made a body's.
 
     rest [rad]: standard deviation of joints about their rest positions, which decides what the source leaves open.

@@ -60,24 +60,24 @@ def _hold_stance(foot: Foot, free: np.ndarray, held: np.ndarray, stands: np.ndar
     """Fill held[first:after] (., 3, 3) of a foot that stands on something in all of these frames.
 
     A foot that is flat has one place and one heading for as long as it is. Between two flat stretches it turns on what
-    stands all the while, so that the later one is moved to where that is.
+    stands all the while, so that the later one is moved to where that is; where nothing does, it has made a step.
     """
     flat = stretches(np.asarray(stands[first:after].all(axis=1)))
-    pivots: np.ndarray | None = None  # of the flat stretch before: its points
+    before: np.ndarray | None = None  # of the flat stretch before: its points
     last = 0
     where = np.full((after - first, 3, 3), np.nan)
     for begin, end in flat:
-        some = free[first + begin : first + end]
-        level = _level(foot, some)
-        if pivots is not None:
+        level = _level(foot, free[first + begin : first + end])
+        if before is not None:
             between = stands[first + last : first + begin]
-            on = TOE if between[:, TOE].all() else HEEL
-            level = level + (pivots[on] - level[on])
+            on = [point for point in (TOE, HEEL) if between[:, point].all()]
+            if on:
+                level = level + (before[on[0]] - level[on[0]])
         where[begin:end] = level
-        pivots, last = level, end
-    for k in range(after - first):
-        if np.isnan(where[k, 0, 0]):
-            where[k] = _on_one_point(free, where, stands, first, k, flat)
+        before, last = level, end
+    for point in (HEEL, TOE):
+        for begin, end in stretches(stands[first:after, point]):
+            _turn_on(point, free[first + begin : first + end], where[begin:end])
     held[first:after] = where
 
 
@@ -90,18 +90,10 @@ def _level(foot: Foot, some: np.ndarray) -> np.ndarray:
     return points
 
 
-def _on_one_point(
-    free: np.ndarray, where: np.ndarray, stands: np.ndarray, first: int, k: int, flat: list[tuple[int, int]]
-) -> np.ndarray:
-    """The points of a foot (3, 3) that stands on its heel or its toe alone in frame first + k: turned as it is, that
-    point where it is in the nearest flat stretch, or, without one, where it is on the average."""
-    on = TOE if stands[first + k, TOE] else HEEL
-    if flat:
-        begin, end = min(flat, key=lambda pair: max(pair[0] - k, k - pair[1] + 1))
-        point = where[begin if begin > k else end - 1, on]
-    else:
-        alike = stands[first : first + len(where), on]
-        point = free[first : first + len(where), on][alike].mean(axis=0)
-        point[2] = LIFT
-    own = free[first + k]
-    return np.asarray(own + (point - own[on]))
+def _turn_on(point: int, free: np.ndarray, where: np.ndarray) -> None:
+    """Fill where (N, 3, 3) of a stretch in which a point stands, in the frames in which it does so alone: turned as the
+    foot is (N, 3, 3), that point where the flat frames of the stretch have it, or, without any, where it is on the
+    average."""
+    alone = np.isnan(where[:, point, 0])
+    place = np.append(free[:, point, :2].mean(axis=0), LIFT) if alone.all() else where[~alone][0, point]
+    where[alone] = free[alone] + (place - free[alone, point])[:, None]
