@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.retargeting.independence import deviation_between, independence_of
+from benchmarks.retargeting.pace import pace_of
 from estimator.retargeting.correspondence import common_correspondence
 from estimator.retargeting.motion import RetargetedMotion, problem_of, retarget_motion
 from estimator.retargeting.parts import parts_of
@@ -259,3 +261,35 @@ def test_a_stream_with_gaps_and_late_frames() -> None:
     assert np.isfinite(q).all()
     check_laws(body, q[12:], times[12:], 1.0)
     assert angles_between(source, landmarks_of(body, q, times))[26:].mean() < 6.0
+
+
+# --- what the benchmark measures of it ---
+
+
+def test_the_deviation_of_motions_is_that_of_their_joints() -> None:
+    """By degrees; where the root is does not count."""
+    body = body_of(HUMAN)
+    q = np.tile(body.neutral, (4, 1))
+    other = q.copy()
+    other[:, 0] += 1.0
+    other[2, body.q_names.index("left_elbow_flexion")] += np.radians(3.0)
+    joints = body.nv - body.first_joint_dof
+    expected = (3.0 / np.sqrt(4 * joints), 3.0 / np.sqrt(joints), 3.0)
+    assert deviation_between(body, q, other) == pytest.approx(expected)
+
+
+def test_another_beginning_leads_to_the_same_motion() -> None:
+    """From a random pose to the same; from a later frame nearly, as its floor and contacts are found anew."""
+    deviations = independence_of(body_of(HUMAN), part_of(steps(), 0, 45))
+    assert list(deviations) == ["frame 10", "frame 20", "random pose 1", "random pose 2"]
+    assert deviations["frame 10"].rms < 2.0
+    assert deviations["frame 20"].rms < 3.0
+    assert max(deviations[f"random pose {number}"].largest for number in (1, 2)) < 2.0
+
+
+def test_the_pace_has_every_part() -> None:
+    pace = pace_of(body_of(HUMAN), part_of(steps(), 0, 12))
+    assert set(pace) == {"in windows", "in frames", "stream", "targets", "start", "follow", "windows", "mend"}
+    assert all(value > 0.0 for value in pace.values())
+    parts = sum(pace[part] for part in ("targets", "start", "follow", "windows", "mend"))
+    assert pace["in windows"] == pytest.approx(1e3 / parts)

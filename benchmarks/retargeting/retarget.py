@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 from threadpoolctl import threadpool_limits
 
+from benchmarks.retargeting.independence import measured_independence
 from benchmarks.retargeting.methods import METHODS, FollowedMotion, standing_floor
+from benchmarks.retargeting.pace import measured_pace
 from benchmarks.retargeting.trials import ASAP, CAPTURED, G1, RetargetTrial, trials_of
 from benchmarks.support.common import Data, Json, Several, check_known, data_folder, save, tell
 from estimator.retargeting.metrics import RetargetMeter, RetargetMetrics
@@ -17,6 +20,7 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
+Flag = Annotated[bool, Parameter(negative="")]
 TALOS = "example-robot-data:talos"
 CLIPS = (*ASAP, *CAPTURED)
 _SECONDS = "seconds"
@@ -52,6 +56,8 @@ def main(
     robots: Annotated[tuple[str, ...], Several] = (G1, TALOS),
     methods: Annotated[tuple[str, ...], Several] = tuple(METHODS),
     seconds: float = 60.0,
+    independence: Flag = False,
+    speed: Flag = False,
     data: Data = None,
     json: Json = None,
 ) -> None:
@@ -67,6 +73,10 @@ def main(
         ours; asap: the peer's own motions of G1, where there are some; pink: inverse kinematics frame by frame.
     seconds
         Of each clip, from its beginning.
+    independence
+        Measure instead how much ours depends on the frame and the pose that it begins with.
+    speed
+        Measure instead how many frames a second ours makes, by processor time of one core.
     """
     check_known("--clips", clips, CLIPS)
     check_known("--methods", methods, METHODS)
@@ -79,10 +89,26 @@ def main(
     with threadpool_limits(limits=1):
         for robot in robots:
             body = Body(load_subject(robot))
+            if independence or speed:
+                figures[robot] = measured_ours(body, trials, independence=independence, speed=speed)
+                continue
             figures[robot] = rows = measured_rows(body, robot, trials, methods)
             show(robot, rows)
-    report.print_lines(LEGEND)
+    if not (independence or speed):
+        report.print_lines(LEGEND)
     save(json, figures)
+
+
+def measured_ours(
+    body: Body, trials: Sequence[RetargetTrial], *, independence: bool, speed: bool
+) -> dict[str, dict[str, Any]]:
+    """Independence of the beginning, and speed, by clip, of what was asked for."""
+    figures = dict[str, dict[str, Any]]()
+    if independence:
+        figures["independence"] = measured_independence(body, trials)
+    if speed:
+        figures["speed"] = measured_pace(body, trials)
+    return figures
 
 
 def measured_rows(

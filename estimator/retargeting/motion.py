@@ -15,7 +15,7 @@ from estimator.retargeting.correspondence import Correspondence, check_correspon
 from estimator.retargeting.following import follow
 from estimator.retargeting.hypotheses import CarriedHypotheses, SourceHypotheses, carried_hypotheses
 from estimator.retargeting.mending import mend
-from estimator.retargeting.problem import MotionProblem, RetargetSettings
+from estimator.retargeting.problem import MotionProblem, Obstacles, RetargetSettings
 from estimator.retargeting.source import SourceMotion
 from estimator.retargeting.stances import SIDES_PARTS, stances_at
 from estimator.retargeting.start import best_start, start_from
@@ -116,15 +116,17 @@ def problem_of(
     match: Correspondence | None,
     settings: RetargetSettings,
     contacts: SourceContacts | None = None,
+    obstacles: Obstacles | None = None,
 ) -> MotionProblem:
-    """What a body has to do to move as a source does; contacts: those that are found unless given."""
+    """What a body has to do to move as a source does; contacts: those that are found unless given; obstacles: made anew
+    unless given."""
     match = match or common_correspondence(body.landmark_names, source.names)
     check_correspondence(match, body.landmark_names, source.names)
     contacts = contacts or contacts_of(source)
     stands = stands_of(contacts, len(source.times))
     targets = targets_of(body, source, match, contacts.floor or 0.0, np.asarray(stands.all(axis=2)))
     stances = stances_at(targets.feet, targets.place, stands[:, [foot.number for foot in targets.feet]], source.times)
-    return MotionProblem(body, targets, stances, source.times, settings)
+    return MotionProblem(body, targets, stances, source.times, settings, obstacles)
 
 
 def stands_of(contacts: SourceContacts, frames: int) -> np.ndarray:
