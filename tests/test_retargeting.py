@@ -196,6 +196,39 @@ def test_flight_stays_possible() -> None:
     check_laws(body, motion.q, times, 1.0)
 
 
+def test_a_source_beyond_the_limits_is_followed_to_them() -> None:
+    """A forearm that bends backwards by as much as the elbow bends forwards: the elbow is straight, to the last bit."""
+    body, source = body_of(HUMAN), part_of(steps(), 0, 15)
+    shoulder, elbow, wrist = (source.names.index(f"left_{part}") for part in ("shoulder", "elbow", "wrist"))
+    points = source.points.copy()
+    along = points[:, elbow] - points[:, shoulder]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    way = points[:, wrist] - points[:, elbow]
+    points[:, wrist] = points[:, elbow] + 2.0 * (way * along).sum(axis=1, keepdims=True) * along - way
+    motion = retarget_motion(body, replace(source, points=points), settings=RetargetSettings(rest=10.0))
+    check_laws(body, motion.q, motion.times, 1.0)
+    at = [body.q_names.index(f"left_shoulder_{part}") for part in ("elevation", "flexion", "rotation")]
+    at.append(body.q_names.index("left_elbow_flexion"))
+    assert ((motion.q[:, at] == body.lower[at]) | (motion.q[:, at] == body.upper[at])).any(axis=1).mean() > 0.5
+
+
+def test_parts_keep_clear_of_each_other() -> None:
+    """A hand that goes through the trunk stays outside, which it does not where parts may go through each other."""
+    body, source = body_of(HUMAN), part_of(steps(), 0, 15)
+    points = source.points.copy()
+    middle = np.mean(
+        [source.landmark(f"{s}_{part}") for s in ("left", "right") for part in ("hip", "shoulder")], axis=0
+    )
+    points[:, source.names.index("left_elbow")] = middle + 0.3 * (source.landmark("left_hip") - middle) + 0.1 * UP
+    points[:, source.names.index("left_wrist")] = middle
+    crossing, parts = replace(source, points=points), parts_of(body, 0.0)
+    loose = retarget_motion(body, crossing, settings=RetargetSettings(collisions=False))
+    assert max(parts.penetration(body.at(pose)) for pose in loose.q) > 10.0 * MM
+    motion = retarget_motion(body, crossing)
+    check_laws(body, motion.q, motion.times, 1.0)
+    assert motion.overlap.max() <= MM
+
+
 def test_a_start_outside_the_limits_recovers() -> None:
     body = body_of(HUMAN)
     outside = body.neutral.copy()
