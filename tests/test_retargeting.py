@@ -247,9 +247,10 @@ def test_any_start_leads_to_the_same_motion() -> None:
         assert np.abs(moved[:, :3]).max() < 0.01
 
 
-def test_equal_seeds_give_equal_bits() -> None:
+def test_equal_seeds_give_equal_motions() -> None:
+    """But for the last digits, which ProxQP's depend on where its memory lies."""
     made = [retarget_motion(body_of(HUMAN), part_of(steps(), 0, 12), seed=7) for _ in range(2)]
-    assert made[0].q.tobytes() == made[1].q.tobytes()
+    assert np.abs(made[0].q - made[1].q).max() < 1e-6
 
 
 # --- a motion that comes in ---

@@ -17,6 +17,7 @@ is on the wrong side of it."""
 
 
 _TOUCH = 1e-4  # m
+_TRUST = 0.4  # rad or m: of a step; what stands may be far from where the body is, and rows are linear
 
 
 class FollowedFrames(NamedTuple):
@@ -64,7 +65,8 @@ def follow_frame(
         gradient = model.gradient + precision * body.difference(expected, q)
         hessian = model.hessian
         hessian[np.diag_indices(body.nv)] += precision
-        step, met = solver.solve(hessian, gradient, problem.reach(q, before, dt), *rows)
+        box = np.clip(problem.reach(q, before, dt), -_TRUST, _TRUST)
+        step, met = solver.solve(hessian, gradient, box, *rows)
         pressed = bool((rows.above @ step < rows.least + _TOUCH).any())
         q = body.integrate(q, step)
     return q, met, pressed

@@ -8,6 +8,7 @@ from estimator.retargeting.problem import MotionProblem
 from estimator.retargeting.step import DenseStep
 
 _SWEEPS = 40
+_TRUST = 0.4  # rad or m
 _HELD = 30.0  # rad/s^2 or m/s^2: standard deviation of what a frame moves away from where it is, as an acceleration
 
 
@@ -33,6 +34,6 @@ def _mended(problem: MotionProblem, solver: DenseStep, q: np.ndarray, t: int) ->
     hessian = model.hessian
     hessian[np.diag_indices(body.nv)] += 1.0 / (_HELD * problem.stiff / problem.stiff.max() * dt**2) ** 2
     box = problem.box(q[t], t, q[t - 1] if t > 0 else None, q[t + 1] if t + 1 < len(q) else None)
-    step, _ = solver.solve(hessian, model.gradient, box, *problem.rows(t, model))
+    step, _ = solver.solve(hessian, model.gradient, np.clip(box, -_TRUST, _TRUST), *problem.rows(t, model))
     moved = body.integrate(q[t], step)
     return moved, not problem.keeps(t, moved)

@@ -9,17 +9,16 @@ ACCURACY = 1e-6
 STANDING = 1e7  # energy by m^2 of a foot that cannot be where it stands
 SHORT = 1e8  # energy by m^2 of parts that cannot be as far from each other, or the floor, as they have to
 _ITERATIONS, _INNER = 60, 60
-_ROUND = 6  # numbers of rows are rounded up to a multiple, so that solvers are used again
 _FAR = 1e20
 
 
 class DenseStep:
-    """min 1/2 dx'H dx + g'dx within bounds, with rows; one persistent solver for each number of rows."""
+    """min 1/2 dx'H dx + g'dx within bounds, with rows. Equal problems have solutions that are equal to some 1e-9: the
+    solver's last digits depend on where its memory lies."""
 
     def __init__(self, n: int) -> None:
         self._n = n
         self._with_slack: DenseStep | None = None
-        self._solvers: dict[tuple[int, int], proxqp.dense.QP] = {}
 
     def solve(
         self,
@@ -71,23 +70,18 @@ class DenseStep:
         least: np.ndarray,
     ) -> np.ndarray | None:
         n = self._n
-        sizes = (len(to), -(-len(least) // _ROUND) * _ROUND)
+        sizes = len(to), len(least)
         A, b = (equal, to) if len(to) else (None, None)
         C = lowest = highest = None
         if sizes[1]:
-            C, lowest, highest = np.zeros((sizes[1], n)), np.full(sizes[1], -_FAR), np.full(sizes[1], _FAR)
-            C[: len(least)], lowest[: len(least)] = above, least
+            C, lowest, highest = above, least, np.full(len(least), _FAR)
         low, high = np.maximum(box[0], -_FAR), np.minimum(box[1], _FAR)
-        solver = self._solvers.get(sizes)
-        if solver is None:
-            solver = self._solvers[sizes] = proxqp.dense.QP(n, sizes[0], sizes[1], True)
-            settings = solver.settings
-            settings.eps_abs, settings.eps_rel = ACCURACY, 0.0
-            settings.max_iter, settings.max_iter_in = _ITERATIONS, _INNER
-            settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
-            solver.init(hessian, gradient, A, b, C, lowest, highest, low, high)
-        else:
-            solver.update(hessian, gradient, A, b, C, lowest, highest, low, high)
+        solver = proxqp.dense.QP(n, sizes[0], sizes[1], True)  # a new one: an old one's answers depend on its past
+        settings = solver.settings
+        settings.eps_abs, settings.eps_rel = ACCURACY, 0.0
+        settings.max_iter, settings.max_iter_in = _ITERATIONS, _INNER
+        settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+        solver.init(hessian, gradient, A, b, C, lowest, highest, low, high)
         solver.solve()
         x = solver.results.x
         if not np.isfinite(x).all() or solver.results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:

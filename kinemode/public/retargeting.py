@@ -65,8 +65,8 @@ def retarget(
     fps, up, unit: frame rate, axis that points up and unit of length of a file that does not say them.
     modes: how many of a run's other hypotheses in each frame are carried through, the heaviest; each is searched from
         the motion, frame by frame.
-    seed: of the random ones among the configurations that the first frame is searched from; equal seeds give equal
-        motions.
+    seed: of the random ones among the configurations that the first frame is searched from; equal seeds give
+        motions that are equal to a millionth of a radian, as the solver's last digits depend on the memory.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left. overwrite: replace it.
     progress: a reporter such as `kinemode.reported`.
 
