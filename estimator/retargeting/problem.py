@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +46,11 @@ class RetargetSettings(CheckedSettings):
     iterations: int = setting(2, at_least=1)
     window: int = setting(10, at_least=4)
     rounds: int = setting(2, at_least=0)
+
+    @property
+    def frame_by_frame(self) -> RetargetSettings:
+        """The same without windows, a step a frame."""
+        return replace(self, iterations=1, rounds=0)
 
 
 class FrameModel(NamedTuple):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimator.runs.run_file import Run
     from kinemode.public.tracking import SubjectLike
 
-METHODS = ("windows", "frames")
+METHODS = _, FRAMES = ("windows", "frames")
 """All frames in windows, after they were followed; or followed alone, each from the one before."""
 
 
@@ -59,8 +59,8 @@ def retarget(
         `match_start` begins one.
     contacts: a csv of when points of the source's feet stand, as `kinemode.contact` writes one; told from how fast and
         how high they are unless given.
-    method: "windows", or "frames" for each frame from the one before alone, which is some five times as fast and
-        shakes more.
+    method: "windows", or "frames" for each frame from the one before alone, which is some four times as fast
+        and shakes more.
     velocity: share of the URDF's velocity limits that may be used. clearance [m]: that parts keep from each other.
     fps, up, unit: frame rate, axis that points up and unit of length of a file that does not say them.
     modes: how many of a run's other hypotheses in each frame are carried through, the heaviest; each is searched from
@@ -94,8 +94,8 @@ def retarget(
     from kinemode.retargeting import MotionWanted, retarget_to
 
     settings = RetargetSettings(velocity=float(velocity), clearance=float(clearance))
-    if method == "frames":
-        settings = RetargetSettings(velocity=float(velocity), clearance=float(clearance), rounds=0)
+    if method == FRAMES:
+        settings = settings.frame_by_frame
     wanted = MotionWanted(
         fps, up, unit, match, contacts, settings, whole("modes", modes, 0), whole("seed", seed, 0), out, overwrite
     )
