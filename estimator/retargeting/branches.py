@@ -22,6 +22,7 @@ _UNMET = 1e4  # energy of a frame that does not keep to what it has to
 _PACE = 3.0  # rad/s or m/s: standard deviation of what a body moves by from frame to frame
 _STUCK = 3.0  # energy above that of the body whose parts do not count, from which a frame may be stuck
 _PUSHES = 8
+_APART = 1  # number of the branch whose frames were found each by itself: nothing has kept them to the velocities
 
 
 def best_branch(problem: MotionProblem, start: np.ndarray, progress: Progress | None = None) -> FollowedFrames:
@@ -64,8 +65,9 @@ def _chosen(
         for a, first in enumerate(branches):
             for b, second in enumerate(branches):
                 moved = body.difference(first.q[t - 1], second.q[t])
-                quick = bool((np.abs(moved) > problem.speed * dt).any())
-                ways[a, b] = np.inf if quick and not a == b != 1 else 0.5 * float(np.square(moved / (_PACE * dt)).sum())
+                ways[a, b] = 0.5 * float(np.square(moved / (_PACE * dt)).sum())
+                if (a != b or a == _APART) and (np.abs(moved) > problem.speed * dt).any():
+                    ways[a, b] = np.inf
         total = cost[:, None] + ways
         before[t] = total.argmin(axis=0)
         cost = total.min(axis=0) + np.array([e[t] for e in energies])

@@ -18,7 +18,6 @@ from humanoid.support.settings import CheckedSettings, setting
 KEPT = 0.001
 """[m] within which a stance, a clearance or the floor counts as kept to."""
 _UP = np.array([0.0, 0.0, 1.0])
-
 _PUSH = 0.02  # m: overlap that one step is asked to undo
 _ROUNDED = 1.0 - 1e-6  # of a velocity limit
 
