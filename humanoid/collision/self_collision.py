@@ -69,7 +69,7 @@ class SelfCollision:
     contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
 
     One object serves one thread: it reuses buffers and coal's queries. Answers own their arrays and depend on nothing
-    asked before.
+    asked before, but for distances of hulls, by less than 1e-8 m.
 
     Parameters
     ----------
