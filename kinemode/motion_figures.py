@@ -8,13 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.retargeting.metrics import BELOW, OVERLAP, RetargetMetrics, metrics_of
+from estimator.retargeting.metrics import BELOW, OVERLAP, RetargetMeter, RetargetMetrics
 from estimator.retargeting.run_of import source_of
 from estimator.runs.run_file import Run
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-
-_SHARES = ("over_limits", "too_fast", "colliding", "below_floor", "penetrating", "skating", "near")
 
 
 class MotionFigures(NamedTuple):
@@ -50,8 +48,8 @@ def motion_figures(run: Run) -> MotionFigures:
         raise InputError(run.file, "was tracked, not made from another motion", remedy="kinemode retarget makes one")
     source, contacts = source_of(run)
     floor = 0.0 if run.header.floor is not None else None
-    metrics = metrics_of(
-        run.body, run.q, run.time, source=source, contacts=contacts if floor is not None else None, floor=floor,
+    metrics = RetargetMeter(run.body).metrics(
+        run.q, run.time, source=source, contacts=contacts if floor is not None else None, floor=floor,
         scale=1.0,
     )  # fmt: skip
     return MotionFigures(metrics, float(np.mean(run.status == "hard")))

@@ -57,10 +57,7 @@ def retarget_to(
     temporary = TemporaryFolder() if wanted.out is None else None
     path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, wanted.out))
     RunTarget(path, overwrite=wanted.overwrite).check()
-    motion = source
-    if not isinstance(motion, SourceMotion):
-        motion = load_source(motion, fps=wanted.fps, up=wanted.up, unit=wanted.unit)
-    motion = filled(motion, GAP)
+    motion = filled(load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit), GAP)
     match = None if wanted.match is None else load_match(wanted.match)
     standing = None if wanted.contacts is None else load_standing(wanted.contacts, motion)
     others = hypotheses_of(source, wanted.modes) if wanted.modes else None

@@ -44,6 +44,12 @@ def check_absent(paths: list[Path], resume: bool, overwrite: bool, remedy: str) 
         raise InputError(present, "exists already", remedy=remedy)
 
 
+def check_new(path: Path) -> None:
+    """Raise InputError where a file cannot be put, or is there: it is never replaced."""
+    check_folder(path)
+    check_absent([path], False, False, "nothing is overwritten: name another file, or move this one away")
+
+
 def check_folder(path: Path) -> None:
     """Raise InputError where a file cannot be put: its folder is missing, or it is a folder itself."""
     if path.is_dir():

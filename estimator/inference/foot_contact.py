@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.data.floor import KnownFloor
 from estimator.inference.ground import Ground, fitted_ground
+from estimator.numerics.stretches import stretches
 
 _SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands, rolling over it included, and moves
 _LOW, _RAISED = 0.03, 0.15  # m: of the height above the floor, of what stands and what moves
@@ -75,11 +76,7 @@ def standing_probability(points: np.ndarray, time: np.ndarray, height: np.ndarra
 def stances_of(standing: np.ndarray) -> list[tuple[int, int, int]]:
     """Stretches in which points stand rather than move, by probabilities (T, P): the point, the first frame and the one
     after the last, point by point."""
-    stretches = []
-    for k, stands in enumerate(standing.T > 0.5):
-        edges = np.flatnonzero(np.diff(np.r_[False, stands, False])).reshape(-1, 2)
-        stretches += [(k, int(first), int(after)) for first, after in edges]
-    return stretches
+    return [(k, *stretch) for k, stands in enumerate(standing.T > 0.5) for stretch in stretches(stands)]
 
 
 def _speeds(points: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -16,7 +16,6 @@ from estimator.data.sequence import Progress
 from estimator.retargeting.following import FollowedFrames, follow
 from estimator.retargeting.problem import MotionProblem
 from estimator.retargeting.start import searched
-from estimator.retargeting.step import DenseStep
 
 _UNMET = 1e4  # energy of a frame that does not keep to what it has to
 _PACE = 3.0  # rad/s or m/s: standard deviation of what a body moves by from frame to frame
@@ -47,9 +46,9 @@ def _energies(problem: MotionProblem, branch: FollowedFrames) -> np.ndarray:
 
 def _pushed(problem: MotionProblem, free: FollowedFrames, where: np.ndarray) -> FollowedFrames:
     """Configurations of a body whose parts went through each other, pushed apart in the frames `where` (T,)."""
-    solver, q, met = DenseStep(problem.body.nv), free.q.copy(), free.met.copy()
+    q, met = free.q.copy(), free.met.copy()
     for t in np.flatnonzero(where | ~met):
-        q[t], met[t] = searched(problem, solver, q[t], frame=int(t), steps=_PUSHES)
+        q[t], met[t] = searched(problem, q[t], frame=int(t), steps=_PUSHES)
     return FollowedFrames(q, met, free.pressed)
 
 

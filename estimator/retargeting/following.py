@@ -9,15 +9,12 @@ import numpy as np
 
 from estimator.data.sequence import Progress
 from estimator.retargeting.problem import MotionProblem
-from estimator.retargeting.step import DenseStep
+from estimator.retargeting.step import TRUST, constrained_step
 
 _LOOSE = 15.0
 """By how much larger accelerations may be than in windows: what follows with inertia lags behind a quick limb, until it
 is on the wrong side of it."""
-
-
 _TOUCH = 1e-4  # m
-_TRUST = 0.4  # rad or m: of a step; what stands may be far from where the body is, and rows are linear
 
 
 class FollowedFrames(NamedTuple):
@@ -34,7 +31,6 @@ def follow(
 ) -> FollowedFrames:
     """Frame after frame from start (nq,), the configuration of the first; or of the last, backwards."""
     body = problem.body
-    solver = DenseStep(body.nv)
     q = np.empty((problem.frames, body.nq))
     met, pressed = np.ones(problem.frames, dtype=bool), np.zeros(problem.frames, dtype=bool)
     frames = range(problem.frames)[:: -1 if backwards else 1]
@@ -42,7 +38,7 @@ def follow(
     moved, last = np.zeros(body.nv), np.inf
     for before, t in pairwise(frames):
         dt = float(problem.dt[min(before, t)])
-        q[t], met[t], pressed[t] = follow_frame(problem, solver, t, q[before], moved * (dt / last), dt)
+        q[t], met[t], pressed[t] = follow_frame(problem, t, q[before], moved * (dt / last), dt)
         moved, last = body.difference(q[before], q[t]), dt
         if progress is not None:
             progress(abs(t - frames[0]) + 1, problem.frames)
@@ -50,7 +46,7 @@ def follow(
 
 
 def follow_frame(
-    problem: MotionProblem, solver: DenseStep, t: int, before: np.ndarray, ahead: np.ndarray, dt: float
+    problem: MotionProblem, t: int, before: np.ndarray, ahead: np.ndarray, dt: float
 ) -> tuple[np.ndarray, bool, bool]:
     """Frame t from the configuration of a frame next to it (nq,), dt [s] away, that would move by ahead (nv,) if
     nothing happened; whether what it has to keep to was met, and pressed against it."""
@@ -65,8 +61,8 @@ def follow_frame(
         gradient = model.gradient + precision * body.difference(expected, q)
         hessian = model.hessian
         hessian[np.diag_indices(body.nv)] += precision
-        box = np.clip(problem.reach(q, before, dt), -_TRUST, _TRUST)
-        step, met = solver.solve(hessian, gradient, box, *rows)
+        box = np.clip(problem.reach(q, before, dt), -TRUST, TRUST)
+        step, met = constrained_step(hessian, gradient, box, rows)
         pressed = bool((rows.above @ step < rows.least + _TOUCH).any())
         q = body.integrate(q, step)
     return q, met, pressed

@@ -10,7 +10,6 @@ from estimator.retargeting.correspondence import Correspondence
 from estimator.retargeting.problem import MotionProblem
 from estimator.retargeting.source import SourceMotion
 from estimator.retargeting.start import searched
-from estimator.retargeting.step import DenseStep
 from estimator.retargeting.targets import Targets, targets_of
 
 _STEPS = 8
@@ -45,7 +44,7 @@ def carried_hypotheses(
 ) -> CarriedHypotheses:
     """Each hypothesis of each frame on the body, searched from the motion q (T, nq) within limits and clear of parts
     and floor; feet that stand stay where they stand in the motion."""
-    solver, count = DenseStep(problem.body.nv), others.points.shape[1]
+    count = others.points.shape[1]
     carried, energy = np.full((len(q), count, problem.body.nq), np.nan), np.full((len(q), count), np.nan)
     scaled = replace(match, scale=problem.targets.scale)
     for k in range(count):
@@ -53,7 +52,7 @@ def carried_hypotheses(
         targets = targets_of(problem.body, own, scaled, floor)
         case = problem.with_targets(targets, _feet(problem, targets))
         for t in np.flatnonzero((targets.weight > 0.0).any(axis=1)):
-            carried[t, k], _ = searched(case, solver, q[t], frame=int(t), steps=_STEPS)
+            carried[t, k], _ = searched(case, q[t], frame=int(t), steps=_STEPS)
             energy[t, k] = case.model(int(t), carried[t, k]).value
     return CarriedHypotheses(carried, energy, others.weight)
 

@@ -100,11 +100,12 @@ class RetargetMeter:
         of the legs' lengths unless given.
         """
         body = self.body
-        landmarks = np.array([body.landmarks(body.at(pose)) for pose in q]).reshape(len(q), -1, 3)
+        placed = body.placed(q)
+        landmarks = body.landmarks_of(placed)
         over, ratio, overlap = _over_limits(body, q), _speed_ratios(body, q, times), self._overlaps(q)
         depth = np.full(len(q), np.nan)
         if floor is not None:
-            depth = np.maximum(0.0, floor - self._ground.lowest(body.placed(q)))
+            depth = np.maximum(0.0, floor - self._ground.lowest(placed))
         contact = _contact(body, landmarks, times, contacts, floor)
         slips = slips_of(contact.points, contact.standing)
         footing = footing_by_depth(depth, contact)
@@ -128,20 +129,6 @@ class RetargetMeter:
             for first, after in pairwise(starts.tolist()):
                 deepest.append(max(0.0, -float(distances[first:after].min(initial=0.0))))
         return np.array(deepest)
-
-
-def metrics_of(
-    body: Body,
-    q: np.ndarray,
-    times: np.ndarray,
-    *,
-    source: SourceMotion | None = None,
-    contacts: SourceContacts | None = None,
-    floor: float | None = 0.0,
-    scale: float | None = None,
-) -> RetargetMetrics:
-    """`RetargetMeter.metrics` of one motion."""
-    return RetargetMeter(body).metrics(q, times, source=source, contacts=contacts, floor=floor, scale=scale)
 
 
 def slips_of(points: np.ndarray, standing: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.retargeting.parts import kept_distances, parts_of
 from estimator.retargeting.stances import HEEL, TOE, FootStances
+from estimator.retargeting.step import StepRows
 from estimator.retargeting.targets import Targets
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import ROOT_PLACE_V, SHORTEST_STEP, Body, PosedBody, points_in_world
@@ -62,15 +63,6 @@ class FrameModel(NamedTuple):
     hessian: np.ndarray
     points: np.ndarray
     jacobian: np.ndarray
-
-
-class StepRows(NamedTuple):
-    """What a step dx has to meet: equal dx = to, equal (m, nv) and to (m,), and above dx >= least, (k, nv) and (k,)."""
-
-    equal: np.ndarray
-    to: np.ndarray
-    above: np.ndarray
-    least: np.ndarray
 
 
 class Obstacles:

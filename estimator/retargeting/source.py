@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from estimator.numerics.stretches import stretches
 from humanoid.support.errors import InputError, first_of
 
 _LISTED = 4  # stretches in a note
@@ -50,7 +51,7 @@ def filled(source: SourceMotion, longest: float) -> SourceMotion:
         if not known.any():
             never.append(name)
             continue
-        for first, after in _gaps(known):
+        for first, after in stretches(~known):
             if _duration(source.times, first, after) > longest + _TINY:
                 begin, end = source.times[first], source.times[after - 1]
                 long.append(f"{name} from {begin:.2f} to {end:.2f} s")
@@ -66,12 +67,6 @@ def filled(source: SourceMotion, longest: float) -> SourceMotion:
     if never:
         notes.append(f"{source.source}: never known: {first_of(never, 2 * _LISTED)}")
     return replace(source, points=points, notes=tuple(notes))
-
-
-def _gaps(known: np.ndarray) -> list[tuple[int, int]]:
-    """The first frame, and the one after the last, of every stretch in which nothing is known (T,)."""
-    edges = np.flatnonzero(np.diff(np.r_[False, ~known, False])).reshape(-1, 2)
-    return [(int(first), int(after)) for first, after in edges]
 
 
 def _duration(times: np.ndarray, first: int, after: int) -> float:

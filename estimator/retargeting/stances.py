@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.numerics.stretches import stretches
 from estimator.retargeting.feet import Foot, foot_rotation
 
 HEEL, TOE = 0, 1
@@ -30,12 +31,6 @@ def stances_at(feet: tuple[Foot, ...], place: np.ndarray, stands: np.ndarray, ti
         _hold(foot, place[:, f], stands[:, f], times)
     place[..., 2] = np.maximum(place[..., 2], LIFT)
     return FootStances(stands, place)
-
-
-def stretches(holds: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches of frames in which something holds (T,): first, and one after the last."""
-    edges = np.flatnonzero(np.diff(np.r_[False, holds, False])).reshape(-1, 2)
-    return [(int(first), int(after)) for first, after in edges]
 
 
 def _hold(foot: Foot, place: np.ndarray, stands: np.ndarray, times: np.ndarray) -> None:

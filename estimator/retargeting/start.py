@@ -9,10 +9,10 @@ import pinocchio as pin
 
 from estimator.numerics.alignment import similarity_onto
 from estimator.retargeting.problem import MotionProblem
-from estimator.retargeting.step import DenseStep
+from estimator.retargeting.step import TRUST, constrained_step
 from humanoid.kinematics.body import ROOT_Q, points_in_world
 
-_TRIED, _STEPS, _TRUST = 12, 40, 0.4  # rad or m
+_TRIED, _STEPS = 12, 40
 _STILL = 1e-3
 _DAMPING = 1e-3
 _UNMET = 1e6  # energy: what does not keep to its constraints is worse than anything that does
@@ -41,23 +41,20 @@ def start_from(problem: MotionProblem, q: np.ndarray) -> np.ndarray:
 def _best_of(problem: MotionProblem, starts: Sequence[np.ndarray]) -> np.ndarray:
     """Each with its root placed on the targets and searched towards a minimum; that of the least energy, searched to
     the end."""
-    solver = DenseStep(problem.body.nv)
-    ends = [searched(problem, solver, placed_root(problem, q), steps=_TRIED) for q in starts]
+    ends = [searched(problem, placed_root(problem, q), steps=_TRIED) for q in starts]
     energies = [problem.model(0, q).value + (0.0 if met else _UNMET) for q, met in ends]
-    return searched(problem, solver, ends[int(np.argmin(energies))][0])[0]
+    return searched(problem, ends[int(np.argmin(energies))][0])[0]
 
 
-def searched(
-    problem: MotionProblem, solver: DenseStep, q: np.ndarray, *, frame: int = 0, steps: int = _STEPS
-) -> tuple[np.ndarray, bool]:
+def searched(problem: MotionProblem, q: np.ndarray, *, frame: int = 0, steps: int = _STEPS) -> tuple[np.ndarray, bool]:
     """A minimum of a frame by itself from q (nq,), clamped into the limits first, and whether it keeps to its rows."""
     body, met = problem.body, False
     q = body.clamp(q)
     for _ in range(steps):
         model = problem.model(frame, q)
         hessian = model.hessian + _DAMPING * np.diag(np.diag(model.hessian))
-        box = np.clip(problem.box(q, frame, None, None), -_TRUST, _TRUST)
-        step, met = solver.solve(hessian, model.gradient, box, *problem.rows(frame, model))
+        box = np.clip(problem.box(q, frame, None, None), -TRUST, TRUST)
+        step, met = constrained_step(hessian, model.gradient, box, problem.rows(frame, model))
         q = body.integrate(q, step)
         if np.abs(step).max() < _STILL:
             break

@@ -15,7 +15,6 @@ from estimator.retargeting.problem import MotionProblem, Obstacles, RetargetSett
 from estimator.retargeting.source import SourceMotion, filled
 from estimator.retargeting.stances import LIFT, FootStances, stances_at
 from estimator.retargeting.start import best_start
-from estimator.retargeting.step import DenseStep
 from estimator.retargeting.targets import Targets, targets_of
 from humanoid.kinematics.body import SHORTEST_STEP, Body, points_in_world
 from humanoid.support.errors import InputError
@@ -52,7 +51,6 @@ class MotionStream:
         self.body, self._names, self._match, self._settings = body, names, match, settings
         self._look_ahead, self._floor, self._seed = look_ahead, floor, seed
         self._obstacles: Obstacles | None = None
-        self._solver = DenseStep(body.nv)
         self._times: list[float] = []
         self._points: list[np.ndarray] = []
         self._next = 0  # number of the frame in the buffer that is given out next
@@ -83,7 +81,7 @@ class MotionStream:
         else:
             earlier, before, moved = self._before
             dt = max(time - earlier, SHORTEST_STEP)
-            q, _, _ = follow_frame(problem, self._solver, t, before, moved * dt, dt)
+            q, _, _ = follow_frame(problem, t, before, moved * dt, dt)
             moved = self.body.difference(before, q) / dt
         self._before = time, q, np.zeros(self.body.nv) if moved is None else moved
         self._stood = problem.stances.stands[t] if len(problem.targets.feet) else self._stood

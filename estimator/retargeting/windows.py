@@ -8,9 +8,10 @@ import numpy as np
 from proxsuite import proxqp
 from scipy import sparse
 
+from estimator.energy.descent.proxqp import UNBOUNDED
 from estimator.retargeting.following import FollowedFrames
-from estimator.retargeting.problem import FrameModel, MotionProblem, StepRows
-from estimator.retargeting.step import STANDING
+from estimator.retargeting.problem import FrameModel, MotionProblem
+from estimator.retargeting.step import STANDING, StepRows
 
 _ACCURACY = 1e-5
 _ITERATIONS, _INNER = 40, 40
@@ -18,7 +19,6 @@ _MISSED = 2e-5  # rad: by which the solver may miss a velocity's bound
 _ASKED = 4
 _NEAR_LIMIT = 0.5  # share of a velocity limit from which it gets a row
 _TRUST = 0.5  # rad or m
-_FAR = 1e20
 _STILL = 0.03  # rad or m: what a step moves by less has come to rest; what is left of the rows is its square
 _TIED = 2  # frames around a window that its accelerations reach
 
@@ -117,7 +117,7 @@ def _within_velocities(programme: _Programme, velocities: _Velocities) -> np.nda
         quick, low, high = velocities.rows
         C = sparse.vstack([sparse.identity(size), programme.above, quick], format="csc")
         lower = np.concatenate([np.maximum(box[0], -_TRUST), programme.least, low])
-        upper = np.concatenate([np.minimum(box[1], _TRUST), np.full(len(programme.least), _FAR), high])
+        upper = np.concatenate([np.minimum(box[1], _TRUST), np.full(len(programme.least), UNBOUNDED), high])
         x = _asked(programme.hessian, programme.gradient, programme.equal, programme.to, C, lower, upper)
         if x is None:
             return None

@@ -9,7 +9,7 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments
-from kinemode.target import check_absent, check_folder
+from kinemode.target import check_new
 
 if TYPE_CHECKING:
     from kinemode.public.tracking import SubjectLike
@@ -36,8 +36,7 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     if isinstance(subject, (str, Path)) and Path(subject).suffix:  # no name: before what loads URDFs is imported
         check_exists(subject)
     if out is not None:
-        check_folder(Path(out))
-        check_absent([Path(out)], False, False, "nothing is overwritten: name another file, or move this one away")
+        check_new(Path(out))
     from humanoid.shape import landmark_start as beginning
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.atomic import replacing

@@ -7,7 +7,7 @@ from pathlib import Path
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as
-from kinemode.target import check_absent, check_folder
+from kinemode.target import check_new
 
 
 def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLike | None = None) -> str:
@@ -30,8 +30,7 @@ def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLi
     check_arguments(out=out)
     check_exists(points)
     if out is not None:
-        check_folder(Path(out))
-        check_absent([Path(out)], False, False, "nothing is overwritten: name another file, or move this one away")
+        check_new(Path(out))
     from estimator.data.markers.load import point_names
     from humanoid.subject.marker_start import marker_start as beginning
     from humanoid.subject.subject import load_subject

@@ -9,6 +9,8 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
+from kinemode.public.tracking import loaded_subject
+from kinemode.target import check_new
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
@@ -66,7 +68,7 @@ def retarget(
     modes: how many of a run's other hypotheses in each frame are carried through, the heaviest; each is searched from
         the motion, frame by frame.
     seed: of the random ones among the configurations that the first frame is searched from; equal seeds give
-        motions that are equal to a millionth of a radian, as the solver's last digits depend on the memory.
+        motions that are equal to some 1e-4 rad, as the solver's last digits depend on the memory.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left. overwrite: replace it.
     progress: a reporter such as `kinemode.reported`.
 
@@ -90,7 +92,6 @@ def retarget(
         if isinstance(path, (str, Path)):
             check_exists(path)
     from estimator.retargeting.problem import RetargetSettings
-    from humanoid.subject.subject import Subject, load_subject
     from kinemode.retargeting import MotionWanted, retarget_to
 
     settings = RetargetSettings(velocity=float(velocity), clearance=float(clearance))
@@ -99,8 +100,7 @@ def retarget(
     wanted = MotionWanted(
         fps, up, unit, match, contacts, settings, whole("modes", modes, 0), whole("seed", seed, 0), out, overwrite
     )
-    loaded = subject if isinstance(subject, Subject) else load_subject(subject)
-    return retarget_to(loaded, source, wanted, progress or unreported)
+    return retarget_to(loaded_subject(subject), source, wanted, progress or unreported)
 
 
 def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
@@ -116,14 +116,11 @@ def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     InputError: no such subject; a file that is there already or cannot be written.
     """
     check_arguments(subject=subject, out=out)
-    from humanoid.subject.subject import Subject, load_subject
     from kinemode.retargeting import begun_match
-    from kinemode.target import check_absent, check_folder
 
     if out is not None:
-        check_folder(Path(out))
-        check_absent([Path(out)], False, False, "nothing is overwritten: name another file, or move this one away")
-    return begun_match(subject if isinstance(subject, Subject) else load_subject(subject), out)
+        check_new(Path(out))
+    return begun_match(loaded_subject(subject), out)
 
 
 class Retargeter:
@@ -179,9 +176,8 @@ class Retargeter:
         from estimator.retargeting.problem import RetargetSettings
         from estimator.retargeting.streaming import MotionStream
         from humanoid.kinematics.body import Body
-        from humanoid.subject.subject import Subject, load_subject
 
-        self.subject = subject if isinstance(subject, Subject) else load_subject(subject)
+        self.subject = loaded_subject(subject)
         body, own = Body(self.subject), tuple(str(name) for name in names)
         chosen = common_correspondence(body.landmark_names, own) if match is None else load_match(match)
         check_correspondence(chosen, body.landmark_names, own)
