@@ -55,6 +55,16 @@ def upright_note(run: Run) -> str:
     )
 
 
+def balance_note(run: Run, rows: Sequence[int]) -> str:
+    """Warning about frames (see `out_of_balance`) in which the person would fall over."""
+    first, last = run.time[rows[0]], run.time[rows[-1]]
+    return (
+        f"in {len(rows)} frames from {first:.1f} to {last:.1f} s both feet stand but the centre of mass is far from"
+        " over them: the person may lean on something or be held, else the trunk's depth or up is wrong: check"
+        " that the camera is level, or give --up with a camera file"
+    )
+
+
 def floor_note(run: Run) -> str:
     """What is to be said of a floor that is not where the person is, empty where nothing."""
     known = run.header.floor

@@ -15,8 +15,10 @@ from threadpoolctl import threadpool_limits
 
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
+from estimator.energy.balance import Balance
 from estimator.numerics.pool import checked_count
 from estimator.runs.diagnosis import contradicted
+from estimator.runs.out_of_balance import out_of_balance
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
@@ -34,7 +36,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
 from kinemode.explain import run_settings
-from kinemode.findings import diagnosed, floor_note, upright_note
+from kinemode.findings import balance_note, diagnosed, floor_note, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
@@ -335,11 +337,14 @@ def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple
     leapt = leap_note(leaps(run.body, run.streamed()))
     own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
+    falling = out_of_balance(run, cost.terms[Balance.name])
+    own += [balance_note(run, falling)] if falling else []
     against: Sequence[int] = ()
     if diagnosis.contradicts_input:
         because = cause()
         own = [because, *own] if because else own
         against = range(len(run)) if because else contradicted(run, cost)
+    against = sorted({*against, *falling})
     return (*note_on_beginning(run.header.tracker, run.paths()), *own, *diagnosis.sentences), tuple(against)
 
 

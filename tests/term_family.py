@@ -11,6 +11,7 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import LiftedPose, Observation
 from estimator.energy.above_floor import AboveFloor
+from estimator.energy.balance import Balance, MassSpread
 from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.level_feet import LevelFeet, Soles
@@ -22,6 +23,7 @@ from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
+from estimator.energy.trunk_side import TrunkSide
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
@@ -30,6 +32,7 @@ from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import limb_placements, limbs_on_joints
+from humanoid.shape.segment_masses import mass_points
 
 CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
 MIXED = (CAMERAS[0], parallel_camera("flat", (640, 480), 180.0, np.array([0.0, 0.0, 0.1]), azimuth=1.9))
@@ -179,6 +182,33 @@ def level_feet(rng: np.random.Generator) -> Made:
     return body, LevelFeet(body, Soles.of(body), np.array([1.2, 0.3]), world_up(CAMERAS), 0.2), random_pose(body, rng)
 
 
+def balance(feet: int, held: float) -> Callable[[np.random.Generator], Made]:
+    """Over heel and toes of one foot or of both, up not along an axis."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of("human34")
+        ends = [f"{side}_{part}" for side in ("left", "right")[:feet] for part in ("heel", "big_toe")]
+        support = np.array([body.landmark_names.index(name) for name in ends])
+        masses, up = mass_points(body), np.array([0.1, -0.05, 1.0])
+        assert masses is not None
+        stance = MassSpread(0.6, 0.05, 8.0, held, feet)
+        return (
+            body,
+            Balance(body, support, masses[:3], up / np.linalg.norm(up), stance, 1.3),
+            random_pose(body, rng, share=0.4, turn=0.3),
+        )
+
+    return make
+
+
+def trunk_side(rng: np.random.Generator) -> Made:
+    """Shoulders that do not lead far enough beyond the hips."""
+    body = body_of("human34")
+    ends, about = ([body.landmark_names.index(f"{s}_{j}") for s in ("left", "right")] for j in ("shoulder", "hip"))
+    ray = rng.normal(size=3)
+    return body, TrunkSide(body, ends, about, ray / np.linalg.norm(ray), 0.9, 0.05), random_pose(body, rng)
+
+
 def lifted(name: str, camera: Camera) -> Callable[[np.random.Generator], Made]:
     """What a network has lifted is of another pose, and of a keypoint that is missing nothing is known."""
 
@@ -216,6 +246,9 @@ FAMILY = {
     "transition-arm8": transition("arm8", "leclerc"),
     "interpenetration": interpenetration,
     "level-feet": level_feet,
+    "balance": balance(2, 0.1),
+    "trunk-side": trunk_side,
+    "balance-one-foot": balance(1, 0.6),
     "above-known-floor": above_floor(None),
     "above-floor": above_floor(64.0),
     "pose-prior": pose_prior(0.7),
@@ -233,6 +266,9 @@ CURVATURE: dict[str, float | None] = {
     "interpenetration": 1e-3,  # of the solids' witness points a few digits are sure
     "above-known-floor": None,  # left out: the curvature of the distance
     "above-floor": None,
+    "balance": None,  # left out: the curvature of the kinematics, and of the feet's spread
+    "balance-one-foot": None,
+    "trunk-side": None,  # left out: the curvature of the kinematics
     **{f"transition-{p}": 0.3 for p in POTENTIALS},  # left out: the curvature of the difference of two orientations
 }
 """How well the exact Hessian is known, where it is not as well as by default; see `kinemode.testing.check_term`."""

@@ -15,8 +15,8 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD, read_mot, write_mot
 from estimator.data.formats.osim import body_xyz, component_name, write_osim
 from estimator.runs.coordinates import opensim_coordinates
 from estimator.runs.opensim_model import opensim_model
-from estimator.runs.segment_masses import ADULT, LEAST, flesh_of
 from humanoid.kinematics.body import Body
+from humanoid.shape.segment_masses import ADULT, LEAST, flesh_of
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 

@@ -158,7 +158,7 @@ def test_a_joint_that_it_leaves_out_keeps_its_stabiliser() -> None:
     bent, values = BODY.neutral.copy(), []
     bent[place] += 0.2
     for share in (0.0, 0.25, 1.0):
-        terms = terms_of(TermContext(BODY, CostSettings(pose_prior_weight=share)), by_cameras=False)
+        terms = terms_of(TermContext(BODY, CostSettings(pose_prior_weight=share)))
         values.append(sum(term.value(BODY.at(bent)) - term.value(BODY.at(BODY.neutral)) for term in terms))
     assert values[0] > 0.5
     assert values == pytest.approx([values[0]] * 3)
@@ -175,7 +175,7 @@ def test_a_file_for_a_body_without_the_joints_is_refused() -> None:
 
 
 def kinds(body: Body, tracker: str = "css") -> list[str]:
-    return [term.name for term in terms_of(TermContext(body, settings_for(tracker).cost), by_cameras=False)]
+    return [term.name for term in terms_of(TermContext(body, settings_for(tracker).cost))]
 
 
 def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
@@ -183,7 +183,7 @@ def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
     assert kinds(body_of("upper13")) == kinds(body_of("arm8")) == ["stabilisers"]
     q = body_of("upper13").neutral + 0.1
     posed, gradient, hessian = body_of("upper13").at(q), np.zeros(13), np.zeros((13, 13))
-    (alone,) = terms_of(TermContext(body_of("upper13"), CostSettings()), by_cameras=False)
+    (alone,) = terms_of(TermContext(body_of("upper13"), CostSettings()))
     whole = Stabilisers(body_of("upper13"))
     assert alone.accumulate(posed, gradient, hessian) == whole.accumulate(posed, gradient, hessian)
     of_an_upper_body = ("dual-chain", "likelihood-sampling")  # by their papers, which no mixture fits

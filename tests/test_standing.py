@@ -80,9 +80,9 @@ def test_what_is_told_hangs_on_the_last_moments_alone() -> None:
     np.testing.assert_array_equal(with_standing(late, NAMES)[-1].standing, observations[-1].standing)
     points = StandingPoints(NAMES)
     for o in observations[:-1]:
-        points.at(o)
+        points.standing(o)
         points.add(o)
-    np.testing.assert_array_equal(points.at(observations[-1]), observations[-1].standing)
+    np.testing.assert_array_equal(points.standing(observations[-1]), observations[-1].standing)
 
 
 def test_exchanged_sides_exchange_what_stands() -> None:

@@ -46,6 +46,7 @@ class Observation:
         detector's have, 0 for all others; None where all are as detected.
     standing (L,): probability that a landmark has not moved in the last moments (`estimator.data.standing`); None where
         that was not asked.
+    seated: probability that the hips rest on something: they are low and have not moved for a while, see there.
     lifted: the pose in space that the keypoint file has beside the keypoints of the only camera; None without.
     markers (M, 3): where the body's markers were measured, in the world [m], NaN where missing; None where none are
         given.
@@ -62,6 +63,7 @@ class Observation:
     estimate: PoseEstimate | None = None
     spread: np.ndarray | None = None
     standing: np.ndarray | None = None
+    seated: float = 0.0
     lifted: LiftedPose | None = None
     markers: np.ndarray | None = None
 

@@ -1,4 +1,5 @@
-"""Which points of the feet stand: keypoints that rest in the pictures, as cameras stand still themselves."""
+"""Which points of the feet stand, and whether hips rest on something: keypoints that rest in the pictures, as cameras
+stand still themselves."""
 
 from __future__ import annotations
 
@@ -11,24 +12,32 @@ from scipy.special import expit
 
 from estimator.data.observation import Observation, image_extent
 
-SPAN = 0.15  # s, over which the speed of a keypoint is told
+SPAN = 0.15  # s, over which the speed of a foot's keypoint is measured
+HIP_SPAN = 0.5  # s, for which hips have not moved that rest on something: at the bottom of a squat they turn sooner
 FEWEST = 3  # frames in it
 _FOOT, _ANKLE = ("heel", "toe"), "ankle"
 _BODY = 0.45  # m: root mean square distance of an adult's keypoints from their centre
 _SLIP, _SPEED = 0.05, 1.0  # m/s: standard deviations of the speeds of what stands, as detectors wander, and of the rest
 _LOW, _RAISED = 0.1, 0.5  # m: standard deviations of how high feet are in a picture above the lowest, alike
+_STILL, _WANDERS = (
+    0.01,
+    0.1,
+)  # m: standard deviations of where hips are within `HIP_SPAN`, of what rests and of the rest
+_LOW_HIPS = 0.5  # of the shank in the picture: hips that are less above the knees are low
 _NOISE = 0.5  # px, of a keypoint at least
 _TINY = 1e-9  # s
 
 
 class StandingPoints:
-    """Tells from the keypoints of the last moments which points of the feet stand.
+    """Tells from the keypoints of the last moments which points of the feet stand, and whether the hips may rest.
 
     names (L): of the body's landmarks. Heels and toes are looked at, or the ankle of a foot of which neither is seen. A
     point's speed in a picture is the slope of its last `SPAN` seconds, in sizes of the person; that it stands is
     inferred from two normal densities of the speed, of what stands and of what does not, and two of its height in the
     picture above the lowest of them, with even odds beforehand. Cameras count as independent, and are held upright.
-    What moves towards a camera seems to stand to that one.
+    What moves towards a camera seems to stand to that one. Hips may rest on a seat where they are about as low as the
+    knees in the pictures and have stayed where they are for `HIP_SPAN`, inferred in the same way from how far they
+    wander.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -36,9 +45,14 @@ class StandingPoints:
         ankles = [i for i, name in enumerate(names) if name.endswith(_ANKLE)]
         # the points of the foot that an ankle stands in for
         self._of_ankle = [(i, self._feet & _side(names, names[i][: -len(_ANKLE)])) for i in ankles]
+        self._legs = [[i for i, name in enumerate(names) if name.endswith(part)] for part in ("hip", "knee", _ANKLE)]
         self._before: deque[tuple[float, np.ndarray]] = deque()
 
-    def at(self, observation: Observation) -> np.ndarray:
+    def with_rest(self, observation: Observation) -> Observation:
+        """The same with what rests; `observation` follows those that were added."""
+        return replace(observation, standing=self.standing(observation), seated=self.seated(observation))
+
+    def standing(self, observation: Observation) -> np.ndarray:
         """Probability (L,) that each landmark has not moved in the last moments, 0 of those that are no feet or not
         seen; `observation` follows those that were added."""
         first = observation.time - SPAN - _TINY
@@ -59,10 +73,31 @@ class StandingPoints:
         result[index[seen]] = expit(log_odds[seen])
         return result
 
+    def seated(self, observation: Observation) -> float:
+        """Probability that the hips rest on something, 0 where hips, knees or ankles are not seen, or not for long
+        enough."""
+        first = observation.time - HIP_SPAN - _TINY
+        some = [*((t, x) for t, x in self._before if t >= first), (observation.time, observation.known_pixels)]
+        if some[-1][0] - some[0][0] < 0.8 * HIP_SPAN or not all(self._legs):
+            return 0.0
+        pixels, log_odds = np.stack([x for _, x in some]), []
+        for c in range(pixels.shape[1]):
+            hip, knee, ankle = (pixels[-1, c, part].mean(axis=0) for part in self._legs)
+            if not np.isfinite([hip, knee, ankle]).all():
+                continue
+            if knee[1] - hip[1] > _LOW_HIPS * np.linalg.norm(ankle - knee):
+                return 0.0
+            metres = _BODY / image_extent(pixels[-1, c], np.isfinite(pixels[-1, c]).all(axis=1))
+            hips = pixels[:, c, self._legs[0]].mean(axis=1)
+            wander = metres * float(np.sqrt(np.nanvar(hips, axis=0).sum()))
+            noise = metres * max(_NOISE, observation.jitter[c] if observation.jitter else 0.0)
+            log_odds.append(_log_odds(np.array(wander), np.hypot(noise, _STILL), _WANDERS, 2))
+        return float(expit(np.sum(log_odds))) if log_odds else 0.0
+
     def add(self, observation: Observation) -> None:
         """Go on to the next frame."""
         self._before.append((observation.time, observation.known_pixels))
-        while self._before[0][0] < observation.time - SPAN - _TINY:
+        while self._before[0][0] < observation.time - HIP_SPAN - _TINY:
             self._before.popleft()
 
     def _looked_at(self, pixels: np.ndarray) -> np.ndarray:
@@ -75,12 +110,12 @@ class StandingPoints:
 
 
 def with_standing(observations: Iterable[Observation], names: Sequence[str]) -> list[Observation]:
-    """Observations in order, each with which points stand; names (L): of the body's landmarks."""
-    points, told = StandingPoints(names), []
+    """Observations in order, each with what rests in it; names (L): of the body's landmarks."""
+    points, resting = StandingPoints(names), []
     for observation in observations:
-        told.append(replace(observation, standing=points.at(observation)))
+        resting.append(points.with_rest(observation))
         points.add(observation)
-    return told
+    return resting
 
 
 def _side(names: Sequence[str], prefix: str) -> np.ndarray:

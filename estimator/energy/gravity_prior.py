@@ -13,6 +13,8 @@ from estimator.numerics.robust import POTENTIALS, rho
 from humanoid.kinematics.body import ROOT_JOINT, Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
+_LEVEL = 1e-12  # of a cosine
+
 
 class GravityPrior(BatchTerm):
     """1/2 rho(|u - up|^2 / std^2), u being the root's own up axis in the world.
@@ -71,6 +73,12 @@ def world_up(cameras: Sequence[Camera]) -> np.ndarray:
     k = int(np.argmax(np.abs(upward)))
     axis[k] = 1.0 if upward[k] >= 0.0 else -1.0
     return axis
+
+
+def up_is_assumed(cameras: Sequence[Camera]) -> bool:
+    """Whether the world's up is no more than the picture's of its only camera: a guessed camera, or a file whose world
+    is the camera itself. A calibrated one is never level to the last bit."""
+    return len(cameras) == 1 and float(-cameras[0].R_camera_world[1] @ world_up(cameras)) > 1.0 - _LEVEL
 
 
 @jit

@@ -14,6 +14,7 @@ from estimator.numerics.robust import LORENTZIAN, rho
 from estimator.numerics.vectors import cross, dot
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
+from humanoid.support.per_object import per_object
 
 _NU = 4.0  # squared standard deviations from which a floor is no longer level, or a heel raised
 
@@ -32,6 +33,7 @@ class Soles(NamedTuple):
     rise: np.ndarray
 
     @staticmethod
+    @per_object
     def of(body: Body) -> Soles:
         """Of the feet whose first toe is on the heel's joint; none where nothing says which way the body is upright."""
         upright, names, joint = body.subject.upright, body.landmark_names, body.landmark_joint

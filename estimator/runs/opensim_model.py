@@ -27,8 +27,8 @@ from estimator.data.formats.osim import (
     component_name,
 )
 from estimator.runs.coordinates import JointEntry, joint_entries, opensim_names
-from estimator.runs.segment_masses import Mass, flesh_of, links_of, segment_masses
 from humanoid.kinematics.body import Body
+from humanoid.shape.segment_masses import Mass, flesh_of, links_of, segment_masses
 from humanoid.support.errors import InputError
 
 _APART = 0.1  # sine of the angle between axes that one joint may have together

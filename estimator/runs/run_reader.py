@@ -13,7 +13,7 @@ import numpy as np
 from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
 from estimator.data.observation import LiftedPose, Observation, PoseEstimate
-from estimator.data.standing import SPAN, with_standing
+from estimator.data.standing import HIP_SPAN, with_standing
 from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
@@ -34,6 +34,7 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
+from estimator.search.jumps.readings import trunk_readings
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
 from estimator.trackers.statuses import HARD, TRACKED
@@ -176,7 +177,7 @@ class Run(Summarised):
         """
         i, times = int(i), self.header.times
         looks_back = standing and 0 <= i < len(times)
-        first = int(np.searchsorted(times, times[i] - 2.0 * SPAN)) if looks_back else i
+        first = int(np.searchsorted(times, times[i] - 2.0 * HIP_SPAN)) if looks_back else i
         with run_store.reading(self.file) as connection:
             rows = connection.execute(
                 "SELECT position, data FROM observation WHERE position BETWEEN ? AND ? ORDER BY position", (first, i)
@@ -312,6 +313,25 @@ class Run(Summarised):
     def mode_family(self) -> np.ndarray:
         """(T, K) text: what each hypothesis was searched from, see `Origin`; empty where that is not known."""
         return self._stacked([families(f) for f in self._frames], ORIGIN_FIELDS["family"])
+
+    @cached_property
+    def mode_reading(self) -> np.ndarray:
+        """(T, K) how every hypothesis reads the trunk that the only camera sees: leading "towards" it from the hips, or
+        "away" from it, two poses that look alike, or "across" its rays, where both are one. "" where there is no
+        hypothesis, with several cameras, and for a body without legs and a trunk."""
+        return self._readings(self.mode_q)
+
+    @cached_property
+    def reading(self) -> np.ndarray:
+        """(T,) how `q` reads the trunk, see `mode_reading`."""
+        return self._readings(self.q)
+
+    def _readings(self, q: np.ndarray) -> np.ndarray:
+        """Of configurations (..., nq)."""
+        readings, known = np.full(q.shape[:-1], "", dtype="U7"), np.isfinite(q).all(axis=-1)
+        if len(self.header.cameras) == 1 and known.any():
+            readings[known] = trunk_readings(self.body, q[known], self.header.cameras[0])
+        return readings
 
     @cached_property
     def extra(self) -> Mapping[str, np.ndarray]:

@@ -11,19 +11,15 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
-from estimator.energy.gravity_prior import world_up
-from estimator.energy.level_feet import LevelFeet, Soles
-from estimator.energy.lifted import lifted_directions
-from estimator.energy.marker_targets import marker_targets
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
-from estimator.energy.priors import Transition
+from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.standing import LEAST, StandingTie, standing_targets, standing_ties
+from estimator.energy.standing import StandingTie, standing_targets, standing_ties
 from estimator.energy.term import Cost, Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
-from estimator.search.term_source import TermContext
+from estimator.search.term_source import PER_CAMERAS, PER_FRAME, TermContext
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.collision.hands import stiff_hands
@@ -63,21 +59,21 @@ class CostModel:
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
         self.quickness = quickness_of(body) if self.settings.quickness else np.ones(body.nv)
         self._context = TermContext(body, self.settings, self.self_collision)
-        self._fixed = tuple(terms_of(self._context, by_cameras=False))
+        self._fixed = tuple(terms_of(self._context))
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
-        self._soles = Soles.of(body)
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
+    def rest_energies(self, q: np.ndarray) -> np.ndarray:
+        """What the priors on rest positions make of configurations q (N, nq), (N,)."""
+        rest = [term for term in self._fixed if isinstance(term, (Stabilisers, PosePrior))]
+        return Cost(self.body, rest).values_at(q)
+
     def observation_term(self, observation: Observation) -> Reprojection:
-        """The keypoint term of a frame, and beside it those of the pose that was lifted with them, of the feet that
-        stand and of the markers."""
+        """The keypoint term of a frame, and beside it all others that are made from what is observed."""
         s, sigma = self.settings, self.keypoint_sigma(observation)
-        beside: list[Term] = [
-            *lifted_directions(self.body, observation, s.lifted_weight),
-            *self._level_feet(observation),
-            *marker_targets(self.body, observation, s.markers),
-        ]
+        context = replace(self._context, cameras=observation.cameras, observation=observation)
+        beside = terms_of(context, PER_FRAME)
         return Reprojection(self.body, observation, sigma, s.potential, s.nu, beside)
 
     def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood:
@@ -117,20 +113,9 @@ class CostModel:
     def _by_cameras(self, cameras: tuple[Camera, ...]) -> list[Term]:
         """The terms that depend on the cameras, made once for a clip's."""
         if self._last_by_cameras is None or self._last_by_cameras[0] is not cameras:
-            terms = terms_of(replace(self._context, cameras=cameras), by_cameras=True)
+            terms = terms_of(replace(self._context, cameras=cameras), PER_CAMERAS)
             self._last_by_cameras = cameras, terms
         return self._last_by_cameras[1]
-
-    def _level_feet(self, observation: Observation) -> list[LevelFeet]:
-        """Of the feet of which heel and toes stand."""
-        s, soles, standing = self.settings, self._soles, observation.standing
-        if standing is None or s.standing_weight <= 0.0:
-            return []
-        both = np.minimum(standing[soles.heel], standing[soles.toe])
-        if not np.any(both >= LEAST):
-            return []
-        up = world_up(observation.cameras)
-        return [LevelFeet(self.body, soles, s.standing_weight * both, up, s.standing_tilt)]
 
     def cost(
         self,

@@ -1,16 +1,26 @@
-"""The terms of every frame's energy by kind, but the transition, which belongs to a hypothesis and its past."""
+"""The terms of a frame's energy by kind, but for the keypoints' and for the transition, which belongs to a hypothesis
+and its past."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from estimator.energy.balance import Balance, BalanceSettings, balance_terms
 from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.level_feet import LevelFeet, Soles
+from estimator.energy.lifted import LiftedDirections, lifted_directions
+from estimator.energy.marker_targets import NAME as MARKERS
+from estimator.energy.marker_targets import marker_targets
+from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_mixture import load_mixture, shipped_mixture
 from estimator.energy.pose_prior import PosePrior, misfit
 from estimator.energy.priors import Stabilisers
+from estimator.energy.standing import LEAST
 from estimator.energy.term import Term
-from estimator.search.term_source import TermContext, TermSource
+from estimator.search.term_source import PER_BODY, PER_CAMERAS, PER_FRAME, TermContext, TermSource
 from humanoid.kinematics.body import Body
 from humanoid.support.plugins import Registry
 
@@ -51,12 +61,44 @@ def _upright(context: TermContext, _: None) -> list[Term]:
     return [GravityPrior(body, world_up(context.cameras), weight)]
 
 
+def _lifted(context: TermContext, _: None) -> list[LiftedDirections]:
+    assert context.observation is not None
+    return lifted_directions(context.body, context.observation, context.cost.lifted_weight)
+
+
+def _level_feet(context: TermContext, _: None) -> list[LevelFeet]:
+    """Of the feet of which heel and toes stand."""
+    assert context.observation is not None
+    cost, soles, standing = context.cost, Soles.of(context.body), context.observation.standing
+    if standing is None or cost.standing_weight <= 0.0:
+        return []
+    both = np.minimum(standing[soles.heel], standing[soles.toe])
+    if not np.any(both >= LEAST):
+        return []
+    up = world_up(context.observation.cameras)
+    return [LevelFeet(context.body, soles, cost.standing_weight * both, up, cost.standing_tilt)]
+
+
+def _markers(context: TermContext, _: None) -> list[PointTargets]:
+    assert context.observation is not None
+    return marker_targets(context.body, context.observation, context.cost.markers)
+
+
+def _balance(context: TermContext, settings: BalanceSettings) -> list[Balance]:
+    assert context.observation is not None
+    return balance_terms(context.body, context.observation, settings)
+
+
 TERMS: Registry[TermSource] = Registry(
     "term",
     (
         TermSource("rest priors", _rest_priors),
         TermSource(Interpenetration.name, _interpenetration),
-        TermSource(GravityPrior.name, _upright, by_cameras=True),
+        TermSource(GravityPrior.name, _upright, made=PER_CAMERAS),
+        TermSource(LiftedDirections.name, _lifted, made=PER_FRAME),
+        TermSource(LevelFeet.name, _level_feet, made=PER_FRAME),
+        TermSource(MARKERS, _markers, made=PER_FRAME),
+        TermSource(Balance.name, _balance, BalanceSettings(), made=PER_FRAME),
     ),
 )
 """All kinds by name, in the order in which their energies are summed."""
@@ -68,8 +110,8 @@ def term_settings() -> dict[str, Any]:
     return {source.name: source.settings for source in TERMS.values() if source.settings is not None}
 
 
-def terms_of(context: TermContext, *, by_cameras: bool) -> list[Term]:
-    """The terms of all kinds that depend on the cameras, or of all that do not."""
+def terms_of(context: TermContext, made: str = PER_BODY) -> list[Term]:
+    """The terms of all kinds that are made so often, see `TermSource`."""
     settings = context.cost.terms
-    sources = [source for source in TERMS.values() if source.by_cameras is by_cameras]
+    sources = [source for source in TERMS.values() if source.made == made]
     return [term for source in sources for term in source.make(context, settings.get(source.name))]

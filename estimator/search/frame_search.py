@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
@@ -18,6 +19,7 @@ from estimator.inference.mixture import Mode
 from estimator.inference.origin import Origin, PoseKey, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Association, Candidate, Hypothesis, Refined
+from estimator.search.jumps import only_camera
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.vision.cues.base import PastPose
@@ -33,6 +35,11 @@ class FrameProblem(NamedTuple):
     dt: float = 0.0
     likelihood: ImageLikelihood = ImageLikelihood()
     pulls: Sequence[LimbPull] = ()
+
+    @property
+    def only_camera(self) -> Camera | None:
+        """See `estimator.search.jumps.only_camera`."""
+        return only_camera(self.associations[0].term.observation)
 
 
 class FrameSearch:

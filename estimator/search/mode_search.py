@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import StepCounts
@@ -22,6 +23,14 @@ from estimator.search.examples.person_seen import CUES, PersonEvidence
 from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.hypothesis import AS_DETECTED, EXCHANGED, Association, Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
+from estimator.search.jumps.readings import (
+    ACROSS,
+    AWAY,
+    TOWARDS,
+    reading_shifts,
+    readings_of_points,
+    trunk_readings,
+)
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood
@@ -120,16 +129,18 @@ class ModeSearch:
         rng: for weights by importance sampling (`ModeSearchSettings.weigh`), which count by volume without it. every:
         search all candidates to convergence, not only the best distinct ones.
         """
-        kept = explored if every else self.distinct(explored, count + self.settings.spare)
+        kept = explored if every else self.best_of_readings(explored, case, count + self.settings.spare)
         return self.mixture(self.refined(kept, case), case, count, rng)
 
     def mixture(
         self, refined: Sequence[Refined], case: FrameProblem, count: int, rng: np.random.Generator | None = None
     ) -> Mixture:
         """The `count` best distinct modes of those that were searched to convergence, see `best_of`."""
-        best = self.distinct(self.apart(list(refined)), count)
+        best = self.best_of_readings(self.apart(list(refined)), case, count)
         scores = np.array([r.score for r in best]) + self.log_volumes(best, case, rng)
-        return mixture_of(tuple(r.mode for r in best), scores)
+        energy = np.array([r.mode.energy for r in best])
+        shifts = self.reading_shifts(np.array([r.mode.q for r in best]), energy, case.only_camera)
+        return mixture_of(tuple(r.mode for r in best), scores - shifts)
 
     def refined(self, candidates: Sequence[Candidate], case: FrameProblem) -> list[Refined]:
         """Every candidate after a search to convergence."""
@@ -187,6 +198,36 @@ class ModeSearch:
     def apart(self, refined: list[Refined]) -> list[Refined]:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [r for r in refined if r.mode.penetration <= self.settings.contact.limit] or refined
+
+    def best_of_readings(self, searched: Sequence[Scored], case: FrameProblem, count: int) -> list[Scored]:
+        """The `count` best distinct ones, both readings of the trunk among them where there are any (see
+        `ModeSearchSettings.readings`): in place of the worst."""
+        best: list[Scored] = self.distinct(searched, count)
+        camera = case.only_camera
+        if not self.settings.readings or camera is None or not 2 <= count <= len(best):
+            return best
+        readings = readings_of_points(self.body, np.array([c.landmarks for c in searched]), camera)
+        there = readings_of_points(self.body, np.array([c.landmarks for c in best]), camera)
+        missing = [r for r in (TOWARDS, AWAY) if r not in there]
+        if there[0] == ACROSS or len(missing) != 1:
+            return best
+        others: list[Scored] = [c for c, r in zip(searched, readings, strict=True) if r == missing[0]]
+        return best[:-1] + (self.distinct(others, 1) or best[-1:])
+
+    def readings(self, q: np.ndarray, camera: Camera | None) -> np.ndarray:
+        """The reading (K,) of the trunk in each of some configurations (K, nq) that one camera sees, see
+        `trunk_readings`; "" where several do, or readings are not told apart."""
+        if not self.settings.readings or camera is None:
+            return np.full(len(q), "", dtype="U7")
+        return trunk_readings(self.body, q, camera)
+
+    def reading_shifts(self, q: np.ndarray, energy: np.ndarray, camera: Camera | None) -> np.ndarray:
+        """See `estimator.search.jumps.readings.reading_shifts`, of modes q (K, nq) of energies (K,) that one camera
+        sees; zero where several do."""
+        readings = self.readings(q, camera)
+        if not {TOWARDS, AWAY} <= set(readings.tolist()):
+            return np.zeros(len(q))
+        return reading_shifts(readings, energy, self.model.rest_energies(q), self.settings.readings_rest)
 
     def distinct(self, searched: Sequence[Scored], count: int) -> list[Scored]:
         """The `count` best of which no two are the same pose (see `ModeSearchSettings.distinct`)."""

@@ -24,6 +24,9 @@ class ModeSearchSettings(CheckedSettings):
     coincide. reassign_tolerance: features of the pictures are assigned anew until a search moves no joint by more [rad
     or m]. distinct: two modes differ if some landmark is further apart than this fraction of the body's size. exchange:
     also search every frame with left and right of its keypoints exchanged (detectors do take one for the other).
+    readings: keep a mode of either reading of a trunk that one camera sees, leading towards it or away from it, however
+    little it weighs, and look for the one that is missing. readings_rest: share of the rest-position priors that counts
+    between them.
     start_samples: of the first frame, drawn by the covariance of its pose and searched too: by that of the fit where
     the person is fitted, else by those of the first modes (CSS section 5). contact: what is done with modes whose parts
     overlap. flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
@@ -43,6 +46,8 @@ class ModeSearchSettings(CheckedSettings):
     distinct: float = setting(0.03, at_least=0)
     reassign_tolerance: float = setting(0.01, at_least=0, formerly=("settled",))
     exchange: bool = True
+    readings: bool = True
+    readings_rest: float = setting(0.1, at_least=0, at_most=1)
     start_samples: int = setting(20, at_least=0)
     contact: ContactSettings = field(default_factory=ContactSettings)
     flow_in_covariance: bool = True

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.energy.term import Term
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
@@ -20,13 +21,17 @@ class TermContext:
     """What terms are made for.
 
     cost: all weights of the energy. self_collision: distances between body parts, None where they may overlap. cameras:
-    those that observe the body, None where none is known.
+    those that observe the body, None where none is known. observation: the frame's, None for terms of every frame.
     """
 
     body: Body
     cost: CostSettings
     self_collision: SelfCollision | None = None
     cameras: tuple[Camera, ...] | None = None
+    observation: Observation | None = None
+
+
+PER_BODY, PER_CAMERAS, PER_FRAME = "body", "cameras", "frame"
 
 
 @dataclass(frozen=True)
@@ -35,10 +40,11 @@ class TermSource:
 
     name: as in the settings' table `[cost.terms.NAME]`. make: its terms for a context and its settings, none where it
     does not apply. settings: a frozen dataclass with the defaults, described in its docstring; None for none.
-    by_cameras: whether its terms depend on the cameras; those of other kinds are made once for a body.
+    made: how often its terms are made: once for a body (`PER_BODY`), for the cameras of a clip (`PER_CAMERAS`), or for
+        what is observed in each frame (`PER_FRAME`).
     """
 
     name: str
     make: Callable[[TermContext, Any], Iterable[Term]]
     settings: Any = None
-    by_cameras: bool = False
+    made: str = PER_BODY

@@ -17,6 +17,10 @@ AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
 """The trackers of the papers take keypoints as they are."""
 NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
 """They do not ask whether feet stand."""
+NOT_BALANCED: dict[str, Any] = {"cost": {"terms": {"balance": {"weight": 0.0}}}}
+"""Nor whether the person would fall over."""
+ONE_READING: dict[str, Any] = {"search": {"readings": False}}
+"""They keep no room for the other reading of a trunk."""
 ALL_AS_QUICK: dict[str, Any] = {"cost": {"quickness": False}}
 """To them all joints are as quick."""
 NOT_LIFTED: dict[str, Any] = {"cost": {"lifted_weight": 0.0}}
@@ -48,4 +52,6 @@ def together(*changes: Mapping[str, Any]) -> dict[str, Any]:
     return made
 
 
-FROM_A_PAPER = together(ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, ALL_AS_QUICK, NOT_LIFTED)
+FROM_A_PAPER = together(
+    ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, NOT_BALANCED, ONE_READING, ALL_AS_QUICK, NOT_LIFTED
+)

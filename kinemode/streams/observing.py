@@ -49,7 +49,7 @@ class Observer:
         tracks = {name: self._track(name, given.get(name)) for name in self._cameras}
         (seen,) = assemble(self._body, tracks, self._cameras, np.array([float(time)]))
         seen = replace(seen, index=self._count, jitter=self._jitter(seen.pixels))
-        self._pending = replace(seen, standing=self._standing.at(seen))
+        self._pending = self._standing.with_rest(seen)
         return self._pending
 
     def accept(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,26 +36,29 @@ class TwoSegmentLimb:
 class RigidPart:
     """A rigid part that turns about a point: trunk, head, shoulder girdle, hand, or the whole of a free body.
 
-    dofs (n,): two or three axes through one point, outwards; none for a free root, which turns about the middle of its
-    landmarks. landmarks (k,): those that turn with it, the roots of its limbs among them. limbs: the limbs behind it.
-    behind: the parts behind it.
+    dofs (n,): two or three axes through one point, outwards; none for a free root, which turns about the middle of
+    the landmarks `about`. landmarks (k,): those that turn with it, the roots of its limbs among them. limbs: the limbs
+    behind it. behind: the parts behind it.
     """
 
     dofs: np.ndarray
     landmarks: np.ndarray
     limbs: tuple[int, ...]
     behind: tuple[int, ...]
+    about: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Anatomy:
     """limbs, their left and right `pairs` by index, and parts, inner ones first. same: poses nearer than this to each
-    other in every landmark are the same [m]."""
+    other in every landmark are the same [m]. trunk: the part that is a free body turned about the roots of a pair of
+    limbs, as a person about the hips, by its place among the parts; None where there is none."""
 
     limbs: tuple[TwoSegmentLimb, ...]
     pairs: tuple[tuple[int, int], ...]
     parts: tuple[RigidPart, ...]
     same: float
+    trunk: int | None = None
 
 
 @per_object
@@ -68,7 +71,24 @@ def anatomy_of(body: Body) -> Anatomy:
     ends = [tuple(names[int(k)] for k in limb.landmarks) for limb in limbs]
     mirrored = [tuple(n.replace("left_", "right_") for n in e) for e in ends]
     pairs = [(i, ends.index(m)) for i, m in enumerate(mirrored) if m != ends[i] and m in ends]
-    return Anatomy(tuple(limbs), tuple(pairs), parts, SAME * probe.size)
+    trunk = _trunk(probe, limbs, pairs, parts)
+    parts, place = (parts, None) if trunk is None else ((*parts, trunk), len(parts))
+    return Anatomy(tuple(limbs), tuple(pairs), parts, SAME * probe.size, place)
+
+
+def _trunk(
+    probe: _Probe, limbs: list[TwoSegmentLimb], pairs: list[tuple[int, int]], parts: tuple[RigidPart, ...]
+) -> RigidPart | None:
+    """The whole of a free body turned about the middle between a left and a right limb on its root, which stay where
+    they are while what is beyond turns over. Of several such pairs it is the one nearest to the root."""
+    fixed = [not probe.moves_root(limb) for limb in limbs]
+    on_root = [tuple(int(limbs[k].landmarks[0]) for k in pair) for pair in pairs if all(fixed[k] for k in pair)]
+    if not parts or len(parts[0].dofs) or not on_root:
+        return None
+    far = [float(np.linalg.norm(probe.body.landmark_local[list(pair)].mean(axis=0))) for pair in on_root]
+    about = on_root[int(np.argmin(far))]
+    beyond = [k for k in parts[0].landmarks if probe.beyond(int(k), about)]
+    return replace(parts[0], about=about) if beyond else None
 
 
 class _Probe:
@@ -112,6 +132,19 @@ class _Probe:
                 limbs.append(limb)
                 used[limb.dofs] = True
         return sorted(limbs, key=lambda limb: int(limb.dofs[0]))
+
+    def moves_root(self, limb: TwoSegmentLimb) -> bool:
+        """Whether joints between the body's root and a limb move the limb's root."""
+        before = self.moves[limb.landmarks[0]].copy()
+        before[: self.first] = before[limb.dofs] = False
+        return bool(before.any())
+
+    def beyond(self, landmark: int, about: tuple[int, ...]) -> bool:
+        """Whether a landmark is away from the middle of others and from the line through them."""
+        offsets = self.points[:, [landmark, *about]] - self.points[:, list(about)].mean(axis=1, keepdims=True)
+        along = offsets[:, 2] / np.maximum(np.linalg.norm(offsets[:, 2], axis=1), 1e-12)[:, None]
+        across = np.linalg.norm(np.cross(offsets[:, 0], along), axis=1)
+        return bool(across.min() > SHORT * self.size)
 
     def _shortest(self, limb: TwoSegmentLimb) -> float:
         lengths = np.linalg.norm(np.diff(self.points[:, limb.landmarks], axis=1), axis=2).min(axis=0)

@@ -59,6 +59,12 @@ class KinematicJumps:
         far = [s for s in limb_solutions(self.body, on_rays, limb) if s.moved > FAR * self.anatomy.same]
         return turned(self.body, q, limb.dofs, far[rng.integers(len(far))].turns) if far else None
 
+    def trunk_turned(self, q: np.ndarray, camera: Camera) -> np.ndarray | None:
+        """The other reading of the trunk: what is beyond the hips mirrored in depth about their middle, the legs where
+        they are, arms and head with their images. None for a body without one, or where its joints cannot reach it."""
+        trunk = self.anatomy.trunk
+        return None if trunk is None else self._with_limbs(pose_on_rays(self.body, q, camera), self.parts[trunk])
+
     def interpretations(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
         """Configurations (nq,) that combine such jumps, the most plausible first; see `interpretations`."""
         return interpretations(self.body, self.anatomy, self._prior, pose_on_rays(self.body, q, camera), camera)
@@ -86,7 +92,7 @@ class KinematicJumps:
 
     def _with_limbs(self, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray | None:
         mirrored = part_mirrored(self.body, self.anatomy, on_rays, part)
-        return None if mirrored is None else with_limbs_on_rays(self.body, self.anatomy, mirrored, part)
+        return None if mirrored is None else with_limbs_on_rays(self.body, self.anatomy, mirrored, part, on_rays)
 
 
 def only_camera(observation: Observation) -> Camera | None:

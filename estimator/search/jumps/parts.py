@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.numerics.alignment import rotation_onto
-from estimator.search.jumps.anatomy import Anatomy, RigidPart
+from estimator.search.jumps.anatomy import Anatomy, RigidPart, TwoSegmentLimb
 from estimator.search.jumps.angles import part_turns
-from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
+from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, LimbSolution, limb_solutions
 from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
 from estimator.search.jumps.pose_on_rays import PoseOnRays, moved_to, turned
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
@@ -39,16 +39,29 @@ def part_mirrored(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: Rigid
     return mirrored
 
 
-def with_limbs_on_rays(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
+def with_limbs_on_rays(
+    body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart, before: PoseOnRays
+) -> np.ndarray:
     """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
-    solution within reach is."""
+    solution within reach is; those about whose roots it turned, to where they were before."""
     q = on_rays.q
     for k in part.limbs:
         limb = anatomy.limbs[k]
-        solutions = limb_solutions(body, on_rays, limb, ROUGHLY)
+        stays = int(limb.landmarks[0]) in part.about
+        solutions = [
+            (s.error > REACHED, _furthest(_reached(body, on_rays, limb, s), before.points[limb.landmarks]), s)
+            if stays
+            else (s.error > REACHED, s.moved, s)
+            for s in limb_solutions(body, on_rays, limb, ROUGHLY)
+        ]
         if solutions:
-            q = turned(body, q, limb.dofs, min(solutions, key=lambda s: (s.error > REACHED, s.moved)).turns)
+            q = turned(body, q, limb.dofs, min(solutions, key=lambda entry: entry[:2])[2].turns)
     return q
+
+
+def _reached(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, solution: LimbSolution) -> np.ndarray:
+    """Where a solution has the landmarks (3, 3) of its limb [m]."""
+    return body.landmarks(body.at(turned(body, on_rays.q, limb.dofs, solution.turns)))[limb.landmarks]
 
 
 def _turned_to(body: Body, on_rays: PoseOnRays, part: RigidPart, targets: np.ndarray) -> PoseOnRays:
@@ -67,7 +80,7 @@ def _turned_to(body: Body, on_rays: PoseOnRays, part: RigidPart, targets: np.nda
 
 def _pivot(on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
     if len(part.dofs) == 0:
-        return np.asarray(on_rays.points[part.landmarks].mean(axis=0))
+        return np.asarray(on_rays.points[list(part.about) or part.landmarks].mean(axis=0))
     return np.asarray(meeting_point(*axes_of(on_rays.spatial_jacobian, part.dofs)))
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family, Origin, PreviousPose
@@ -15,6 +16,7 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import ExampleSearch, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
+from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import (
     CovarianceScaledProposal,
@@ -99,17 +101,23 @@ class Proposals:
         return hypotheses
 
     def kinematic_jumps(self, count: int) -> list[Hypothesis]:
-        """Limbs and parts at their other depths."""
-        jumps = self._search.jumps
-        if self._camera is None or not (jumps.limbs or jumps.parts):
+        """Limbs and parts at their other depths; first the trunk of the best parent, where its other reading is not
+        among the parents."""
+        jumps, camera = self._search.jumps, self._camera
+        if camera is None or not (jumps.limbs or jumps.parts):
             return []
-        propose = partial(jumps.draw, self._rng, camera=self._camera)
-        return self._jumped(count, self._settings.jump_penalty, Family.DEPTH_JUMP, propose)
+        turned: list[Hypothesis] = []
+        if count and self._search.settings.readings and self._one_reading(camera):
+            turn = partial(jumps.trunk_turned, camera=camera)
+            turned = self._jumped(np.zeros(1, int), self._settings.jump_penalty, Family.DEPTH_JUMP, turn)
+        propose = partial(jumps.draw, self._rng, camera=camera)
+        parents = self._parents(count - len(turned))
+        return [*turned, *self._jumped(parents, self._settings.jump_penalty, Family.DEPTH_JUMP, propose)]
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""
         propose = partial(self._limb.sample, self._rng)
-        elsewhere = self._jumped(looks, self._settings.limb_penalty, Family.LIMB_JUMP, propose)
+        elsewhere = self._jumped(self._parents(looks), self._settings.limb_penalty, Family.LIMB_JUMP, propose)
         return self._search.screened(elsewhere, self._case, count)
 
     def limb_exchanges(self, count: int) -> list[Hypothesis]:
@@ -117,7 +125,7 @@ class Proposals:
         if self._camera is None:
             return []
         propose = partial(self._search.jumps.exchange, self._rng, camera=self._camera)
-        return self._jumped(count, self._settings.limb_penalty, Family.LIMB_EXCHANGE, propose)
+        return self._jumped(self._parents(count), self._settings.limb_penalty, Family.LIMB_EXCHANGE, propose)
 
     def examples(self, count: int) -> list[Hypothesis]:
         """What an index of examples says of the pictures: of those that look like them the best of all looked at,
@@ -161,14 +169,19 @@ class Proposals:
         kind = SphericalProposal if s.shape == "spherical" else CovarianceScaledProposal
         return kind(self._search.body, mode.q, mode.covariance, s.scale, s.tail or np.inf)
 
+    def _one_reading(self, camera: Camera) -> bool:
+        """Whether the best parent's trunk leads towards the camera or away from it, and no parent's the other way."""
+        there = trunk_readings(self._search.body, np.array([m.q for m in self._prior.modes]), camera)
+        return there[0] in (TOWARDS, AWAY) and not {TOWARDS, AWAY} <= set(there.tolist())
+
     def _jumped(
-        self, count: int, penalty: float, family: Family, propose: Callable[[np.ndarray], np.ndarray | None]
+        self, parents: np.ndarray, penalty: float, family: Family, propose: Callable[[np.ndarray], np.ndarray | None]
     ) -> list[Hypothesis]:
         """Hypotheses whose parents were wrong too: they have a flat penalty instead of the transition's, where
         there is one, and no flow leads to them from where the parent was."""
         flat_penalty = penalty if self._settings.transition else 0.0
         hypotheses = []
-        for i in self._parents(count):
+        for i in parents:
             q = propose(self._prior.modes[i].q)
             if q is None:
                 continue

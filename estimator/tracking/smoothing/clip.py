@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
@@ -19,12 +20,14 @@ from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.ground import Ground
 from estimator.search.hypothesis import EXCHANGED
+from estimator.search.jumps.readings import ACROSS, AWAY, TOWARDS
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only, spill_of, standing_ties
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.pace import pace_of
+from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.smoothed import Smoothed, smooth
@@ -53,8 +56,9 @@ def smooth_track(
 ) -> Smoothed:
     """The best trajectory, smoothed.
 
-    Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
-    prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
+    Paths through the modes are smoothed: the tracker's own back through the parents, the one that the motion prior
+    likes best, and the one with the better reading of the trunk in every stretch. The one of lowest energy after
+    smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
     floor, given or found. Parts that the smoothing pushed into each other or into the floor are parted again
@@ -100,6 +104,7 @@ class _Track:
         self._observations, self._results = observations, results
         self._motion, self._plain = settings.motion(search.model), settings.plain_motion(search.model)
         self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` knows them
+        self._readings: list[np.ndarray] = []  # the same
         self._spill, self._spilled_ties = (spill_of(search, observations, settings) for _ in range(2))
         path = backtrack_results(results)
         self.some = np.flatnonzero(path >= 0).tolist()
@@ -109,23 +114,47 @@ class _Track:
     def best(self, progress: Progress | None) -> _Held:
         """The better path, smoothed."""
         costs: SpilledList[Cost] = self._spill.list()
-        self._energies = []
+        self._energies, self._readings, shifts = [], [], list[np.ndarray]()
         for t, k in zip(self.some, self._path, strict=True):
             of_frame = frame_costs(self._search, self._seen(t), self._results[t])
-            self._energies.append(frame_energies(self._search, of_frame, self._results[t]))
-            costs.append(of_frame[k])
-        other = best_path(self._search.body, self._modes(), self._energies, self._times, self._plain)
-        paths, rivals = [self._path, other], [self._smoothed(costs, self._path, progress)]
-        if not np.array_equal(other, self._path):
-            changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
-            rivals.append(self._smoothed(self._spill.list(changed), other, None))
+            energy = frame_energies(self._search, of_frame, self._results[t])
+            shifts.append(frame_shifts(self._search, self._observations[t], energy, self._results[t]))
+            self._energies.append(energy + shifts[-1])
+            self._readings.append(self._search.readings(self._results[t].q, self._only_camera))
+            costs.append(self._read(len(costs), k, of_frame[k]))
+        paths, rivals = [self._path], [self._smoothed(costs, self._path, progress)]
+        for other in self._other_paths():
+            if not any(np.array_equal(other, path) for path in paths):
+                changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
+                paths.append(other)
+                rivals.append(self._smoothed(self._spill.list(changed), other, None))
         renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
         if self._cues is not None and self._settings.rounds > 0:
             renewal(rivals)
         penalty = self._search.model.settings.exchange_penalty
-        total = [renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association) for r in rivals]
+        total = [
+            renewal.energy(r)
+            + penalty * sum(a == EXCHANGED for a in r.association)
+            + sum(float(shift[k]) for shift, k in zip(shifts, path, strict=True))
+            for r, path in zip(rivals, paths, strict=True)
+        ]
         best = int(np.argmin(total))
         return self._held(rivals[best], paths[best])
+
+    def _other_paths(self) -> Iterator[np.ndarray]:
+        """The path (T,) of least energy, and that with the better reading of the trunk in every stretch."""
+        body, modes = self._search.body, self._modes()
+        yield best_path(body, modes, self._energies, self._times, self._plain)
+        bars = reading_bars(self._readings, self._energies, self._times)
+        if bars is not None:
+            barred = [energy + bar for energy, bar in zip(self._energies, bars, strict=True)]
+            yield best_path(body, modes, barred, self._times, self._plain)
+
+    @property
+    def _only_camera(self) -> Camera | None:
+        """That of the clip; None of one with several."""
+        cameras = self._observations[self.some[0]].cameras
+        return cameras[0] if len(cameras) == 1 else None
 
     def _held(self, trajectory: Trajectory, modes: np.ndarray) -> _Held:
         """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
@@ -185,6 +214,10 @@ class _Track:
             result = self._results[self.some[i]]
             start[i] = result.q[k]
             associations.append(result.association[k])
+        camera = self._only_camera
+        if camera is not None:
+            readings = self._search.readings(start, camera)
+            start = bridged(self._search.body, start, readings, self._times, camera)
         ties = self._ties(associations)
         body, motion = self._search.body, self._motion
         q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
@@ -209,7 +242,16 @@ class _Track:
     def _cost(self, i: int, k: int) -> Cost:
         t = self.some[i]
         (cost,) = frame_costs(self._search, self._seen(t), only(self._results[t], k))
-        return cost
+        return self._read(i, k, cost)
+
+    def _read(self, i: int, k: int, cost: Cost) -> Cost:
+        """The cost by mode k, which holds its reading of the trunk where the frame has both."""
+        camera, std = self._only_camera, self._settings.reading
+        if camera is None or std <= 0.0 or not {TOWARDS, AWAY} <= set(self._readings[i].tolist()):
+            return cost
+        if self._readings[i][k] == ACROSS:
+            return cost
+        return cost.plus([reading_hold(self._search.body, self._results[self.some[i]].q[k], camera, std)])
 
     def _seen(self, t: int) -> Observation:
         observation = self._observations[t]

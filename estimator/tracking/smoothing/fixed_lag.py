@@ -14,7 +14,7 @@ from estimator.inference.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing.chain import REACH, FrameChain
-from estimator.tracking.smoothing.frames import frame_costs, frame_energies, standing_ties
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, floor_of, height_above, is_believed
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
@@ -63,6 +63,7 @@ class FixedLag:
             return []
         costs = frame_costs(self._search, observation, result)
         energy = frame_energies(self._search, costs, result)
+        energy = energy + frame_shifts(self._search, observation, energy, result)
         ties = self._ties(observation, result)
         self._window.append(_Frame(observation, result.q, costs, energy, ties))
         self._smooth()

@@ -10,6 +10,7 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.energy.term import Cost, Term
 from estimator.search.hypothesis import EXCHANGED
+from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import observable
@@ -50,6 +51,12 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
             for cost, q, association in zip(costs, result.q, result.association, strict=True)
         ]
     )
+
+
+def frame_shifts(search: ModeSearch, observation: Observation, energy: np.ndarray, result: FrameResult) -> np.ndarray:
+    """What is added to the energies (K,) of a frame's modes so that readings of the trunk are compared fairly, see
+    `ModeSearch.reading_shifts`."""
+    return search.reading_shifts(result.q, energy, only_camera(observation))
 
 
 def renewed_cost(search: ModeSearch, observation: Observation, association: str, posed: PosedBody) -> Cost:

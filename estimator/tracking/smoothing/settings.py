@@ -22,7 +22,9 @@ class SmoothSettings:
     and frame, see `pace_of`. Memory and span are those of captured motion (`benchmarks.training.accelerations`), whose
     deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe
     that stands may lie from one place; 0 leaves feet as they are; hands: hands that stand on the floor are held,
-    too. lasting [s]: how long what a frame says, and how it is wrong, lasts; it counts in the covariances alone.
+    too. reading [m]: standard deviation of a trunk that leaves the reading of the frame's mode, in frames that have
+    both; 0 lets it. lasting [s]: how long what a frame says, and how it is wrong, lasts; it counts in the covariances
+    alone.
     iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which
     bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features are
     assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for
@@ -44,6 +46,7 @@ class SmoothSettings:
     pace_count: float = setting(4.0, above=0)
     stance: float = setting(0.015, at_least=0)
     hands: bool = False
+    reading: float = setting(0.02, at_least=0)
     lasting: float = setting(0.25, at_least=0)
     iterations: int = setting(30, at_least=1)
     tolerance: float = setting(1e-3, at_least=0, tiny=True)

@@ -11,6 +11,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import Flesh
+from humanoid.support.per_object import per_object
 
 ADULT = 65.0
 """[kg] A person of 1.70 m with a body mass index of 22.5."""
@@ -37,9 +38,9 @@ class Mass(NamedTuple):
 def segment_masses(body: Body) -> tuple[dict[int, Mass], str]:
     """The mass that each joint carries itself, by its number (0 for what does not move), and where it comes from."""
     links = links_of(body)
-    if sum(inertia.mass for inertia in body.model.inertias) > 0.0:
+    if has_own_masses(body):
         return {j: _of_file(body.model.inertias[j]) for j in links}, "Masses and inertias are those of the URDF."
-    shares = {j: sum(SHARES.get(_without_side(name), 0.0) for name in names) for j, names in links.items()}
+    shares = {j: sum(SHARES.get(without_side(name), 0.0) for name in names) for j, names in links.items()}
     if not any(shares.values()):
         source = f"The URDF has no masses; every segment was given {_UNKNOWN:g} kg."
         return {j: _of_flesh(body, j, _UNKNOWN) for j in links}, source
@@ -48,6 +49,35 @@ def segment_masses(body: Body) -> tuple[dict[int, Mass], str]:
         "spread evenly over ellipsoids as large as the flesh: scale them to the person's weight before dynamics."
     )
     return {j: _of_flesh(body, j, ADULT * share) for j, share in shares.items()}, source
+
+
+class MassPoints(NamedTuple):
+    """Points that carry a body's mass: joint (M,) that each is fixed to, local (M, 3) [m] in its frame, share (M,) of
+    the whole mass, which sum to one. from_urdf: whether the masses are the URDF's, not an adult's."""
+
+    joint: np.ndarray
+    local: np.ndarray
+    share: np.ndarray
+    from_urdf: bool
+
+
+@per_object
+def mass_points(body: Body) -> MassPoints | None:
+    """The centres of mass of all segments: with an adult's shares and the flesh's centres that of the whole body is
+    11 mm from the centre of pressure of a person who stands still, and 7 +- 15 mm in squats (force plates of OpenCap's
+    subject 4). None of a body whose segments nobody knows the masses of."""
+    from_urdf = has_own_masses(body)
+    if not from_urdf and not any(without_side(name) in SHARES for names in links_of(body).values() for name in names):
+        return None
+    masses = {j: mass for j, mass in segment_masses(body)[0].items() if mass.mass > LEAST}
+    total = sum(mass.mass for mass in masses.values())
+    share = np.array([mass.mass / total for mass in masses.values()])
+    return MassPoints(np.array(list(masses)), np.array([mass.centre for mass in masses.values()]), share, from_urdf)
+
+
+def has_own_masses(body: Body) -> bool:
+    """Whether the URDF says what the body weighs."""
+    return bool(sum(inertia.mass for inertia in body.model.inertias) > 0.0)
 
 
 def links_of(body: Body) -> dict[int, list[str]]:
@@ -68,10 +98,6 @@ def flesh_of(body: Body, joint: int) -> list[tuple[Flesh, pin.SE3]]:
             placed = pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
             parts.append((flesh, frame.placement * placed))
     return parts
-
-
-def _without_side(link: str) -> str:
-    return without_side(link)
 
 
 def _of_file(inertia: pin.Inertia) -> Mass:

@@ -1,0 +1,66 @@
+"""The two readings of a trunk in one picture: beyond the hips it leads towards the camera, or away from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.search.jumps.anatomy import RigidPart, anatomy_of
+from humanoid.kinematics.body import Body, batches
+
+TOWARDS, AWAY, ACROSS = READINGS = ("towards", "away", "across")
+"""Of the only camera. `ACROSS`: the trunk is as good as square to the rays, where both readings are one."""
+
+
+def trunk_readings(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
+    """The reading (N,) of each configuration (N, nq), one of `READINGS`; "" of a body without a trunk that turns."""
+    anatomy = anatomy_of(body)
+    if anatomy.trunk is None or not len(q):
+        return np.full(len(q), "", dtype="U7")
+    points = np.concatenate([body.landmarks_of(body.placed(some)) for some in batches(q)])
+    return readings_of_points(body, points, camera)
+
+
+def readings_of_points(body: Body, points: np.ndarray, camera: Camera) -> np.ndarray:
+    """The same by the landmarks (N, L, 3) [m] of each configuration."""
+    anatomy = anatomy_of(body)
+    if anatomy.trunk is None:
+        return np.full(len(points), "", dtype="U7")
+    depth = _depths(anatomy.parts[anatomy.trunk], points, camera)
+    # a trunk that is mirrored moves by twice its depth: nearer ones are the same pose
+    away = np.where(depth > 0.5 * anatomy.same, AWAY, np.where(depth < -0.5 * anatomy.same, TOWARDS, ACROSS))
+    return np.asarray(away)
+
+
+def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
+    """By how much the trunk leads away from the camera in each configuration (N, nq), (N,) [m]; raises ValueError for a
+    body without a trunk that turns."""
+    anatomy = anatomy_of(body)
+    if anatomy.trunk is None:
+        raise ValueError("the body has no trunk that turns about a pair of limbs")
+    return _depths(anatomy.parts[anatomy.trunk], body.landmarks_of(body.placed(q)), camera)
+
+
+def _depths(trunk: RigidPart, points: np.ndarray, camera: Camera) -> np.ndarray:
+    """How much farther what is beyond the hips is than these, along the rays to them, by landmarks (N, L, 3) [m]."""
+    hips = points[:, list(trunk.about)].mean(axis=1)
+    beyond = points[:, [k for k in trunk.landmarks if k not in trunk.about]].mean(axis=1)
+    return np.asarray(np.einsum("ij,ij->i", beyond - hips, camera.sight_lines(hips)[1]))
+
+
+def reading_shifts(readings: np.ndarray, energy: np.ndarray, rest: np.ndarray, share: float) -> np.ndarray:
+    """What is added to the energies (K,) of a frame's modes so that their part `rest` (K,), which the rest positions of
+    joints make, counts between the two readings of the trunk as this share of itself: (K,), equal within a reading.
+
+    readings (K,): see `trunk_readings`. Between modes of one reading, where one is missing, and where the best mode's
+    trunk is square to the rays, nothing changes. Rest positions are learned joint by joint, while a trunk that is read
+    the other way changes many joints together: on captured people their sum parts right from wrong far less than it
+    says (`python -m benchmarks trunk_evidence`).
+    """
+    shifts, evidence = np.zeros(len(energy)), energy - (1.0 - share) * rest
+    sides = [readings == TOWARDS, readings == AWAY]
+    if all(side.any() for side in sides) and readings[np.argmin(energy)] != ACROSS:
+        gaps = [float(values[sides[1]].min() - values[sides[0]].min()) for values in (evidence, energy)]
+        other = sides[1] if gaps[1] >= 0.0 else sides[0]
+        shifts[other] = (gaps[0] - gaps[1]) * (1.0 if gaps[1] >= 0.0 else -1.0)
+    return shifts
