@@ -7,14 +7,18 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from estimator.numerics.stretches import stretches
 from estimator.runs.diagnosis import Diagnosis, diagnose
 from estimator.runs.run_file import Run
+from estimator.search.jumps.readings import trunk_depths
 from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from kinemode.explain import run_settings
 
 _STEADY, _UPRIGHT = 0.8, 0.5  # length of the mean direction of a person who does not turn over; its part along z
+_DOUBTFUL, _LONG = 0.1, 0.3  # probability of the other reading of the trunk, and for how long [s], to be noted
+_DEEP = 0.1  # m: depth of the shoulders beyond the hips of a trunk that leans
 _FIRST = 5  # frames that are named
 
 
@@ -52,6 +56,25 @@ def upright_note(run: Run) -> str:
     return (
         f"the person does not stand along z, but about along {along}: trc, mot, c3d and osim, gait and the preview"
         f" take z for up. If {along} points up in the cameras' world, track with --up {along}"
+    )
+
+
+def reading_note(run: Run) -> str:
+    """Note on stretches in which a trunk that leans may lean the other way, empty where none does."""
+    open_frames = run.other_reading > _DOUBTFUL
+    if not open_frames.any():
+        return ""
+    rows = np.flatnonzero(open_frames)
+    open_frames[rows] = np.abs(trunk_depths(run.body, run.q[rows], run.header.cameras[0])) > _DEEP
+    doubtful = [s for s in stretches(open_frames) if run.time[s[1] - 1] - run.time[s[0]] >= _LONG]
+    if not doubtful:
+        return ""
+    spans = [f"{run.time[first]:.1f} to {run.time[after - 1]:.1f} s" for first, after in doubtful]
+    listed = ", ".join(spans[:_FIRST]) + (f" and {len(spans) - _FIRST} more" if len(spans) > _FIRST else "")
+    most = max(float(run.other_reading[first:after].max()) for first, after in doubtful)
+    return (
+        f"the trunk may lean the other way, towards the camera or away from it, from {listed} (up to {most:.0%}): one"
+        " camera before or behind a person leaves that open, one 20 degrees aside does not"
     )
 
 

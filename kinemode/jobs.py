@@ -36,7 +36,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
 from kinemode.explain import run_settings
-from kinemode.findings import balance_note, diagnosed, floor_note, upright_note
+from kinemode.findings import balance_note, diagnosed, floor_note, reading_note, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
@@ -338,7 +338,7 @@ def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple
     own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
     falling = out_of_balance(run, cost.terms[Balance.name])
-    own += [balance_note(run, falling)] if falling else []
+    own += [note for note in (balance_note(run, falling) if falling else "", reading_note(run)) if note]
     against: Sequence[int] = ()
     if diagnosis.contradicts_input:
         because = cause()

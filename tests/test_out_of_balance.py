@@ -41,12 +41,12 @@ def run_of(path: Path, q: np.ndarray) -> Run:
     with RunWriter.create(path, header, overwrite=True) as writer:
         shots = [observe(BODY, x, (CAMERA,), index=t, time=float(times[t])) for t, x in enumerate(q)]
         writer.put_observations([replace(shot, jitter=(0.5,)) for shot in shots])
-        one, zero = np.ones(1), np.zeros(1)
+        unit, zero = np.ones(1), np.zeros(1)
         for t, x in enumerate(q):
             covariance, parent = np.eye(BODY.nv)[None], np.array([0 if t else -1])
             writer.append(
                 FrameResult(
-                    t, float(times[t]), "tracked", x[None], one, one, covariance, parent, zero, zero, ("as_detected",)
+                    t, float(times[t]), "tracked", x[None], unit, unit, covariance, parent, zero, zero, ("as_detected",)
                 ), {},
             )  # fmt: skip
         writer.finish()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +19,7 @@ from estimator.search.jumps.readings import ACROSS, AWAY, TOWARDS, reading_shift
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_weights
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed
 from humanoid.subject.subject import load_subject
@@ -150,3 +152,37 @@ def test_a_frame_without_the_other_reading_is_searched_for_it() -> None:
     state, _ = tracker.step(rng, replace(state, mixture=alone), seen[1])
     readings = trunk_readings(BODY, np.array([m.q for m in state.mixture.modes]), FRONT)
     assert {TOWARDS, AWAY} <= set(readings.tolist())
+
+
+def test_weights_of_readings_are_those_of_the_frame_and_within_one_those_of_the_trajectories() -> None:
+    readings, weight = np.array([TOWARDS, AWAY, TOWARDS]), np.array([0.6, 1e-200, 0.4])
+    weights = reading_weights(readings, np.array([3.0, 5.0, 4.0]), weight)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[1] == pytest.approx(1.0 / (1.0 + np.exp(2.0)))
+    assert weights[0] / weights[2] == pytest.approx(1.5)
+    alone = np.array([TOWARDS, ACROSS, TOWARDS])
+    np.testing.assert_array_equal(reading_weights(alone, np.array([3.0, 5.0, 4.0]), weight), weight)
+
+
+def test_a_path_has_the_better_reading_of_each_stretch() -> None:
+    """Over all of the stretch: one frame that says otherwise, or lacks one, changes nothing."""
+    both, missing = np.array([TOWARDS, AWAY]), np.array([TOWARDS, ACROSS])
+    readings = [missing, both, both, missing, both, missing, missing, missing, missing, missing, missing, both]
+    gaps = [0.0, -3.0, 1.0, 0.0, -1.0, *[0.0] * 6, 2.0]
+    bars = reading_bars(readings, [np.array([5.0, 5.0 + gap]) for gap in gaps], np.arange(12) / 30.0)
+    assert bars is not None
+    assert [int(np.argmax(bar)) if bar.any() else None for bar in bars] == [None, 0, 0, None, 0, *[None] * 6, 1]
+    assert reading_bars([missing] * 2, [np.zeros(2)] * 2, np.arange(2.0)) is None
+
+
+def test_a_leap_between_readings_becomes_a_movement() -> None:
+    """On its upright side; what is far from it stays as it is."""
+    times = np.arange(30) / 30.0
+    q = np.array([leaning(0.1) if t < 15 else leaning(-0.6) for t in range(30)])
+    readings = trunk_readings(BODY, q, FRONT)
+    assert {TOWARDS, AWAY} == set(readings.tolist())
+    path = bridged(BODY, q, readings, times, FRONT)
+    np.testing.assert_array_equal(path[15:], q[15:])
+    np.testing.assert_array_equal(path[:3], q[:3])
+    steps = [np.abs(BODY.difference(a, b)).max() for a, b in pairwise(path)]
+    assert max(steps) < 0.15 * np.abs(BODY.difference(q[14], q[15])).max()

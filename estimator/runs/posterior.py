@@ -66,7 +66,7 @@ class Posterior:
         c = calibration or PosteriorCalibration()
         if len(result.weight) == 0:
             raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
-        weight = _tempered(result.weight, c.weight_temperature)
+        weight = tempered(result.weight, c.weight_temperature)
         some = weight > _FAINT
         modes = result.q[some], weight[some] / weight[some].sum(), result.covariance[some]
         return Posterior._calibrated(body, *modes, c, seen_by, size_known)
@@ -97,7 +97,7 @@ class Posterior:
         pose, covariance = smoothed.q[row], smoothed.covariance[row]
         if smoothed.mode is None or smoothed.weight is None:
             return Posterior._calibrated(body, pose[None], np.ones(1), covariance[None], c, seen_by, size_known)
-        own, weight = int(smoothed.mode[row]), _tempered(smoothed.weight[row], c.weight_temperature)
+        own, weight = int(smoothed.mode[row]), tempered(smoothed.weight[row], c.weight_temperature)
         count = len(result.weight)
         some = [own, *(k for k in range(count) if k != own and weight[k] > _FAINT)]
         others = [_other(body, result, own, k, pose, covariance) for k in some[1:]]
@@ -229,7 +229,7 @@ class Posterior:
         return drawn
 
 
-def _tempered(weight: np.ndarray, temperature: float) -> np.ndarray:
+def tempered(weight: np.ndarray, temperature: float) -> np.ndarray:
     """Weights (K,), NaN of those there are not, to the power of the inverse temperature; they sum to one."""
     with np.errstate(divide="ignore"):
         log = np.log(np.nan_to_num(weight)) / temperature

@@ -22,7 +22,7 @@ from estimator.runs.coordinates import joint_entries
 from estimator.runs.filtering import Filtering, filtered
 from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
 from estimator.runs.joint_table import data_frame
-from estimator.runs.posterior import Posterior
+from estimator.runs.posterior import Posterior, tempered
 from estimator.runs.run_arrays import (
     check_frame,
     check_observation,
@@ -34,7 +34,7 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, spread_of
-from estimator.search.jumps.readings import trunk_readings
+from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
 from estimator.trackers.statuses import HARD, TRACKED
@@ -325,6 +325,19 @@ class Run(Summarised):
     def reading(self) -> np.ndarray:
         """(T,) how `q` reads the trunk, see `mode_reading`."""
         return self._readings(self.q)
+
+    @cached_property
+    def other_reading(self) -> np.ndarray:
+        """(T,) calibrated probability that the trunk leads the other way than `reading` says: the weights of all
+        hypotheses that have the other one together; 0 where none has."""
+        smoothed, other = self.smoothed, {TOWARDS: AWAY, AWAY: TOWARDS}
+        weights = self.mode_weight if smoothed is None or smoothed.weight is None else smoothed.weight
+        out = np.zeros(len(self.mode_reading))
+        for t, reading in enumerate(self.reading.tolist()):
+            opposite = self.mode_reading[t] == other.get(reading)
+            if opposite.any():
+                out[t] = tempered(weights[t], PosteriorCalibration().weight_temperature)[opposite].sum()
+        return out
 
     def _readings(self, q: np.ndarray) -> np.ndarray:
         """Of configurations (..., nq)."""

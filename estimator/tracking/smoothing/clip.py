@@ -27,7 +27,7 @@ from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.pace import pace_of
-from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold
+from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold, reading_weights
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.smoothed import Smoothed, smooth
@@ -188,8 +188,9 @@ class _Track:
         covariance = self._each(told.covariances(end.costs, end.before.ties, q[self.some]), len(q))
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
-        for t, own in zip(self.some, told.weights(self._modes(), self._energies, self._plain), strict=True):
-            weight[t, : len(own)] = own
+        weights = told.weights(self._modes(), self._energies, self._plain)
+        for t, *frame in zip(self.some, self._readings, self._energies, weights, strict=True):
+            weight[t, : len(frame[0])] = reading_weights(*frame)
         return Smoothed(q, end.floor, covariance, mode, weight)
 
     def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:

@@ -20,6 +20,7 @@ from humanoid.kinematics.body import Body
 _GAP = 0.15  # s: frames in which one reading is missing for so long do not end a stretch
 _BRIDGE = 0.4  # s: in which a path goes from one reading to the other
 _HELD = 0.5  # of the depth that a mode's trunk has
+_TINY = 1e-300
 BARRED = 1e6  # energy of modes that a path is not to take
 
 
@@ -93,3 +94,21 @@ def reading_hold(body: Body, q: np.ndarray, camera: Camera, std: float) -> Trunk
     ray = camera.sight_lines(hips[None])[1][0]
     depth = float((points[ends].mean(axis=0) - hips) @ ray)
     return TrunkSide(body, ends, trunk.about, np.sign(depth) * ray, _HELD * abs(depth), std)
+
+
+def reading_weights(readings: np.ndarray, energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weights (K,) of a frame's modes, summing to one, whose sums over a reading are what the frame's own energies (K,)
+    say of its best modes; within a reading they are in proportion to `weight` (K,), as where one reading is missing.
+
+    Trajectories hardly ever change their reading, so that over many frames the sums of single ones are 0 or 1. Between
+    readings the frame's own difference of energy, divided by the posterior's temperature, is right as often as it says
+    (`python -m benchmarks trunk_evidence`).
+    """
+    if not {TOWARDS, AWAY} <= set(readings.tolist()):
+        return weight
+    out = np.zeros(len(weight))
+    for reading in set(readings.tolist()):
+        own = readings == reading
+        inside = weight[own] + _TINY
+        out[own] = np.exp(energy.min() - energy[own].min()) * inside / inside.sum()
+    return np.asarray(out / out.sum())
