@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kinemode as km
-from benchmarks.accuracy.degrees import columns_of
+from benchmarks.accuracy.degrees import bands, columns_of, tabled
 from benchmarks.support.result_store import Figures, ResultStore, removed
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
@@ -125,7 +125,8 @@ class ViewRun:
         }  # fmt: skip
 
     def work(self, store: ResultStore) -> Figures:
-        """The figures of `reading_errors`."""
+        """The figures of `reading_errors`, and of a film `bands`: share of its joint angles inside the run's 90 %
+        intervals."""
         truth = seen_person(self.source).cut(self.start, self.seconds)
         camera = phone(truth, self.azimuth)
         keypoints, out = store.scratch(self, ".json"), store.scratch(self, ".run")
@@ -135,6 +136,9 @@ class ViewRun:
             settings=json.loads(self.changes),
         )  # fmt: skip
         figures = reading_errors(run, truth, camera)
+        if self.source.is_dir():
+            known = tabled(self.source / "truth.csv.gz")
+            figures["bands"] = bands(run, known._replace(time=known.time - known.time[0] - self.start))["90 %"]
         removed(out)
         keypoints.unlink()
         return figures

@@ -36,7 +36,7 @@ AZIMUTHS = {FILMS: (0.0, 10.0, 20.0, 45.0, 90.0, 135.0, 180.0), CAPTURED: (0.0, 
 SECONDS = {"walk": 1.2, "squat": 4.0}
 COLUMNS = {
     "lean": "lean [deg]", "trunk": "trunk [deg]", "hips": "hips [deg]", "knees": "knees [deg]", "wrong": "wrong [s]",
-    "among": "among", "best": "reported", "online": "online", "hard": "hard",
+    "among": "among", "best": "reported", "online": "online", "hard": "hard", "bands": "in 90 %",
 }  # fmt: skip
 LEGEND = (
     "lean, trunk, hips, knees: mean absolute errors of the smoothed trajectory, of joint centres. wrong: longest time"
@@ -160,7 +160,7 @@ def cells(own: Sequence[Mapping[str, float]]) -> list[str]:
     """One row."""
     row = []
     for key in COLUMNS:
-        values = [figures[key] for figures in own]
-        share = key in ("among", "best", "online", "hard")
+        values = [figures.get(key, np.nan) for figures in own]
+        share = key in ("among", "best", "online", "hard", "bands")
         row.append(f"{np.mean(values):.0%}" if share else f"{max(values) if key == 'wrong' else np.mean(values):.1f}")
     return row

@@ -226,9 +226,9 @@ def off_plates(path: Path) -> tuple[float, float]:
     names = lines[first].split()
     values = np.array([[float(x) for x in line.split()] for line in lines[first + 1 :] if line.strip()])
     column = dict(zip(names, values.T, strict=True))
-    plates = [name[:-2] for name in names if name.endswith("_vy")]
-    force = np.array([column[f"{p}_vy"] for p in plates])
-    places = np.array([[column[f"{p[:-1]}p{axis}"] for p in plates] for axis in "xz"])
+    plates = [name[:-2] for name in names if name.endswith("_vy")]  # as ground_force_1_
+    force = np.array([column[f"{p}vy"] for p in plates])
+    places = np.array([[column[f"{p}p{axis}"] for p in plates] for axis in "xz"])
     pressure = (force * places).sum(axis=1) / np.maximum(force.sum(axis=0), 1.0)
     there = np.stack([np.interp(run.time, column["time"], x) for x in (pressure[0], -pressure[1])], axis=1)
     off = (centres_of_mass(run.body, run.q)[:, :2] - there)[np.isfinite(run.q).all(axis=1)]

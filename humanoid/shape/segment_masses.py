@@ -91,12 +91,16 @@ def links_of(body: Body) -> dict[int, list[str]]:
 
 def flesh_of(body: Body, joint: int) -> list[tuple[Flesh, pin.SE3]]:
     """The flesh that a joint carries, and where it lies in the joint's frame."""
-    parts = []
+    return _flesh_by_joint(body).get(joint, [])
+
+
+@per_object
+def _flesh_by_joint(body: Body) -> dict[int, list[tuple[Flesh, pin.SE3]]]:
+    parts: dict[int, list[tuple[Flesh, pin.SE3]]] = {}
     for flesh in body.subject.flesh:
         frame = body.model.frames[body.model.getFrameId(flesh.link, pin.FrameType.BODY)]
-        if frame.parentJoint == joint:
-            placed = pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
-            parts.append((flesh, frame.placement * placed))
+        placed = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
+        parts.setdefault(int(frame.parentJoint), []).append((flesh, placed))
     return parts
 
 
