@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from humanoid.kinematics.body import Body, PosedBody
+from estimator.energy.term import BatchTerm
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 
 
-class TrunkSide:
+class TrunkSide(BatchTerm):
     """1/2 (max(0, least - ray . (ends - about)) / std)^2 with the middles of two groups of landmarks.
 
     Nothing where the ends lead farther along the ray than `least`.
@@ -30,21 +31,21 @@ class TrunkSide:
         self._landmarks = np.array([*ends, *about], dtype=np.int64)
         self._share = np.r_[np.full(len(ends), 1.0 / len(ends)), np.full(len(about), -1.0 / len(about))]
 
-    def value(self, posed: PosedBody) -> float:
-        """See `estimator.energy.term.Term`."""
-        return 0.5 * self._short(posed) ** 2
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        return 0.5 * np.square(self._short(self._body.landmarks_of(placed)))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
-        short = self._short(posed)
-        if short > 0.0:
+        short = self._short(self._body.landmarks(posed)[None])
+        if short[0] > 0.0:
             jacobians = self._body.landmark_jacobians(posed)[self._landmarks]
             row = -np.einsum("l,lav,a->v", self._share, jacobians, self._ray) / self._std
-            gradient += short * row
+            gradient += short[0] * row
             hessian += np.outer(row, row)
-        return 0.5 * short**2
+        return float(0.5 * np.square(short)[0])
 
-    def _short(self, posed: PosedBody) -> float:
-        """By how much the ends fall short, in standard deviations."""
-        along = float(self._share @ (self._body.landmarks(posed)[self._landmarks] @ self._ray))
-        return max(0.0, self._least - along) / self._std
+    def _short(self, points: np.ndarray) -> np.ndarray:
+        """By how much the ends fall short (N,), in standard deviations, by landmarks (N, L, 3) [m]."""
+        along = ((points[:, self._landmarks] * self._ray).sum(axis=2) * self._share).sum(axis=1)
+        return np.asarray(np.maximum(0.0, self._least - along) / self._std)
