@@ -56,8 +56,8 @@ def smooth_track(
 ) -> Smoothed:
     """The best trajectory, smoothed.
 
-    Paths through the modes are smoothed: the tracker's own back through the parents, the one that the motion prior
-    likes best, and the one with the better reading of the trunk in every stretch. The one of lowest energy after
+    Two paths through the modes are smoothed: the tracker's own back through the parents, and the one that the motion
+    prior likes best, with the better reading of the trunk in every stretch. The one of lower energy after
     smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
@@ -123,11 +123,11 @@ class _Track:
             self._readings.append(self._search.readings(self._results[t].q, self._only_camera))
             costs.append(self._read(len(costs), k, of_frame[k]))
         paths, rivals = [self._path], [self._smoothed(costs, self._path, progress)]
-        for other in self._other_paths():
-            if not any(np.array_equal(other, path) for path in paths):
-                changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
-                paths.append(other)
-                rivals.append(self._smoothed(self._spill.list(changed), other, None))
+        other = self._other_path()
+        if not np.array_equal(other, self._path):
+            changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
+            paths.append(other)
+            rivals.append(self._smoothed(self._spill.list(changed), other, None))
         renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
         if self._cues is not None and self._settings.rounds > 0:
             renewal(rivals)
@@ -141,14 +141,14 @@ class _Track:
         best = int(np.argmin(total))
         return self._held(rivals[best], paths[best])
 
-    def _other_paths(self) -> Iterator[np.ndarray]:
-        """The path (T,) of least energy, and that with the better reading of the trunk in every stretch."""
-        body, modes = self._search.body, self._modes()
-        yield best_path(body, modes, self._energies, self._times, self._plain)
+    def _other_path(self) -> np.ndarray:
+        """The path (T,) of least energy; where one camera has both readings of the trunk, that with the better one in
+        every stretch."""
         bars = reading_bars(self._readings, self._energies, self._times)
+        energies = self._energies
         if bars is not None:
-            barred = [energy + bar for energy, bar in zip(self._energies, bars, strict=True)]
-            yield best_path(body, modes, barred, self._times, self._plain)
+            energies = [energy + bar for energy, bar in zip(self._energies, bars, strict=True)]
+        return best_path(self._search.body, self._modes(), energies, self._times, self._plain)
 
     @property
     def _only_camera(self) -> Camera | None:
