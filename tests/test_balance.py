@@ -165,6 +165,6 @@ def test_hips_that_are_low_and_rest_may_be_seated(bend: float, moves: float, exp
         q = bent(BODY, **{f"{s}_{j}_flexion": bend for s in ("left", "right") for j in ("hip", "knee")})
         q[2] += moves * np.sin(4.0 * t / fps)
         shots.append(observe(BODY, q, (camera,), index=t, time=t / fps))
-    told = with_standing([replace(shot, jitter=(0.5,)) for shot in shots], NAMES)
-    assert told[5].seated == 0.0
-    assert (told[-1].seated > 0.5) is expected
+    resting = with_standing([replace(shot, jitter=(0.5,)) for shot in shots], NAMES)
+    assert resting[5].seated == 0.0
+    assert (resting[-1].seated > 0.5) is expected

@@ -91,7 +91,7 @@ def main(
     if folder is None or not (folder / "opencap").is_dir():
         print("the data has no folder opencap: nothing is measured")
         return
-    told = json_module.dumps(nested(changes), sort_keys=True)
+    changed = json_module.dumps(nested(changes), sort_keys=True)
     figures: dict[str, Any] = {}
     with work_folder(work) as place:
         store = ResultStore(place)
@@ -99,7 +99,7 @@ def main(
             windows = film_windows(folder) if source == FILMS else captured_windows(data)
             views = azimuths or AZIMUTHS[source]
             runs = [
-                ViewRun(*window, azimuth, kind, seed, told)
+                ViewRun(*window, azimuth, kind, seed, changed)
                 for window in windows for kind in kinds for azimuth in views for seed in seeds
             ]  # fmt: skip
             results = list(zip(runs, all_done(f"trunk views, {source}", store, runs, jobs), strict=True))

@@ -127,7 +127,7 @@ def balance_terms(body: Body, observation: Observation, settings: BalanceSetting
     if feet is None or standing is None or settings.weight <= 0.0 or (feet.from_urdf and not settings.robots):
         return []
     stands = standing[feet.landmark]
-    for k, ankle in enumerate(feet.ankle):  # of a foot whose heel and toes are not seen the ankle is told
+    for k, ankle in enumerate(feet.ankle):  # of a foot without heel and toes in sight the ankle counts
         if ankle >= 0 and standing[ankle] > 0.0:
             stands = np.where(feet.foot == k, np.maximum(stands, standing[ankle]), stands)
     some = np.flatnonzero(stands >= _STANDS)

@@ -216,7 +216,7 @@ class ModeSearch:
 
     def readings(self, q: np.ndarray, camera: Camera | None) -> np.ndarray:
         """The reading (K,) of the trunk in each of some configurations (K, nq) that one camera sees, see
-        `trunk_readings`; "" where several do, or readings are not told apart."""
+        `trunk_readings`; "" where several do, or readings are not distinguished."""
         if not self.settings.readings or camera is None:
             return np.full(len(q), "", dtype="U7")
         return trunk_readings(self.body, q, camera)
