@@ -19,6 +19,7 @@ from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.numerics.angles import angle_between, unit
 from estimator.numerics.stretches import stretches
 from estimator.retargeting.smpl_joints import load_smpl_joints
+from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.run_file import Run
 from estimator.synthesis.detector import correlated_noise
 from estimator.synthesis.mocap import load_mocap
@@ -204,7 +205,7 @@ def reading_errors(run: Run, truth: Seen, camera: Camera) -> Figures:
     reported = _depth_side(ours.trunk, ours.of("hip") - there, camera)
     best = (reported == right) | (right == 0) | ((reported == 0) & (np.abs(leans[1]) < _SETTLED))
     return {
-        "lean": _mean(_turn(leans[0] - leans[1])),
+        "lean": _mean(wrapped_degrees(leans[0] - leans[1])),
         "trunk": _mean(np.degrees(angle_between(ours.trunk, known.trunk))),
         "hips": _mean([_bend(ours, s, "hip") - _bend(known, s, "hip") for s in ("left", "right")]),
         "knees": _mean([_bend(ours, s, "knee") - _bend(known, s, "knee") for s in ("left", "right")]),
@@ -236,10 +237,6 @@ def _bend(seen: Seen, side: str, joint: str) -> np.ndarray:
     thigh = seen.of(f"{side}_knee") - seen.of(f"{side}_hip")
     other = -seen.trunk if joint == "hip" else seen.of(f"{side}_ankle") - seen.of(f"{side}_knee")
     return np.asarray(np.degrees(angle_between(thigh, other)))
-
-
-def _turn(degrees: np.ndarray) -> np.ndarray:
-    return (degrees + 180.0) % 360.0 - 180.0
 
 
 def _mean(errors: Any) -> float:

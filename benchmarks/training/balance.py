@@ -26,7 +26,7 @@ from estimator.data.observation import Observation
 from estimator.data.standing import with_standing
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, points_of_each
 from humanoid.shape.segment_masses import mass_points
 from humanoid.subject.landmarks import foot_landmarks
 from humanoid.subject.subject import load_subject
@@ -124,10 +124,9 @@ def instants_of(path: Path) -> Instants:
 
 def centres_of_mass(body: Body, q: np.ndarray) -> np.ndarray:
     """(T, 3) [m] at configurations q (T, nq)."""
-    masses, placements = mass_points(body), body.placed(q).placements
+    masses = mass_points(body)
     assert masses is not None
-    R = placements[:, masses.joint, :9].reshape(len(q), -1, 3, 3).transpose(0, 1, 3, 2)
-    points = np.einsum("tmij,mj->tmi", R, masses.local) + placements[:, masses.joint, 9:]
+    points = points_of_each(body.placed(q), masses.joint, masses.local)
     return np.asarray(np.einsum("m,tmi->ti", masses.share, points))
 
 

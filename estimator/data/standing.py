@@ -14,15 +14,12 @@ from estimator.data.observation import Observation, image_extent
 
 SPAN = 0.15  # s, over which the speed of a foot's keypoint is measured
 HIP_SPAN = 0.5  # s, for which hips have not moved that rest on something: at the bottom of a squat they turn sooner
-FEWEST = 3  # frames in it
+FEWEST = 3  # frames in `SPAN`
 _FOOT, _ANKLE = ("heel", "toe"), "ankle"
 _BODY = 0.45  # m: root mean square distance of an adult's keypoints from their centre
 _SLIP, _SPEED = 0.05, 1.0  # m/s: standard deviations of the speeds of what stands, as detectors wander, and of the rest
 _LOW, _RAISED = 0.1, 0.5  # m: standard deviations of how high feet are in a picture above the lowest, alike
-_STILL, _WANDERS = (
-    0.01,
-    0.1,
-)  # m: standard deviations of where hips are within `HIP_SPAN`, of what rests and of the rest
+_STILL, _WANDERS = 0.01, 0.1  # m: standard deviations of where hips are within `HIP_SPAN`, at rest and not
 _LOW_HIPS = 0.5  # of the shank in the picture: hips that are less above the knees are low
 _NOISE = 0.5  # px, of a keypoint at least
 _TINY = 1e-9  # s

@@ -17,7 +17,7 @@ from estimator.energy.gravity_prior import up_is_assumed, world_up
 from estimator.energy.points import add_by_column, to_world
 from estimator.energy.term import BatchTerm
 from estimator.numerics.axes import axes_across
-from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
 from humanoid.shape.segment_masses import mass_points
 from humanoid.subject.landmarks import foot_landmarks
 from humanoid.support.compiled import jit
@@ -113,7 +113,7 @@ def _feet_of(body: Body) -> _Feet | None:
     ]
     upright = body.subject.upright
     posed, up = body.at(body.neutral), np.array([0.0, 0.0, 1.0] if upright is None else upright.axis)
-    points = np.einsum("nij,nj->ni", posed.rotations[masses.joint], masses.local) + posed.translations[masses.joint]
+    points = points_in_world(posed, masses.joint, masses.local)
     height = float(masses.share @ points @ up - (body.landmarks(posed)[landmark] @ up).min())
     if height < _TALL:
         return None

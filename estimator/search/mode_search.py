@@ -27,6 +27,7 @@ from estimator.search.jumps.readings import (
     ACROSS,
     AWAY,
     TOWARDS,
+    has_both,
     reading_shifts,
     readings_of_points,
     trunk_readings,
@@ -225,7 +226,7 @@ class ModeSearch:
         """See `estimator.search.jumps.readings.reading_shifts`, of modes q (K, nq) of energies (K,) that one camera
         sees; zero where several do."""
         readings = self.readings(q, camera)
-        if not {TOWARDS, AWAY} <= set(readings.tolist()):
+        if not has_both(readings):
             return np.zeros(len(q))
         return reading_shifts(readings, energy, self.model.rest_energies(q), self.settings.readings_rest)
 

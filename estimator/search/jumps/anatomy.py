@@ -47,6 +47,11 @@ class RigidPart:
     behind: tuple[int, ...]
     about: tuple[int, ...] = ()
 
+    @property
+    def beyond(self) -> list[int]:
+        """The landmarks that turn about those of `about`."""
+        return [int(k) for k in self.landmarks if k not in self.about]
+
 
 @dataclass(frozen=True)
 class Anatomy:

@@ -32,6 +32,11 @@ def readings_of_points(body: Body, points: np.ndarray, camera: Camera) -> np.nda
     return np.asarray(away)
 
 
+def has_both(readings: np.ndarray) -> bool:
+    """Whether some of these readings (N,) lead towards the camera and some away from it."""
+    return {TOWARDS, AWAY} <= set(readings.tolist())
+
+
 def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
     """By how much the trunk leads away from the camera in each configuration (N, nq), (N,) [m]; raises ValueError for a
     body without a trunk that turns."""
@@ -44,7 +49,7 @@ def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
 def _depths(trunk: RigidPart, points: np.ndarray, camera: Camera) -> np.ndarray:
     """How much farther what is beyond the hips is than these, along the rays to them, by landmarks (N, L, 3) [m]."""
     hips = points[:, list(trunk.about)].mean(axis=1)
-    beyond = points[:, [k for k in trunk.landmarks if k not in trunk.about]].mean(axis=1)
+    beyond = points[:, trunk.beyond].mean(axis=1)
     return np.asarray(np.einsum("ij,ij->i", beyond - hips, camera.sight_lines(hips)[1]))
 
 
@@ -59,7 +64,7 @@ def reading_shifts(readings: np.ndarray, energy: np.ndarray, rest: np.ndarray, s
     """
     shifts, evidence = np.zeros(len(energy)), energy - (1.0 - share) * rest
     sides = [readings == TOWARDS, readings == AWAY]
-    if all(side.any() for side in sides) and readings[np.argmin(energy)] != ACROSS:
+    if has_both(readings) and readings[np.argmin(energy)] != ACROSS:
         gaps = [float(values[sides[1]].min() - values[sides[0]].min()) for values in (evidence, energy)]
         other = sides[1] if gaps[1] >= 0.0 else sides[0]
         shifts[other] = (gaps[0] - gaps[1]) * (1.0 if gaps[1] >= 0.0 else -1.0)

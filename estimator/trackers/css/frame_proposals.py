@@ -16,7 +16,7 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import ExampleSearch, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
-from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
+from estimator.search.jumps.readings import AWAY, TOWARDS, has_both, trunk_readings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import (
     CovarianceScaledProposal,
@@ -172,7 +172,7 @@ class Proposals:
     def _one_reading(self, camera: Camera) -> bool:
         """Whether the best parent's trunk leads towards the camera or away from it, and no parent's the other way."""
         there = trunk_readings(self._search.body, np.array([m.q for m in self._prior.modes]), camera)
-        return there[0] in (TOWARDS, AWAY) and not {TOWARDS, AWAY} <= set(there.tolist())
+        return there[0] in (TOWARDS, AWAY) and not has_both(there)
 
     def _jumped(
         self, parents: np.ndarray, penalty: float, family: Family, propose: Callable[[np.ndarray], np.ndarray | None]

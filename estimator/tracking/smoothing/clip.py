@@ -20,7 +20,7 @@ from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.ground import Ground
 from estimator.search.hypothesis import EXCHANGED
-from estimator.search.jumps.readings import ACROSS, AWAY, TOWARDS
+from estimator.search.jumps.readings import ACROSS, has_both
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
@@ -248,7 +248,7 @@ class _Track:
     def _read(self, i: int, k: int, cost: Cost) -> Cost:
         """The cost by mode k, which holds its reading of the trunk where the frame has both."""
         camera, std = self._only_camera, self._settings.reading
-        if camera is None or std <= 0.0 or not {TOWARDS, AWAY} <= set(self._readings[i].tolist()):
+        if camera is None or std <= 0.0 or not has_both(self._readings[i]):
             return cost
         if self._readings[i][k] == ACROSS:
             return cost

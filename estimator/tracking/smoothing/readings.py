@@ -14,14 +14,14 @@ from estimator.data.cameras.camera import Camera
 from estimator.energy.trunk_side import TrunkSide
 from estimator.numerics.stretches import stretches
 from estimator.search.jumps.anatomy import anatomy_of
-from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_depths
+from estimator.search.jumps.readings import AWAY, TOWARDS, has_both, trunk_depths
 from humanoid.kinematics.body import Body
 
 _GAP = 0.15  # s: frames in which one reading is missing for so long do not end a stretch
 _BRIDGE = 0.4  # s: in which a path goes from one reading to the other
 _HELD = 0.5  # of the depth that a mode's trunk has
 _TINY = 1e-300
-BARRED = 1e6  # energy of modes that a path is not to take
+_BARRED = 1e6  # energy of modes that a path is not to take
 
 
 def reading_bars(
@@ -44,7 +44,7 @@ def reading_bars(
         better, worse = (TOWARDS, AWAY) if np.nansum(gaps[first:after]) > 0.0 else (AWAY, TOWARDS)
         for t in range(first, after):
             if np.any(readings[t] == better):
-                bars[t][readings[t] == worse] = BARRED
+                bars[t][readings[t] == worse] = _BARRED
     return bars
 
 
@@ -88,12 +88,11 @@ def reading_hold(body: Body, q: np.ndarray, camera: Camera, std: float) -> Trunk
     anatomy = anatomy_of(body)
     assert anatomy.trunk is not None
     trunk = anatomy.parts[anatomy.trunk]
-    ends = [int(k) for k in trunk.landmarks if k not in trunk.about]
     points = body.landmarks(body.at(q))
     hips = points[list(trunk.about)].mean(axis=0)
     ray = camera.sight_lines(hips[None])[1][0]
-    depth = float((points[ends].mean(axis=0) - hips) @ ray)
-    return TrunkSide(body, ends, trunk.about, np.sign(depth) * ray, _HELD * abs(depth), std)
+    depth = float((points[trunk.beyond].mean(axis=0) - hips) @ ray)
+    return TrunkSide(body, trunk.beyond, trunk.about, np.sign(depth) * ray, _HELD * abs(depth), std)
 
 
 def reading_weights(readings: np.ndarray, energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -104,7 +103,7 @@ def reading_weights(readings: np.ndarray, energy: np.ndarray, weight: np.ndarray
     readings the frame's own difference of energy, divided by the posterior's temperature, is right as often as it says
     (`python -m benchmarks trunk_evidence`).
     """
-    if not {TOWARDS, AWAY} <= set(readings.tolist()):
+    if not has_both(readings):
         return weight
     out = np.zeros(len(weight))
     for reading in set(readings.tolist()):
