@@ -31,7 +31,8 @@ from estimator.tracking.runner import run_into, stored_state
 from estimator.tracking.settings import Settings
 from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
-from humanoid.subject.subject import BUILT_IN, Subject, load_subject
+from humanoid.subject.keypoint_places import with_layout_places
+from humanoid.subject.subject import BUILT_IN, Subject, is_built_in
 from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
@@ -135,6 +136,7 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
 def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
+    subject = with_layout_places(subject, inputs.layout)
     body = Body(subject)
     tracker = make_tracker(job.tracker, body, job.settings)
     check_cue(tracker, job.tracker, names_of(chosen))
@@ -151,31 +153,31 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
-        fitted, estimates, of_fit = _fitted(job, subject, inputs, cues)
+        fitted, estimates, of_fit, noise = _fitted(job, subject, inputs, cues)
         for note in of_fit:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
         notes += of_fit
-        seen = [replace(o, estimate=estimates.get(o.index)) for o in inputs.observations]
+        seen = [replace(o, estimate=estimates.get(o.index), noise=noise) for o in inputs.observations]
         inputs = replace(inputs, observations=seen)
         return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues, subject)
 
 
 def _fitted(
     job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None
-) -> tuple[Subject, Mapping[int, PoseEstimate], tuple[str, ...]]:
+) -> tuple[Subject, Mapping[int, PoseEstimate], tuple[str, ...], tuple[float, ...]]:
     """The subject with the person's proportions and flesh, where they are to be fitted, what is known of the pose that
-    the track begins with, and notes."""
+    the track begins with, notes, and the factors on each camera's noise, none where it was not measured."""
     if not job.fits(subject):
         sized = subject if job.height is None else subject.resized(job.height / stature(subject))
-        return sized, job.estimates, ()
+        return sized, job.estimates, (), ()
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
-            return stored.subject, known, ()  # fitted when the run began
+            return stored.subject, known, (), stored.observation(0).noise  # fitted when the run began
     if inputs.observations[0].markers is not None:
         moving, static = inputs.observations, inputs.static
         fit = fit_markers(subject, moving, static, seed=job.seed, track_settings=job.settings)
-        return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes
+        return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes, ()
     shown = cues if job.fit == "auto" else None
     fit = person.fit_person(
         subject,
@@ -186,7 +188,8 @@ def _fitted(
         height=job.height,
         floor=inputs.floor,
     )
-    return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes  # of the first frame that it can begin with
+    first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
+    return fit.subject, first, fit.notes, tuple(camera.factor for camera in fit.noise)
 
 
 def fit_subject(
@@ -204,6 +207,7 @@ def fit_subject(
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
         inputs = load_inputs(Body(loaded), files)
+        loaded = with_layout_places(loaded, inputs.layout)
         check_keypoints(loaded, inputs.observations)
         chosen = chosen_cues(choice, inputs, Settings().cues)
         with opened_cues(loaded, inputs, chosen) as reader:
@@ -247,14 +251,6 @@ def check_stature(height: float | None) -> None:
 
 def _height_of(job: TrackingJob) -> dict[str, float]:
     return {} if job.height is None else {"height": job.height}
-
-
-def is_built_in(subject: Subject) -> bool:
-    """Whether this is a built-in subject with the proportions and flesh it was shipped with, fitted to no person."""
-    if subject.source not in BUILT_IN:
-        return False
-    shipped = load_subject(subject.source)
-    return (subject.proportions, subject.flesh) == (shipped.proportions, shipped.flesh)
 
 
 def frames_at_first(target: RunTarget) -> int | None:

@@ -274,7 +274,7 @@ class TrackerOptions:
     seed
         Seed of the tracker's random numbers; the same seed gives the same run.
     fit
-        auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
+        auto fits a built-in subject to the person in pieces of the clip: the proportions, and the flesh where edges or
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
         With --points lengths and the places of markers are fitted together (auto, markers).
     height

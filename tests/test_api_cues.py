@@ -114,7 +114,7 @@ def test_settings_reach_the_fit_whatever_the_tracker(
 
     def fitted(subject: Any, *args: Any, track_settings: Any, **how: Any) -> Any:
         given.append(track_settings)
-        return SimpleNamespace(subject=subject, estimates={}, notes=())
+        return SimpleNamespace(subject=subject, estimates={}, notes=(), noise=())
 
     monkeypatch.setattr(jobs.person, "fit_person", fitted)
     settings = {"cost": {"keypoint_noise": 0.05, "transition_nu": 9.0}, "annealed": {"particles": 5, "layers": 2}}

@@ -163,7 +163,9 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
         fits.append(subject)
         body = Body(subject)
         known = {k: PoseEstimate(body.neutral, 1e-4 * np.eye(body.nv)) for k in (1, 0)}
-        return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}), estimates=known, notes=())
+        return SimpleNamespace(
+            subject=subject.scaled({subject.proportions[0].joint: 1.05}), estimates=known, notes=(), noise=()
+        )
 
     monkeypatch.setattr(jobs.person, "fit_person", fitted)
     how = {**detected(clip), "fit": "auto", "trackers": NAMES[:2], "out": tmp_path}

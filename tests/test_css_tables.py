@@ -156,7 +156,7 @@ def test_valleys_are_continuous_and_end_where_searches_fall() -> None:
 
 def test_counts_in_a_regime() -> None:
     """Useful minima are some of all, and those that the methods know between them no fewer than either's."""
-    counts = counted(TrialTask(TRACKERS, 0, 0, 40, ("CSS 8", "SS 8", "CSS 4 and jumps about known minima")))
+    counts = counted(TrialTask(TRACKERS, 2, 0, 40, ("CSS 8", "SS 8", "CSS 4 and jumps about known minima")))
     for count in counts.values():
         assert 0 < count.useful <= count.minima
         assert count.useful_soon == count.useful  # 40 searches are fewer than FEW

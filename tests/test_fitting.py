@@ -13,7 +13,10 @@ from builders import body_of, camera_at, observe
 from estimator.data.observation import Observation
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
-from estimator.tracking.fitting.lengths import SIZES, LengthsEnergy, chosen_frames
+from estimator.tracking.fitting.fitted_points import FittedKeypoints
+from estimator.tracking.fitting.frames import chosen_pieces
+from estimator.tracking.fitting.lengths import SIZES
+from estimator.tracking.fitting.measures import Measures, MeasuresEnergy
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
@@ -24,7 +27,9 @@ from tests.tiny_clip import FEW_STARTS
 
 AROUND = tuple(camera_at(a, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95)) for a in (20, 110, 200, 290))
 TRACK = settings_for(
-    "css", modes=2, changes={"css": {"samples": 2}, "search": FEW_STARTS, "cost": {"keypoint_noise": 0.01}}
+    "css",
+    modes=2,
+    changes={"css": {"samples": 2}, "search": FEW_STARTS, "cost": {"keypoint_noise": 0.01, "keypoint_place": 0.007}},
 )
 FEW = FitSettings(frames=8, rounds=2)
 
@@ -147,12 +152,23 @@ def test_nothing_usable_leaves_the_subject_as_it_is() -> None:
         assert np.array_equal(fit.scales, np.ones(len(fit.names)))
 
 
-def test_frames_are_chosen_evenly_among_the_usable() -> None:
+def test_a_short_clip_is_one_piece_whose_frames_are_evenly_spread() -> None:
     seen = clip(body_of("human34").subject, 0.0, 9)
     seen[0] = replace(seen[0], confidence=seen[0].confidence * 0.0)
-    chosen = [o.index for o in chosen_frames(seen, FitSettings(seconds=1.5, frames=3))]
-    assert chosen in ([1, 4, 7], [1, 3, 7], [1, 5, 7])
-    assert [o.index for o in chosen_frames(seen, FitSettings(seconds=100.0, frames=50))] == list(range(1, 9))
+    (chosen,) = chosen_pieces(seen, FitSettings(seconds=100.0, frames=3))
+    assert [o.index for o in chosen] in ([1, 4, 8], [1, 5, 8])
+    (whole,) = chosen_pieces(seen, FitSettings(seconds=100.0, frames=50))
+    assert [o.index for o in whole] == list(range(1, 9))
+
+
+def test_a_long_clip_gives_its_beginning_and_the_pieces_that_look_least_alike() -> None:
+    seen = clip(body_of("human34").subject, 0.0, 12)
+    for k in (6, 7):  # somebody who is only then in another pose
+        seen[k] = replace(seen[k], pixels=seen[k].pixels * (1.0, 0.5))
+    seen = [replace(o, pixels=seen[0].pixels) if k not in (6, 7) else o for k, o in enumerate(seen)]
+    step = seen[1].time - seen[0].time
+    pieces = chosen_pieces(seen, FitSettings(seconds=4.0 * step, frames=4, pieces=2))
+    assert [[o.index for o in piece] for piece in pieces] == [[0, 1], [6, 7]]
 
 
 def test_fits_repeat() -> None:
@@ -163,18 +179,25 @@ def test_fits_repeat() -> None:
     assert first.subject.urdf == second.subject.urdf
 
 
+def measures_of(x: np.ndarray, count: int) -> Measures:
+    return Measures(x[:count], x[count:].reshape(-1, 3))
+
+
 def test_the_profiles_gradient_is_that_of_the_minimised_energy() -> None:
     """With every pose at its own minimum the derivative in the scales is the partial one (envelope theorem)."""
     proportions = ProportionedBody(body_of("human34").subject)
     body = body_of("human34")
     seen = clip(person()[0], 0.5, 2)
-    energy = LengthsEnergy(proportions, seen, replace(TRACK.cost, interpenetration_weight=0.0), FEW.effective_frames)
-    scales = np.full(len(proportions.names), 1.01)
+    proportions.base.keypoint_std = np.full(len(body.landmark_names), 0.015)
+    points = FittedKeypoints(proportions, cameras=2)
+    energy = MeasuresEnergy(proportions, points, seen, replace(TRACK.cost, interpenetration_weight=0.0), 1.0)
+    count = len(proportions.names)
+    x = np.concatenate([np.full(count, 1.01), 0.004 * np.random.default_rng(0).normal(size=3 * len(points.free))])
     poses = list(authored_motion(body, np.linspace(0.3, 2.3, 2)))
-    model = energy.model(scales, poses)
-    for k in range(len(scales)):
-        step = 1e-4 * np.eye(len(scales))[k]
-        ahead, behind = (energy.model(scales + sign * step, model.poses).value for sign in (1.0, -1.0))
+    model = energy.model(measures_of(x, count), poses)
+    for k in (*range(count), count + 3 * body.landmark_names.index("left_knee"), len(x) - 1):
+        step = 1e-4 * np.eye(len(x))[k]
+        ahead, behind = (energy.model(measures_of(x + sign * step, count), model.poses).value for sign in (1.0, -1.0))
         assert (ahead - behind) / 2e-4 == pytest.approx(model.gradient[k], abs=2e-4 * np.abs(model.gradient).max())
     assert np.array_equal(model.hessian, model.hessian.T)
     assert np.linalg.eigvalsh(model.hessian)[0] > 0.0
@@ -185,18 +208,22 @@ def test_poses_are_as_uncertain_as_the_lengths_make_them() -> None:
     proportions = ProportionedBody(body_of("human34").subject)
     body = body_of("human34")
     cost = replace(TRACK.cost, interpenetration_weight=0.0, pose_prior_weight=0.0)  # neither has all its curvature
-    energy = LengthsEnergy(proportions, clip(body.subject, 0.0, 1), cost, FEW.effective_frames)
-    scales = np.ones(len(proportions.names))
-    model = energy.model(scales, list(authored_motion(body, np.array([0.3]))))
-    (frame,) = model.frames
+    energy = MeasuresEnergy(proportions, FittedKeypoints(proportions, cameras=2), clip(body.subject, 0.0, 1), cost, 1.0)
+    count = len(proportions.names)
+    x = np.ones(count)
+    model = energy.model(measures_of(x, count), list(authored_motion(body, np.array([0.3]))))
+    (follows,) = model.follows
     for k in (proportions.names.index("left_knee_flexion"), proportions.names.index("left_elbow_flexion")):
-        step = 1e-3 * np.eye(len(scales))[k]
-        ahead, behind = (energy.model(scales + sign * step, model.poses).frames[0].q for sign in (1.0, -1.0))
+        step = 1e-3 * np.eye(len(x))[k]
+        ahead, behind = (
+            energy.model(measures_of(x + sign * step, count), model.poses).poses[0] for sign in (1.0, -1.0)
+        )
         moved = (body.difference(model.poses[0], ahead) - body.difference(model.poses[0], behind)) / 2e-3
-        np.testing.assert_allclose(frame.follows[:, k], moved, atol=0.1 * np.abs(moved).max())
-    of_scales = np.linalg.inv(model.hessian)
-    wider = frame.pose_covariance(of_scales) - frame.covariance
-    np.testing.assert_allclose(wider, frame.follows @ of_scales @ frame.follows.T, atol=1e-12)
+        # rest positions have another curvature on either side of them
+        np.testing.assert_allclose(follows[:, k], moved, atol=0.2 * np.abs(moved).max())
+    of_measures = energy.covariance(model)
+    wider = model.pose_covariance(0, of_measures) - model.covariances[0]
+    np.testing.assert_allclose(wider, follows @ of_measures @ follows.T, atol=1e-12)
     fit = fitted()
     assert fit.pose_covariance.shape == (8, body.nv, body.nv)
     assert np.linalg.eigvalsh(fit.pose_covariance)[:, 0].min() > -1e-12

@@ -60,7 +60,7 @@ def tracked(body: Body, truth: np.ndarray, cameras: Sequence[int], changes: dict
 def track() -> Track:
     """A person before one camera; in the gap nothing is seen."""
     body = body_of("human34")
-    whole = tracked(body, authored_motion(body, 0.4 + np.arange(FRAMES) / FPS), (15,), {})
+    whole = tracked(body, authored_motion(body, 0.4 + np.arange(FRAMES) / FPS), (40,), {})
     seen = [replace(o, confidence=0.0 * o.confidence) if o.index in GAP else o for o in whole.seen]
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes={"css": FEW, "search": FEW_STARTS}))
     return whole._replace(seen=seen, results=[r for r, _ in run(tracker, seen, 0)])

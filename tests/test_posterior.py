@@ -375,6 +375,23 @@ def test_a_detector_that_marks_other_points_moves_the_pose_as_least_squares_does
     np.testing.assert_allclose(moved.std(axis=0), np.sqrt(np.diagonal(said)), rtol=0.15)
 
 
+def test_a_joint_at_its_limit_may_be_as_far_from_it_as_unsure_places_put_it() -> None:
+    body = body_of("human34")
+    q, knee = body.neutral.copy(), body.v_names.index("left_knee_flexion")
+    q[body.q_names.index("left_knee_flexion")] = body.lower[body.q_names.index("left_knee_flexion")]
+    covariance = 1e-4 * np.eye(body.nv)
+    covariance[knee] = covariance[:, knee] = 0.0
+    sure, unsure, vague = (
+        Posterior.of(body, frame([q], [covariance]), replace(AS_IT_IS, limit_lean=0.01, landmark_std=std))
+        for std in (0.0, 0.005, 0.01)
+    )
+    assert sure.lean[0, knee] == pytest.approx(0.01)
+    assert 0.01 < unsure.lean[0, knee] < vague.lean[0, knee]
+    assert vague.covariance[0, knee, knee] == 0.0
+    ends = vague.marginals().quantile(0.95)[knee]
+    assert ends > 2.0 * sure.marginals().quantile(0.95)[knee]
+
+
 def test_landmarks_of_no_detector_that_is_known_have_no_bias() -> None:
     body = body_of("gripper")
     known = np.diag(np.full(body.nv, 0.01**2))

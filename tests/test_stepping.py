@@ -118,7 +118,7 @@ def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen
     assert [s.index for s in (*late, *rest)] == list(range(FRAMES))
     assert len(rest) <= LAG + 1
     assert all(same(step, alone.run, i) for i, step in enumerate((*late, *rest)))
-    search = make_tracker("css", body_of("human34"), settings_for("css", changes=FEW)).search  # type: ignore[attr-defined]
+    search = make_tracker("css", alone.run.body, settings_for("css", changes=FEW)).search  # type: ignore[attr-defined]
     smoother = FixedLag(search, SmoothSettings(lag=LAG))
     smoothed: dict[int, np.ndarray] = {}
     for i in range(FRAMES):

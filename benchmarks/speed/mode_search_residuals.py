@@ -68,7 +68,8 @@ class Residuals:
         places = {body.model.names[j]: int(body.model.idx_vs[j]) for j in range(1, body.njoints)}
         stabilisers = body.subject.stabilisers
         self._joint_v = np.array([places[s.joint] for s in stabilisers])
-        self._rest, self._std = np.array([s.rest for s in stabilisers]), np.array([s.std for s in stabilisers])
+        self._rest = np.array([s.rest for s in stabilisers])
+        self._stds = np.array([(s.std, s.std_above) for s in stabilisers])
         assert body.subject.upright is not None
         self._axis, self._tilt_std = np.array(body.subject.upright.axis), body.subject.upright.std
         self.lower, self.upper = np.full(body.nv, -np.inf), np.full(body.nv, np.inf)
@@ -123,9 +124,10 @@ class Residuals:
         return (weight[:, None] * r).ravel(), (weight[:, None, None] * J).reshape(-1, self._body.nv)
 
     def _stabilisers(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        D = np.zeros((len(self._rest), 1, self._body.nv))
-        D[np.arange(len(self._rest)), 0, self._joint_v] = 1.0 / self._std
-        r, J = robust(((x[self._joint_v] - self._rest) / self._std)[:, None], D, self._prior_nu)
+        D, off = np.zeros((len(self._rest), 1, self._body.nv)), x[self._joint_v] - self._rest
+        std = np.where(off > 0.0, self._stds[:, 1], self._stds[:, 0])
+        D[np.arange(len(self._rest)), 0, self._joint_v] = 1.0 / std
+        r, J = robust((off / std)[:, None], D, self._prior_nu)
         return r.ravel(), J[:, 0]
 
     def _tilt(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:

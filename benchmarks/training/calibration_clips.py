@@ -162,7 +162,7 @@ def tracked(task: Task) -> Tracked:
     settings = settings_for(task.tracker, changes=task.changes)
     if task.known_noise:
         noise = _true_noise(observations, task.condition)
-        settings = replace(settings, cost=replace(settings.cost, keypoint_noise=noise, landmark_mismatch=0.0))
+        settings = replace(settings, cost=replace(settings.cost, keypoint_noise=noise, keypoint_place=0.0))
         observations = [replace(o, jitter=()) for o in observations]
     tracker = make_tracker(task.tracker, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, task.seed)]

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.special import logsumexp
 
+from benchmarks.support.pose_prior_clips import subject_of
+from benchmarks.training.captured_legs import Legs, corrected
 from estimator.energy.pose_mixture import PoseMixture
 from estimator.energy.pose_prior import joint_axes
 from estimator.synthesis.mocap import load_mocap
@@ -20,6 +22,7 @@ POINT_STD = 0.02  # [m] of a captured landmark about the body's own
 # [m]; skeletons do not agree where these are, and are off by the same in every frame
 VAGUE_STD = {"shoulder": 0.05, "toe": 0.05, "top": 0.05}
 ROOT_PRECISION = 1e-3  # the captured landmarks place the root; this only keeps the matrix regular
+ZERO_STD = 0.07  # [rad] of a joint's zero: by so much two skeletons, or two models, of one person differ
 POOR_FIT = 0.1  # [m] of a landmark from its target: the body cannot take this pose, as a limit or a wrong start has it
 FIRST_STD = 0.2  # [rad] of every component in every joint before the first iteration: poses go to the nearest seed
 ITERATIONS = 60
@@ -77,7 +80,7 @@ def mirror_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
-    """A captured motion on the body, thinned, without the poses that it cannot take."""
+    """A captured motion on the body with corrected legs, thinned, without the poses that it cannot take."""
     mocap = load_mocap(path)
     followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / FPS))
     first = body.nq - len(joints_of(body))
@@ -88,19 +91,20 @@ def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
             poses.append(q)
     index = [body.landmark_names.index({"left_toe": "left_big_toe", "right_toe": "right_big_toe"}.get(n, n))
              for n in followed.names]  # fmt: skip
-    return Poses(np.array(poses)[:, first:], np.array([_uncertainty(body, q, index) for q in poses]))
+    angles = corrected(subject_of(path.stem), np.array(poses)[:, first:], Legs.among(joints_of(body)))
+    return Poses(angles, np.array([_uncertainty(body, q, index) for q in poses]))
 
 
 def _uncertainty(body: Body, q: np.ndarray, index: list[int]) -> np.ndarray:
-    """Covariance (D, D) of the joints given the captured landmarks and the stabilisers: without it, joints that no
-    landmark tells of, such as the neck's turn, would seem to be held still."""
+    """Covariance (D, D) of the joints given the captured landmarks and the stabilisers, and of their zeros: without it,
+    joints that no landmark tells of, such as the neck's turn, would seem to be held still."""
     std_of = [VAGUE_STD.get(body.landmark_names[k].split("_")[-1], POINT_STD) for k in index]
     J = (body.landmark_jacobians(body.at(q))[index] / np.array(std_of)[:, None, None]).reshape(-1, body.nv)
     count = len(joints_of(body))
-    std = {s.joint: s.std for s in body.subject.stabilisers}
+    std = {s.joint: s.moments[1] for s in body.subject.stabilisers}
     prior = np.full(body.nv, ROOT_PRECISION)
     prior[-count:] = [std[name] ** -2 for name in joints_of(body)]
-    return np.asarray(np.linalg.inv(J.T @ J + np.diag(prior))[-count:, -count:])
+    return np.asarray(np.linalg.inv(J.T @ J + np.diag(prior))[-count:, -count:]) + ZERO_STD**2 * np.eye(count)
 
 
 def balanced(people: Sequence[Sequence[Poses]], most: int, rng: np.random.Generator) -> list[Poses]:

@@ -39,6 +39,8 @@ class Observation:
     pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
     confidence (C, L): 0 to 1; 0 where missing.
     jitter (C,): how much the keypoints of the whole clip tremble from frame to frame, as a standard deviation [px].
+    noise (C,): by how much a detector's expected noise is multiplied for each camera, as a fit has measured it; empty
+        where nobody has.
     given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
     cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
     estimate: what a fit of the person knows of the pose, None where there was none.
@@ -66,6 +68,7 @@ class Observation:
     seated: float = 0.0
     lifted: LiftedPose | None = None
     markers: np.ndarray | None = None
+    noise: tuple[float, ...] = ()
 
     @property
     def count(self) -> int:

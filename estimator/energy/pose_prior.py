@@ -54,8 +54,8 @@ class PosePrior(BatchTerm):
         self._v_index = np.array([model.idx_vs[moving[name]] for name in joints], dtype=np.int64)
         rests = {s.joint: s for s in body.subject.stabilisers}
         self._rest = np.array([rests[name].rest for name in joints])
-        std = np.array([rests[name].std for name in joints])
-        self._rest_precision = 1.0 / np.square(std)
+        stds = np.array([(rests[name].std, rests[name].std_above) for name in joints])
+        self._rest_precision = 1.0 / np.square(stds)
         share, mean, covariance = mixture.both_sides()
         self._mean, covariance = np.ascontiguousarray(mean[:, kept]), covariance[:, kept][:, :, kept]
         cholesky = np.linalg.cholesky(covariance)
@@ -64,7 +64,7 @@ class PosePrior(BatchTerm):
         product = self._whiten_t @ whiten
         # to the bit: which of two equal sums a matrix product rounds how is the machine's own choice
         self._precision = np.ascontiguousarray(0.5 * (product + product.transpose(0, 2, 1)))
-        self._log_share = np.log(share) + _log_heights(cholesky, std)
+        self._log_share = np.log(share) + _log_heights(cholesky, stds.mean(axis=1))
         self._log_background, self._weight = math.log(mixture.background), float(weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
@@ -86,7 +86,8 @@ class PosePrior(BatchTerm):
 
 
 def _log_heights(cholesky: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Log density of every Gaussian (K, D, D) at its mean over that of the background, of scale std (D,), at rest."""
+    """Log density of every Gaussian (K, D, D) at its mean over that of the background, whose scales
+    are std (D,) in the mean of either side, at rest."""
     gaussians = -np.log(np.diagonal(cholesky, axis1=1, axis2=2)).sum(axis=1) - 0.5 * len(std) * math.log(2.0 * math.pi)
     # integral of (1 + z^2 / nu)^(-nu / 2) over z
     log_integral = 0.5 * math.log(math.pi * NU) + math.lgamma(0.5 * (NU - 1.0)) - math.lgamma(0.5 * NU)
@@ -142,7 +143,8 @@ def mixture_energy(  # type: ignore[no-untyped-def]
 
     q (nq,). q_index, v_index (D,): places of the D angles in q and in the tangent.
     log_share (K,): log of each Gaussian's height. mean (K, D); whiten_t (K, D, D): transposed inverse Cholesky factors,
-    so that the loops run along rows; precision (K, D, D). log_background; rest, rest_precision (D,): of the background.
+    so that the loops run along rows; precision (K, D, D). log_background; rest (D,), rest_precision (D, 2), below and
+    above it: of the background.
     """
     K, D = mean.shape
     log_density = np.empty(K + 1)
@@ -188,7 +190,7 @@ def _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, 
     log_density[K] = log_background
     for i in range(D):
         e = q[q_index[i]] - rest[i]
-        log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i] / NU)
+        log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i, 1 if e > 0.0 else 0] / NU)
     white = np.empty(D)
     for k in range(K):
         white[:] = 0.0
@@ -227,10 +229,11 @@ def _background(q, q_index, share, rest, rest_precision, exact, own, bend):  # t
     D = rest.shape[0]
     for i in range(D):
         e = q[q_index[i]] - rest[i]
-        slope = 1.0 / (1.0 + e * e * rest_precision[i] / NU)
-        own[i] = rest_precision[i] * e * slope
-        bending = 2.0 * slope * slope * e * e * rest_precision[i] / NU if exact else 0.0
-        bend[i, i] += share * rest_precision[i] * (slope - bending)
+        precision = rest_precision[i, 1 if e > 0.0 else 0]
+        slope = 1.0 / (1.0 + e * e * precision / NU)
+        own[i] = precision * e * slope
+        bending = 2.0 * slope * slope * e * e * precision / NU if exact else 0.0
+        bend[i, i] += share * precision * (slope - bending)
     if exact:
         for i in range(D):
             for j in range(D):

@@ -19,8 +19,8 @@ fewest that have a variance; the pose prior's background and the order of kinema
 
 
 class Stabilisers(BatchTerm):
-    """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), scaled by `weight`, and of some
-    joints by a factor besides, `relative` by their names."""
+    """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), with a scale on either side of it,
+    times `weight`, and for some joints times a factor besides, `relative` by their names."""
 
     name = "stabilisers"
 
@@ -42,7 +42,7 @@ class Stabilisers(BatchTerm):
         self._q_index = np.array([model.idx_qs[j] for j in joints], dtype=np.int64)
         self._v_index = np.array([model.idx_vs[j] for j in joints], dtype=np.int64)
         self._rest = np.array([s.rest for s in body.subject.stabilisers])
-        self._precision = np.array([1.0 / s.std**2 for s in body.subject.stabilisers])
+        self._precision = np.array([(s.std**-2, s.std_above**-2) for s in body.subject.stabilisers]).reshape(-1, 2)
         factors = {} if relative is None else relative
         self._weight = weight * np.array([factors.get(s.joint, 1.0) for s in body.subject.stabilisers])
         self._kind, self._nu = POTENTIALS[potential], float(nu)
@@ -117,16 +117,18 @@ class Transition(BatchTerm):
 def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
     """Value of S stabilisers; adds their gradient (nv,) and diagonal hessian (nv, nv).
 
-    q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, precision, weight (S,).
+    q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, weight (S,). precision (S, 2):
+    below and above rest.
     """
     value = 0.0
     for i in range(q_index.shape[0]):
         e = q[q_index[i]] - rest[i]
-        cost, slope, bend = rho(kind, e * e * precision[i], nu)
+        own = precision[i, 1 if e > 0.0 else 0]
+        cost, slope, bend = rho(kind, e * e * own, nu)
         value += 0.5 * weight[i] * cost
-        gradient[v_index[i]] += weight[i] * slope * precision[i] * e
-        curvature = slope + 2.0 * bend * e * e * precision[i] if exact else slope
-        hessian[v_index[i], v_index[i]] += weight[i] * curvature * precision[i]
+        gradient[v_index[i]] += weight[i] * slope * own * e
+        curvature = slope + 2.0 * bend * e * e * own if exact else slope
+        hessian[v_index[i], v_index[i]] += weight[i] * curvature * own
     return value
 
 
@@ -137,7 +139,7 @@ def stabiliser_values(q, q_index, rest, precision, weight, kind, nu, values):  #
         value = 0.0
         for i in range(q_index.shape[0]):
             e = q[n, q_index[i]] - rest[i]
-            value += 0.5 * weight[i] * rho(kind, e * e * precision[i], nu)[0]
+            value += 0.5 * weight[i] * rho(kind, e * e * precision[i, 1 if e > 0.0 else 0], nu)[0]
         values[n] = value
 
 

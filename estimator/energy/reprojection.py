@@ -24,11 +24,12 @@ BEHIND = 1e4  # squared whitened residual charged for a landmark that is not in 
 
 
 class Reprojection(BatchTerm):
-    """Keypoints of one instant; several cameras simply add (CSS eqs. 5, 6 with given assignments).
+    """Keypoints of one instant against where detectors mark the landmarks; several cameras simply add (CSS eqs. 5, 6
+    with given assignments).
 
     Parameters
     ----------
-    body: the body whose landmarks are compared, in its landmark order.
+    body: the body whose keypoints (`Body.keypoint_local`) are compared, in its landmark order.
     observation: pixels (C, L, 2), confidence (C, L).
     sigma (C, L): standard deviation of each keypoint [px].
     potential, nu: see `estimator.numerics.robust`.
@@ -69,13 +70,14 @@ class Reprojection(BatchTerm):
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
         keypoint_values(
-            placed.placements, self._body.landmark_joint, self._body.landmark_local, self._intrinsics, self._distortion,
+            placed.placements, self._body.landmark_joint, self._body.keypoint_local, self._intrinsics, self._distortion,
             self._R, self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu, values,
         )  # fmt: skip
         return values
 
     def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (L, 3) [1/m] and Gauss-Newton Hessian (L, 3, 3) of the value with respect to each landmark."""
+        """Gradient (L, 3) [1/m] and Gauss-Newton Hessian (L, 3, 3) of the value with respect to each keypoint's
+        place in the world."""
         self._load_points(posed, False)
         return self._loaded.force.copy(), self._loaded.weight.copy()
 
@@ -83,14 +85,14 @@ class Reprojection(BatchTerm):
         """Distance of every keypoint from its projected landmark in standard deviations, (C, L); NaN where missing."""
         distances = np.full(self._confidence.shape, np.nan)
         whitened_distances(
-            self._body.landmarks(posed), self._intrinsics, self._distortion, self._R, self._t, self._pixels,
+            self._body.keypoints(posed), self._intrinsics, self._distortion, self._R, self._t, self._pixels,
             self._confidence, self._precision, distances,
         )  # fmt: skip
         return distances
 
     def _load_points(self, posed: PosedBody, exact: bool) -> float:
         value: float = point_loads(
-            posed.placements, self._body.landmark_joint, self._body.landmark_local, self._intrinsics,
+            posed.placements, self._body.landmark_joint, self._body.keypoint_local, self._intrinsics,
             self._distortion, self._R, self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu,
             exact, self._loaded.points, self._loaded.force, self._loaded.weight,
         )  # fmt: skip

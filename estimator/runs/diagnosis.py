@@ -232,7 +232,8 @@ def _far_markers(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[FarMar
 
 
 def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of landmarks from keypoints, in pixels and in standard deviations, (T, C, L); NaN where missing."""
+    """How far keypoints are from where the body has them, in pixels and in standard deviations, (T, C, L); NaN where
+    missing."""
     model, associations = CostModel(run.body, cost), _associations(run)
     mirror = mirror_index(run.body.landmark_names)
     pixels, deviations = [], []
@@ -241,8 +242,8 @@ def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarr
         seen: Observation = observation.exchanged(mirror) if associations[t] == EXCHANGED else observation
         posed = run.body.at(run.q[t])
         own = model.observation_term(seen).distances(posed)
-        landmarks = run.body.landmarks(posed)
-        places = np.array([camera.project(landmarks) for camera in seen.cameras])
+        marked = run.body.keypoints(posed)
+        places = np.array([camera.project(marked) for camera in seen.cameras])
         apart = np.linalg.norm(places - seen.pixels, axis=2)
         deviations.append(own)
         pixels.append(np.where(np.isfinite(own), apart, np.nan))

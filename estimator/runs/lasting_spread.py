@@ -20,7 +20,7 @@ def lasting_by_landmarks(
     """Covariances (K, nv, nv) of K modes by how far a detector marks this person from the landmarks.
 
     priors (K, nv, nv): precision of the rest positions. covariances (K, nv, nv): of all else, zero where a mode is not
-    free. std [m]: of a bias, averaged over the landmarks.
+    free; what is returned is not. std [m]: of a bias, averaged over the landmarks.
     """
     known = np.flatnonzero([landmark_name(name) is not None for name in body.landmark_names])
     if not len(known):
@@ -44,16 +44,17 @@ def lasting_by_markers(
 def _moved(
     jacobians: Iterator[np.ndarray], deviation: np.ndarray, priors: Sequence[np.ndarray], covariances: np.ndarray
 ) -> np.ndarray:
-    """What least squares makes of points that are off by deviations (N,) [m], drawn towards the rest positions, where
-    the modes are free. jacobians (K) of (N, 3, nv): of the points."""
+    """What least squares makes of points that are off by deviations (N,) [m], drawn towards the rest positions; zero
+    for modes that are free nowhere. jacobians (K) of (N, 3, nv): of the points.
+
+    Degrees of freedom that a limit holds count too: with other places of the points they may not be held there.
+    """
     moved = np.zeros_like(covariances)
     for own, jacobian, prior, covariance in zip(moved, jacobians, priors, covariances, strict=True):
-        free = np.flatnonzero(np.diagonal(covariance) > 0.0)
-        if not len(free):
+        if not np.any(np.diagonal(covariance) > 0.0):
             continue
-        J = jacobian[:, :, free] / deviation[:, None, None]
-        block = np.ix_(free, free)
-        seen = np.einsum("lia,lib->ab", J, J) + prior[block] + LEAST_PRECISION * np.eye(len(free))
-        gain = np.linalg.solve(seen, J.reshape(-1, len(free)).T)
-        own[block] = gain @ gain.T
+        J = jacobian / deviation[:, None, None]
+        seen = np.einsum("lia,lib->ab", J, J) + prior + LEAST_PRECISION * np.eye(len(prior))
+        gain = np.linalg.solve(seen, J.reshape(-1, len(prior)).T)
+        own[:] = gain @ gain.T
     return moved

@@ -7,6 +7,7 @@ of the calibration (`estimator.runs.calibration`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -121,11 +122,14 @@ class Posterior:
         priors = [_prior_precision(stabilisers, body, mode) for mode in posed]
         covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, covariance, strict=True)]
         covariance = c.covariance_scale * np.array(covariances)
+        lasting = np.zeros_like(covariance)
         if not seen_by and body.marker_names:
-            covariance += lasting_by_markers(body, posed, priors, covariance)
+            lasting = lasting_by_markers(body, posed, priors, covariance)
         elif c.landmark_std > 0.0:
-            covariance += lasting_by_landmarks(body, posed, priors, covariance, c.landmark_std)
-        lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
+            lasting = lasting_by_landmarks(body, posed, priors, covariance, c.landmark_std)
+        modes = zip(q, covariance, lasting, strict=True)
+        lean = np.array([_leaning(body, mode, cov, c.limit_lean, own) for mode, cov, own in modes])
+        covariance = covariance + _where_free(covariance, lasting)
         size_std = 0.0 if size_known else c.size_std
         covariance = covariance + camera_covariances(body, posed, priors, covariance, seen_by, size_std)
         return Posterior(body, q, weight, covariance, lean)._spread(c.scale_spread)
@@ -272,11 +276,19 @@ def _with_prior(prior: np.ndarray, covariance: np.ndarray, prior_weight: float) 
     return 0.5 * (posterior + posterior.T)
 
 
-def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:
-    """See `Posterior.lean`, for one mode."""
+def _where_free(covariance: np.ndarray, lasting: np.ndarray) -> np.ndarray:
+    """Covariances (K, nv, nv) of what lasts where the modes are free, by their own (K, nv, nv); zero elsewhere."""
+    free = np.diagonal(covariance, axis1=1, axis2=2) > 0.0
+    return np.asarray(np.where(free[:, :, None] & free[:, None, :], lasting, 0.0))
+
+
+def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float, lasting: np.ndarray) -> np.ndarray:
+    """See `Posterior.lean`, for one mode: as far from a limit in the mean as `distance`, or as an error that lasts,
+    lasting (nv, nv), puts a joint that is at the limit, which has half of a Gaussian's places."""
     v, i = body.bounded_v, body.bounded_q
     held = np.diagonal(covariance)[v] <= 0.0
     inward = np.where(q[i] <= body.lower[i], 1.0, -1.0)
     lean = np.zeros(body.nv)
-    lean[v] = np.where(held, inward * np.minimum(distance, body.upper[i] - body.lower[i]), 0.0)
+    far = np.maximum(distance, math.sqrt(2.0 / math.pi) * np.sqrt(np.diagonal(lasting)[v]))
+    lean[v] = np.where(held, inward * np.minimum(far, body.upper[i] - body.lower[i]), 0.0)
     return lean

@@ -119,10 +119,11 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
         raise DamageError("confidence is not between 0 and 1")
     if not (np.abs(pixels[confidence > 0.0]) < _LARGEST).all():
         raise DamageError("pixels are not finite")
-    if "jitter" in arrays:
-        check_arrays(arrays, {"jitter": Field("f", ("any",))}, {})
-        if arrays["jitter"].size not in (0, cameras) or (arrays["jitter"] < 0.0).any():
-            raise DamageError("jitter does not fit the cameras")
+    for name in ("jitter", "noise"):
+        if name in arrays:
+            check_arrays(arrays, {name: Field("f", ("any",))}, {})
+            if arrays[name].size not in (0, cameras) or (arrays[name] < 0.0).any():
+                raise DamageError(f"{name} does not fit the cameras")
     if "given" in arrays:
         check_arrays(arrays, {"given": Field("b")}, {})
     if any(name in arrays for name in _ESTIMATE):

@@ -101,6 +101,7 @@ class RunWriter:
                         "confidence": o.confidence,
                         "given": np.array(o.given),
                         "jitter": np.array(o.jitter),
+                        "noise": np.array(o.noise),
                         **_knowledge_of(o),
                     }
                 ),

@@ -195,7 +195,8 @@ class Run(Summarised):
         estimate = PoseEstimate(a["estimate_q"], a["estimate_covariance"]) if "estimate_q" in a else None
         seen = Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
         lifted = LiftedPose(a["lifted"], float(a["lifted_share"])) if "lifted" in a else None
-        return replace(seen, estimate=estimate, lifted=lifted, markers=a.get("markers"))
+        noise = tuple(a["noise"].tolist()) if "noise" in a else ()
+        return replace(seen, estimate=estimate, lifted=lifted, markers=a.get("markers"), noise=noise)
 
     @property
     def estimates(self) -> dict[int, PoseEstimate] | None:

@@ -55,8 +55,9 @@ class CostModel:
         self.settings = settings or CostSettings()
         self.cues = cues or cue_settings()
         self.self_collision = self_collision if self_collision is not None and self_collision.pairs else None
-        spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
-        self._spread = np.hypot(spread, self.settings.landmark_mismatch)
+        self._spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
+        known = body.keypoint_std / body.extent
+        self._place = np.where(np.isnan(known), self.settings.keypoint_place, known)
         self.quickness = quickness_of(body) if self.settings.quickness else np.ones(body.nv)
         self._context = TermContext(body, self.settings, self.self_collision)
         self._fixed = tuple(terms_of(self._context))
@@ -95,10 +96,13 @@ class CostModel:
         return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
-        """Standard deviation (C, L) [px] of the keypoints of a frame; what trembles in the clip's is added, and what a
-        keypoint that was not detected has of its own."""
+        """Standard deviation (C, L) [px] of the keypoints of a frame: of what a detector errs, as the clip has it where
+        that was measured, of their places on the body, of what trembles in the clip, and what a keypoint that was not
+        detected has of its own."""
         extent = np.array([image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)])
-        sigma: np.ndarray = self.settings.keypoint_noise * extent[:, None] * self._spread[None, :]
+        measured = np.array(observation.noise) if observation.noise else np.ones(len(extent))
+        noise = self.settings.keypoint_noise * measured
+        sigma: np.ndarray = extent[:, None] * np.hypot(noise[:, None] * self._spread, self._place)
         if observation.jitter:
             sigma = np.hypot(sigma, np.array(observation.jitter)[:, None])
         if observation.spread is not None:

@@ -17,10 +17,11 @@ class CostSettings:
     """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
 
     potential, nu: robust potential of a keypoint (`estimator.numerics.robust`).
-    keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
-        (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
-    landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
-        it keeps sharply detected points of the face from deciding the body's size.
+    keypoint_noise: standard deviation of a shoulder-like keypoint about its place on the body, as a fraction of the
+        subject's extent in the image (root mean square distance of its keypoints from their centre): detectors err in
+        proportion to the person. keypoint_place: of that place from the landmark, in the same unit, where the subject
+        does not say it (`humanoid.subject.urdf_elements.Landmark`); it keeps sharply detected points of the face from
+        deciding the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
         takes (`estimator.energy.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped
@@ -48,8 +49,8 @@ class CostSettings:
 
     potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     nu: float = setting(8.0, above=0)
-    keypoint_noise: float = setting(0.03, above=0)
-    landmark_mismatch: float = setting(0.7, at_least=0)
+    keypoint_noise: float = setting(0.025, above=0)
+    keypoint_place: float = setting(0.021, at_least=0)
     stabiliser_weight: float = setting(1.0, at_least=0)
     upright_weight: float = setting(1.0, at_least=0)
     pose_prior_weight: float = setting(0.25, at_least=0, at_most=1)

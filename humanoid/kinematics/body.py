@@ -15,6 +15,7 @@ from humanoid.support.compiled import jit
 from humanoid.support.summary import Facts, Summarised
 
 ON_LIMIT = 1e-12  # rad or m
+_LEAST_EXTENT = 0.05  # m
 SHORTEST_STEP = 1e-3
 """[s] Frames nearer in time count as this far apart: no clip has more frames a second than 1000, but equal time stamps
 occur, and a velocity must stay finite."""
@@ -141,12 +142,16 @@ class Body(Summarised):
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     landmark_support (L, nv) bool: which degrees of freedom move each landmark.
+    keypoint_local (L, 3), keypoint_std (L,): where in the same frames detectors mark the landmarks, and how unsure that
+    is [m], NaN where nobody knows, see `humanoid.subject.urdf_elements.Landmark`.
     marker_names (M), marker_joint (M,), marker_local (M, 3), marker_std (M,): the same of markers, and how unsure
     their places are [m].
     column_support (njoints, nc) bool: which columns of the spatial Jacobian move each joint. follows: whether joints
     follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
-    neutral (nq,): root at the origin, joints at their rest positions, inside the limits.
+    neutral (nq,): root at the origin, joints at their means, inside the limits.
+    extent [m]: root mean square distance of the landmarks from their centre as somebody sees them who faces the body
+    there: what the extent of keypoints is in a picture.
     bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
     """
 
@@ -161,6 +166,10 @@ class Body(Summarised):
         self.landmark_joint, self.landmark_local = points_on_links(
             model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
         )
+        self.keypoint_local = points_on_links(
+            model, [(m.link, tuple(np.add(m.xyz, m.keypoint).tolist())) for m in subject.landmarks]
+        )[1]
+        self.keypoint_std = np.array([np.nan if m.keypoint_std is None else m.keypoint_std for m in subject.landmarks])
         self.marker_names = tuple(marker.name for marker in subject.markers)
         self.marker_std = np.array([marker.std for marker in subject.markers])
         self.marker_joint, self.marker_local = points_on_links(
@@ -175,6 +184,7 @@ class Body(Summarised):
         self._limits(model)
         self._kinematics = kinematics_of(model)
         self.neutral = self._rest()
+        self.extent = self._extent()
 
     def _limits(self, model: pin.Model) -> None:
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
@@ -187,12 +197,18 @@ class Body(Summarised):
         self.upper[self.bounded_q] = upper[self.bounded_q]
 
     def _rest(self) -> np.ndarray:
-        """Neutral configuration with the stabilisers' joints at rest, inside the limits."""
+        """Neutral configuration with the stabilisers' joints at their means, inside the limits."""
         q = pin.neutral(self.model)
         for stabiliser in self.subject.stabilisers:
             if self.model.existJointName(stabiliser.joint):
-                q[self.model.idx_qs[self.model.getJointId(stabiliser.joint)]] = stabiliser.rest
+                q[self.model.idx_qs[self.model.getJointId(stabiliser.joint)]] = stabiliser.moments[0]
         return self.clamp(q)
+
+    def _extent(self) -> float:
+        if not self.landmark_names:
+            return _LEAST_EXTENT
+        points = self.landmarks(self.at(self.neutral))[:, 1:]
+        return max(float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean())), _LEAST_EXTENT)
 
     def at(self, q: np.ndarray) -> PosedBody:
         """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""
@@ -258,6 +274,10 @@ class Body(Summarised):
     def landmarks(self, posed: PosedBody) -> np.ndarray:
         """Landmarks in the world [m], (L, 3)."""
         return points_in_world(posed, self.landmark_joint, self.landmark_local)
+
+    def keypoints(self, posed: PosedBody) -> np.ndarray:
+        """Where detectors mark the landmarks, in the world [m], (L, 3)."""
+        return points_in_world(posed, self.landmark_joint, self.keypoint_local)
 
     def landmarks_of(self, placed: PlacedBodies) -> np.ndarray:
         """Landmarks of N configurations in the world [m], (N, L, 3); each as `landmarks` has them, to the last bit."""

@@ -16,9 +16,9 @@ class ProportionedBody:
     read off subjects scaled by one proportion each.
 
     base: the body at scales of 1. names (P): the proportions, by joint. mean, std, low, high (P,):
-    prior and hard range (CSS 3.2.1, 3.2.3). marker_slope (P, M, 3): how markers move in the frames of their joints [m]
-    with each scale. part_slope (P, B, 3): how the frames of the parts' links move in those of
-    their joints [m].
+    prior and hard range (CSS 3.2.1, 3.2.3). landmark_slope (P, L, 3), marker_slope (P, M, 3): how landmarks and markers
+    move in the frames of their joints [m] with each scale. part_slope (P, B, 3): how the frames of the parts' links
+    move in those of their joints [m].
     """
 
     def __init__(self, subject: Subject) -> None:
@@ -31,7 +31,7 @@ class ProportionedBody:
         self.base = Body(subject)
         self._joints = _joint_translations(self.base.model)
         self._joint_slope = np.zeros((len(proportions), self.base.njoints, 3))
-        self._landmark_slope = np.zeros((len(proportions), len(self.base.landmark_names), 3))
+        self.landmark_slope = np.zeros((len(proportions), len(self.base.landmark_names), 3))
         self.marker_slope = np.zeros((len(proportions), len(self.base.marker_names), 3))
         links = [(flesh.link, (0.0, 0.0, 0.0)) for flesh in subject.flesh]
         at_rest = points_on_links(self.base.model, links)[1]
@@ -40,7 +40,7 @@ class ProportionedBody:
             step = p.scale_max - 1.0
             other = Body(subject.scaled({p.joint: p.scale_max}))
             self._joint_slope[k] = (_joint_translations(other.model) - self._joints) / step
-            self._landmark_slope[k] = (other.landmark_local - self.base.landmark_local) / step
+            self.landmark_slope[k] = (other.landmark_local - self.base.landmark_local) / step
             self.marker_slope[k] = (other.marker_local - self.base.marker_local) / step
             self.part_slope[k] = (points_on_links(other.model, links)[1] - at_rest) / step
         self._carried = _path_to_root(self.base)
@@ -53,13 +53,16 @@ class ProportionedBody:
         for j in range(1, model.njoints):
             model.jointPlacements[j] = pin.SE3(model.jointPlacements[j].rotation, translations[j])
         body = Body(self.base.subject, model)
-        body.landmark_local = self.base.landmark_local + np.einsum("p,plk->lk", change, self._landmark_slope)
+        moved = np.einsum("p,plk->lk", change, self.landmark_slope)
+        body.landmark_local = self.base.landmark_local + moved
+        body.keypoint_local = self.base.keypoint_local + moved
+        body.extent = self.base.extent  # how unsure a keypoint is does not say how large a person is
         body.marker_local = self.base.marker_local + np.einsum("p,pmk->mk", change, self.marker_slope)
         return body
 
     def landmark_derivatives(self, posed: PosedBody) -> np.ndarray:
         """Derivative of every landmark in the world [m] with respect to every scale, (L, 3, P)."""
-        return self.point_derivatives(posed, self.base.landmark_joint, self._landmark_slope)
+        return self.point_derivatives(posed, self.base.landmark_joint, self.landmark_slope)
 
     def point_derivatives(self, posed: PosedBody, joint: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Derivative of points on joints (N,) in the world [m] with respect to every scale, (N, 3, P).

@@ -5,7 +5,8 @@
     [landmarks]
     left_elbow = {link = "left_forearm", xyz = [0, 0, 0]}          # metres in the link's frame
     [stabilisers]
-    elbow = {rest = 0.3, std = 0.8}                     # rad, metres for a sliding joint; also quickness = 1.2
+    elbow = {rest = 0.3, std = 0.8}                     # rad, metres for a sliding joint; also std_above = 1,
+                                                        # where it is another above rest, and quickness = 1.2
     [proportions]
     elbow = {scale_min = 0.8, scale_max = 1.2, mean = 1, std = 0.06, symmetric_with = ["right_elbow"]}
     [limits]
@@ -30,14 +31,14 @@ SUFFIX = ".landmarks.toml"
 _TABLES: dict[str, tuple[str, str, dict[str, str]]] = {
     "landmarks": ("landmark", "name", {"link": "text", "xyz": "three numbers"}),
     "upright": ("upright", "link", {"xyz": "three numbers", "std": "a number"}),
-    "stabilisers": ("stabiliser", "joint", {"rest": "a number", "std": "a number", "quickness": "a number"}),
+    "stabilisers": ("stabiliser", "joint", dict.fromkeys(("rest", "std", "std_above", "quickness"), "a number")),
     "proportions": (
         "proportion",
         "joint",
         {**dict.fromkeys(("scale_min", "scale_max", "mean", "std"), "a number"), "symmetric_with": "a list of names"},
     ),
 }
-_OPTIONAL = ("xyz", "symmetric_with", "quickness")
+_OPTIONAL = ("xyz", "symmetric_with", "std_above", "quickness")
 
 
 def merge_landmark_file(document: Document, path: Path) -> None:

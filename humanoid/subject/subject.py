@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pinocchio as pin
 
 from humanoid.subject import example_robots, urdf_elements
@@ -38,6 +39,7 @@ __all__ = [
     "Subject",
     "SubjectName",
     "UprightElement",
+    "is_built_in",
     "load_subject",
     "subject_from_text",
     "subject_names",
@@ -127,6 +129,12 @@ class Subject(Summarised):
         reshape(document, shapes)
         return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
 
+    def with_keypoint_places(self, places: Mapping[str, tuple[np.ndarray, float]]) -> Subject:
+        """This subject with the places at which keypoints are marked, by landmark: offset from the landmark (3,) in its
+        link's frame, and how unsure it is [m]; those of other landmarks stay."""
+        text = urdf_elements.with_keypoint_places(self.urdf, self.source, places)
+        return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
+
     def with_markers(self, markers: Sequence[Marker]) -> Subject:
         """This subject with these markers in place of its own. Raises InputError for a link that it does not have, a
         name given twice, or a deviation that is not positive."""
@@ -215,6 +223,14 @@ def _build_model(plain_urdf: str, source: str, *, free: bool) -> pin.Model:
     if model.nv == 0:
         raise InputError(source, "nothing in it can move", remedy='add a movable joint, or load it with base="free"')
     return model
+
+
+def is_built_in(subject: Subject) -> bool:
+    """Whether this is a built-in subject with the proportions and flesh it was shipped with, fitted to no person."""
+    if subject.source not in BUILT_IN:
+        return False
+    shipped = load_subject(subject.source)
+    return (subject.proportions, subject.flesh) == (shipped.proportions, shipped.flesh)
 
 
 def load_subject(

@@ -4,11 +4,14 @@ URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy 
 
     <subject base="free|fixed"/>
     <link ...><flesh .../></link>                     see `humanoid.subject.urdf_flesh`
-    <landmark name link xyz/>
+    <landmark name link xyz [keypoint keypoint_std]/> a named point; where a detector marks it, off from there, and the
+                                                      std of that [m]
     <marker name link xyz std/>                       a point that is measured in space; std of its place [m]
     <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
-    <stabiliser joint rest std [quickness]/>          rest position and standard deviation [rad or m]; how quickly the
-                                                      joint moves, as a factor of the settings' speed and acceleration
+    <stabiliser joint rest std [std_above] [quickness]/>
+                                                      rest position and standard deviation [rad or m], another above it
+                                                      where the joint's angles are not symmetric; how quickly the joint
+                                                      moves, as a factor of the settings' speed and acceleration
     <proportion joint scale_min scale_max mean std symmetric_with/>
 
 A proportion scales the origin of its joint, and of the joints named in `symmetric_with`, and stretches the flesh of
@@ -22,6 +25,7 @@ and velocity limits, which a kinematic model does not use, are filled in for its
 from __future__ import annotations
 
 import copy
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,10 +48,10 @@ _CLOSE_TAG = 0.75  # likeness from which an element is meant for one of ours; ot
 _URDF = ("link", "joint", "material", "transmission", "gazebo", "inertial", "visual", "collision", "origin")
 _ROOT: dict[str, tuple[str, ...]] = {
     "subject": ("base",),
-    "landmark": ("name", "link", "xyz"),
+    "landmark": ("name", "link", "xyz", "keypoint", "keypoint_std"),
     "marker": ("name", "link", "xyz", "std"),
     "upright": ("link", "xyz", "std"),
-    "stabiliser": ("joint", "rest", "std", "quickness"),
+    "stabiliser": ("joint", "rest", "std", "std_above", "quickness"),
     "proportion": ("joint", "scale_min", "scale_max", "mean", "std", "symmetric_with"),
 }
 _LINK: dict[str, tuple[str, ...]] = {"flesh": FLESH_ATTRIBUTES}
@@ -62,11 +66,18 @@ _KEPT = {
 
 @dataclass(frozen=True)
 class Landmark:
-    """A named point: `xyz` [m] in the frame of `link`."""
+    """A named point: `xyz` [m] in the frame of `link`.
+
+    keypoint [m]: how far from there a detector marks it, in the same frame: a keypoint is a marker, whose place on the
+    body is the same in all frames. keypoint_std [m]: how far from that place it may be, as one standard deviation along
+    each axis; None where nobody knows, and then `estimator.search.cost_settings` has what is assumed.
+    """
 
     name: str
     link: str
     xyz: tuple[float, float, float]
+    keypoint: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    keypoint_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -93,15 +104,27 @@ class UprightElement:
 
 @dataclass(frozen=True)
 class Stabiliser:
-    """Equilibrium of a joint (CSS 3.2.2): rest position and standard deviation [rad or m].
+    """Equilibrium of a joint (CSS 3.2.2): its commonest position and the standard deviations on either side of it.
 
-    quickness: the joint's usual speeds and accelerations, as a factor of those that settings have for all joints.
+    rest, std, std_above [rad or m]: the mode, and the scale below and above it; they differ for joints that are mostly
+    near an end of their range, as knees are. quickness: the joint's usual speeds and accelerations, as a factor of
+    those that settings have for all joints.
     """
 
     joint: str
     rest: float
     std: float
+    std_above: float
     quickness: float = 1.0
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Mean and standard deviation [rad or m] of the two halves of Gaussians that it consists of (S. John, The
+        three-parameter two-piece normal family, Communications in Statistics 11(8), 1982): what one Gaussian in its
+        place has."""
+        apart = self.std_above - self.std
+        variance = (1.0 - 2.0 / math.pi) * apart**2 + self.std * self.std_above
+        return self.rest + math.sqrt(2.0 / math.pi) * apart, math.sqrt(variance)
 
 
 @dataclass(frozen=True)
@@ -230,7 +253,11 @@ def _base(document: Document) -> str | None:
 
 
 def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
-    return Landmark(document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz"))
+    name, link, xyz = document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz")
+    std = None if e.get("keypoint_std") is None else document.plausible(e, "keypoint_std")
+    if std is not None and std < 0.0:
+        raise document.fault(e, f"keypoint_std={std:g} is below 0", "give the deviation in m, or leave it out")
+    return Landmark(name, link, xyz, document.triple(e, "keypoint"), std)
 
 
 def _marker(document: Document, e: ET.Element, links: set[str]) -> Marker:
@@ -245,6 +272,17 @@ def _link(document: Document, e: ET.Element, links: set[str]) -> str:
     if link not in links:
         raise document.fault(e, f"there is no link {link!r}", nearest(link, links, "links"))
     return link
+
+
+def with_keypoint_places(text: str, source: str, places: Mapping[str, tuple[np.ndarray, float]]) -> str:
+    """A URDF whose landmarks have these places of keypoints, by name: offset (3,) and its deviation [m]."""
+    document = read_document(text, source)
+    for element in elements(document.root, "landmark"):
+        place = places.get(element.get("name", ""))
+        if place is not None:
+            element.set("keypoint", numbers_text(place[0]))
+            element.set("keypoint_std", f"{place[1]:.17g}")
+    return ET.tostring(document.root, encoding="unicode")
 
 
 def with_markers(text: str, source: str, markers: Sequence[Marker]) -> str:
@@ -275,13 +313,16 @@ def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
         movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
         raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))
     rest, std = document.plausible(e, "rest"), document.plausible(e, "std")
-    if std < LEAST_STD:
-        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
+    std_above = document.plausible(e, "std_above", e.get("std", ""))
+    for key, value in (("std", std), ("std_above", std_above)):
+        if value < LEAST_STD:
+            problem = f"{key}={value:g} is not positive, or too small"
+            raise document.fault(e, problem, "give the deviation in rad or m, above 0")
     quickness = document.plausible(e, "quickness", "1")
     if not _QUICKNESS[0] <= quickness <= _QUICKNESS[1]:
         remedy = f"give a factor of {_QUICKNESS[0]:g} to {_QUICKNESS[1]:g}, or leave it out"
         raise document.fault(e, f"quickness={quickness:g} is out of range", remedy)
-    return Stabiliser(name, rest, std, quickness)
+    return Stabiliser(name, rest, std, std_above, quickness)
 
 
 def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:

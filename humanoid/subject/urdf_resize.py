@@ -10,7 +10,7 @@ from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_flesh import numbers_text
 
 _LENGTHS = {
-    "origin": ("xyz",), "landmark": ("xyz",), "marker": ("xyz", "std"),
+    "origin": ("xyz",), "landmark": ("xyz", "keypoint", "keypoint_std"), "marker": ("xyz", "std"),
     "flesh": ("xyz", "radii", "radius", "length", "clearance"),
     "box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
     "mesh": ("scale",),
@@ -35,7 +35,7 @@ def resize(document: Document, factor: float) -> None:
         elif tag == "inertia":
             _multiply(element, _INERTIA, factor**5)
         elif tag == "stabiliser" and element.get("joint") in sliding:
-            _multiply(element, ("rest", "std"), factor)
+            _multiply(element, ("rest", "std", "std_above"), factor)
         elif tag == "joint" and element.get("name") in sliding:
             for limit in elements(element, "limit"):
                 _multiply(limit, ("lower", "upper"), factor)

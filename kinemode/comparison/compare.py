@@ -14,7 +14,7 @@ from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from estimator.tracking.registry import common_settings, make_tracker
 from humanoid.kinematics.body import Body
-from humanoid.subject.subject import Subject
+from humanoid.subject.subject import Subject, is_built_in
 from humanoid.support.errors import InputError
 from kinemode import jobs
 from kinemode.comparison.files import write_comparison
@@ -60,7 +60,7 @@ def compare_trackers(
     runs_at = {name: out / f"{name}.run" for name in names}
     order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
     # anything wrong with the settings is said before the first is tracked
-    fits = wanted.fit != "off" and jobs.is_built_in(loaded)
+    fits = wanted.fit != "off" and is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, fits)
     for sentence in former_names_in(names, wanted.settings):
         warnings.warn(sentence, InputWarning, stacklevel=3)

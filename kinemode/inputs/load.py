@@ -61,8 +61,8 @@ class Inputs:
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
     points up; None where it was not. floor: what is known of it in that world. points: files of
     points in space, in place of cameras. static: points of a trial in which the person stands upright, for the fit
-    alone. other_layouts: makes the observations as they are if the keypoints are of
-    another layout of as many points, by its name.
+    alone. layout: of all keypoints, empty where they have several. other_layouts: makes the observations as they are if
+    the keypoints are of another layout of as many points, by its name.
     """
 
     observations: list[Observation]
@@ -78,6 +78,7 @@ class Inputs:
     floor: KnownFloor = None
     points: tuple[Path, ...] = ()
     static: tuple[Observation, ...] = ()
+    layout: str = ""
     other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
 
     @property
@@ -292,8 +293,15 @@ def _inputs(
         for layout in _alternatives(tracks)
     }
     return Inputs(
-        observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths, other_layouts=others
-    )
+        observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths,
+        layout=common_layout(tracks), other_layouts=others,
+    )  # fmt: skip
+
+
+def common_layout(tracks: Mapping[str, KeypointTrack]) -> str:
+    """The layout of all tracks, empty where they have several."""
+    layouts = {track.layout for track in tracks.values()}
+    return layouts.pop() if len(layouts) == 1 else ""
 
 
 def _alternatives(tracks: Mapping[str, KeypointTrack]) -> list[str]:

@@ -114,10 +114,10 @@ def track(
     settings: nested changes to the tracker's settings (see `estimator.tracking.registry`), or a TOML file of them as
         `kinemode settings` writes it. Those of cost, search and cues also reach the fit, which tracks with css.
     seed: equal seeds give equal runs.
-    fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
-        and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
-        measured. With points lengths and the markers' places are fitted ("auto", "markers"). "proportions" leaves the
-        flesh as it is, "off" every subject.
+    fit: "auto" fits an unchanged built-in subject to the person, from pieces of the clip: proportions from the
+        keypoints, and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is
+        taken as measured. With points lengths and the markers' places are fitted ("auto", "markers"). "proportions"
+        leaves the flesh as it is, "off" every subject.
     height: of the person [m], where it is known: one camera does not see how large somebody is. The proportions are
         fitted around a subject of that height; of a subject that is taken as measured it is refused.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.

@@ -26,6 +26,7 @@ from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.registry import CUES
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
+from humanoid.subject.keypoint_places import with_layout_places
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.indexing import with_index
@@ -72,6 +73,7 @@ class Stepper:
     def __init__(
         self, subject: Subject, cameras: tuple[Camera, ...], wanted: StepOptions, watcher: Watcher | None = None
     ) -> None:
+        subject = with_layout_places(subject, wanted.layout if isinstance(wanted.layout, str) else "")
         self.body, self.cameras = Body(subject), cameras
         chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
         chosen.check(False)

@@ -61,7 +61,8 @@ class PersonProblem:
         joint = [base.model.getJointId(s.joint) for s in resting]
         self._rest_q = np.array([base.model.idx_qs[j] for j in joint], dtype=np.int64)
         self._rest_v = np.array([base.model.idx_vs[j] for j in joint], dtype=np.int64)
-        self._rest, self._rest_std = (np.array([getattr(s, what) for s in resting]) for what in ("rest", "std"))
+        moments = np.array([s.moments for s in resting]).reshape(-1, 2)
+        self._rest, self._rest_std = moments.T
 
     def cost(self, at: FilmedBody) -> float:
         """Half the sum of robust squares of rays, and of squares of what is known besides."""

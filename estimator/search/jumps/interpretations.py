@@ -26,18 +26,19 @@ class JointPrior:
     """How unlikely joints are, cheaply: the stabilisers' energy, and the tilt of a free root."""
 
     def __init__(self, body: Body) -> None:
-        self._rest, self._precision = np.zeros(body.nv), np.zeros(body.nv)
+        self._rest, self._precision = np.zeros(body.nv), np.zeros((body.nv, 2))
         self._q_index = np.zeros(body.nv, dtype=np.int64)
         for s in body.subject.stabilisers:
             joint = body.model.getJointId(s.joint)
             v = body.model.idx_vs[joint]
-            self._rest[v], self._precision[v], self._q_index[v] = s.rest, s.std**-2, body.model.idx_qs[joint]
+            self._rest[v], self._q_index[v] = s.rest, body.model.idx_qs[joint]
+            self._precision[v] = s.std**-2, s.std_above**-2
         self._body = body
 
     def energy(self, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray | float = 0.0) -> float:
         """Of some degrees of freedom (m,) of q (nq,), turned by `turns` (m,) [rad]."""
         x = q[self._q_index[dofs]] + turns - self._rest[dofs]
-        return _lorentzian(np.square(x) * self._precision[dofs])
+        return _lorentzian(np.square(x) * np.where(x > 0.0, self._precision[dofs, 1], self._precision[dofs, 0]))
 
     def tilt(self, q: np.ndarray, camera: Camera) -> float:
         """Of the root's tilt at q (nq,); zero for a body without an up axis."""

@@ -34,7 +34,7 @@ class PoseSampler:
         arms, lower = _limb_dofs(body)
         model = body.model
         place = {str(model.names[j]): (int(model.idx_qs[j]), int(model.idx_vs[j])) for j in range(1, model.njoints)}
-        known = [(*place[s.joint], s.rest, s.std) for s in body.subject.stabilisers if s.joint in place]
+        known = [(*place[s.joint], *s.moments) for s in body.subject.stabilisers if s.joint in place]
         held = [k for k in known if k[1] not in arms]
         self._index = np.array([q for q, *_ in held], dtype=int)
         self._rest = np.array([rest for *_, rest, _ in held])

@@ -12,7 +12,7 @@ from humanoid.kinematics.body import Body
 @dataclass(frozen=True, eq=False)
 class Rest:
     """The joints (K,) with a stabiliser: entries and dofs, where they are in configurations and tangents; at (K,),
-    their rest, and std (K,) about it [rad or m]."""
+    their mean, and std (K,) about it [rad or m]."""
 
     entries: np.ndarray
     dofs: np.ndarray
@@ -27,8 +27,8 @@ class Rest:
         return Rest(
             np.array([body.model.idx_qs[j] for j in joints], dtype=np.int64),
             np.array([body.model.idx_vs[j] for j in joints], dtype=np.int64),
-            np.array([s.rest for s in known]),
-            np.array([s.std for s in known]),
+            np.array([s.moments[0] for s in known]),
+            np.array([s.moments[1] for s in known]),
         )
 
     def returned(self, x: np.ndarray, reference: np.ndarray, step: np.ndarray, most: float) -> np.ndarray:

@@ -108,7 +108,7 @@ class BodyEnergy:
         own = model.cost(term).of(posed)
         by_scales = shaped.proportions.landmark_derivatives(posed)
         by_scales = np.concatenate([by_scales, np.zeros((*by_scales.shape[:2], len(shaped.shape.low)))], axis=2)
-        loads = PointLoads(0.0, body.landmarks(posed), *term.point_loads(posed))
+        loads = PointLoads(0.0, body.keypoints(posed), *term.point_loads(posed))
         frame = _gathered(body, posed, body.landmark_joint, loads, by_scales)
         nv = body.nv
         frame.gradient[:nv], frame.hessian[:nv, :nv] = own.gradient, own.hessian  # the priors' among them

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
 from estimator.tracking.fitting.floor_size import FloorSize
+from estimator.tracking.fitting.keypoint_noise import CameraNoise
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
@@ -51,6 +52,7 @@ class Fit:
     it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted. height
     [m]: what the user knows of the person, None where nothing. by_floor: what one camera sees of the size by a known
     floor, None where nothing. bent: joints of a static trial that are too far from upright standing to be known.
+    noise: of each camera's keypoints about the fitted person, none where there are none.
     """
 
     subject: Subject
@@ -65,6 +67,7 @@ class Fit:
     height: float | None = None
     by_floor: FloorSize | None = None
     bent: tuple[str, ...] = ()
+    noise: tuple[CameraNoise, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:

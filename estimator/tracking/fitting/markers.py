@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.newton import NewtonSettings, minimise
@@ -17,12 +16,13 @@ from estimator.search.mode_search import ModeSearch
 from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.spec import mode_search
 from estimator.tracking.fitting.fit import Fit, bounded_lengths
-from estimator.tracking.fitting.marker_energy import MarkerEnergy, MarkerModel, Measures
+from estimator.tracking.fitting.fitted_points import FittedMarkers
+from estimator.tracking.fitting.measures import MeasuresEnergy
 from estimator.tracking.fitting.standing import static_trial
 from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
-from humanoid.subject.subject import Marker, Subject
+from humanoid.subject.subject import Subject
 
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject."""
@@ -110,25 +110,21 @@ def _fitted(
     # all frames are of one person: the rest positions tell once which way a joint's zero may be off, not of every frame
     cost = track_settings.cost
     once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
-    measures = Measures(
-        np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(subject.markers), 3))
-    )
     poses = _poses(subject, used, seed, track_settings)
     if (size := _size(body, used, poses)) and abs(np.log(size)) > _SAME * 2:
         return _unfitted(subject, proportions), size
     poses_static = _poses(subject, stood, seed, track_settings)
     known = static_trial(body, stood, poses_static, settings.standing_std, settings.bent_from) if stood else None
-    energy = MarkerEnergy(proportions, used, once, share, known)
+    energy = MeasuresEnergy(proportions, FittedMarkers(proportions), used, once, share, known)
     newton = NewtonSettings(settings.iterations, enough=settings.enough)
-    best = minimise(energy, energy.model(measures, [*poses, *poses_static]), newton).model
-    covariance = np.linalg.inv(best.hessian)
-    fitted = _subject(proportions, best, covariance)
+    best = minimise(energy, energy.model(energy.start, [*poses, *poses_static]), newton).model
+    covariance = energy.covariance(best)
+    fitted = energy.fitted(subject, best, covariance)
     scales = best.measures.scales
     asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0
     asked = asked if abs(np.log(asked)) > _OTHER or bounded_lengths(fitted) else 1.0
     count = len(proportions.names)
-    own = zip(best.covariances[: len(used)], best.follows[: len(used)], strict=True)
-    of_poses = [_symmetric(c + f @ covariance @ f.T) for c, f in own]
+    of_poses = [best.pose_covariance(k, covariance) for k in range(len(used))]
     fit = Fit(
         fitted, proportions.names, scales, covariance[:count, :count], tuple(used),
         np.array(best.poses[: len(used)]), np.array(of_poses), bent=known.bent if known is not None else (),
@@ -139,10 +135,6 @@ def _fitted(
 def _unfitted(subject: Subject, body: ProportionedBody) -> Fit:
     none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
     return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
-
-
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _poses(subject: Subject, used: Sequence[Observation], seed: int, settings: Settings) -> list[np.ndarray]:
@@ -160,17 +152,3 @@ def _size(body: Body, used: Sequence[Observation], poses: Sequence[np.ndarray]) 
         assert observation.markers is not None
         sizes.append(similarity_onto(places, observation.markers[some], scaled=True).scale)
     return float(np.median(sizes))
-
-
-def _subject(proportions: ProportionedBody, best: MarkerModel, covariance: np.ndarray) -> Subject:
-    """The subject with the lengths and the markers' places that were fitted, and how unsure these are; covariance
-    (G, G): of the measures, as in `MarkerModel`."""
-    scaled = proportions.base.subject.scaled(proportions.scales(best.measures.scales))
-    lengths = len(proportions.names)
-    variances = np.diag(covariance)[lengths:].reshape(-1, 3)
-    markers = []
-    for marker, offset, variance in zip(scaled.markers, best.measures.offsets, variances, strict=True):
-        frame = scaled.model.frames[scaled.model.getFrameId(marker.link, pin.FrameType.BODY)]
-        x, y, z = (np.array(marker.xyz) + frame.placement.rotation.T @ offset).tolist()
-        markers.append(Marker(marker.name, marker.link, (x, y, z), float(np.sqrt(variance.mean()))))
-    return scaled.with_markers(markers)

@@ -31,7 +31,7 @@ def fit_person(
     height: float | None = None,
     floor: KnownFloor = None,
 ) -> Fit:
-    """Fit a subject to the person in the first frames of a clip, left and right alike.
+    """Fit a subject to the person in a clip, left and right alike.
 
     Frames without enough keypoints leave the subject as it is. The first stage alone is made without `cues`, what the
     pictures show, and where the pictures show neither edges nor silhouettes, or none that agree with it.

@@ -45,14 +45,15 @@ class FleshSettings:
 class FitSettings:
     """How the fit is made.
 
-    seconds, frames: it looks at this many frames, evenly spread over the first seconds with keypoints. rounds: times
-    the poses are found anew with the lengths of the round before. iterations: Newton steps a round. effective_frames:
-    detectors repeat their errors from frame to frame, so that all frames together count as this many, in every stage.
-    flesh: of the second and third stage.
+    seconds, frames, pieces: it uses this many frames, evenly spread over pieces of the clip that are so long together
+    (`estimator.tracking.fitting.frames`). rounds: times the poses are found anew with the lengths of the round before.
+    iterations: Newton steps a round. effective_frames: detectors repeat their errors from frame to frame, so that all
+    frames together count as this many, in every stage. flesh: of the second and third stage.
     """
 
     seconds: float = 4.0
     frames: int = 30
+    pieces: int = 3
     rounds: int = 2
     iterations: int = 15
     effective_frames: float = 4.0

@@ -114,9 +114,10 @@ def random_configurations(body: Body, count: int, rng: np.random.Generator) -> n
     for s in body.subject.stabilisers:
         if s.joint in body.q_names:
             k = body.q_names.index(s.joint)
-            share = ndtr((np.array([body.lower[k], body.upper[k]]) - s.rest) / s.std)
+            mean, std = s.moments
+            share = ndtr((np.array([body.lower[k], body.upper[k]]) - mean) / std)
             lowest, highest = np.clip(share, 1e-12, 1.0 - 1e-12)
-            q[:, k] = s.rest + s.std * ndtri(rng.uniform(float(lowest), float(highest), count))
+            q[:, k] = mean + std * ndtri(rng.uniform(float(lowest), float(highest), count))
     return np.array([body.clamp(pose) for pose in q])
 
 

@@ -1,4 +1,4 @@
-"""Lengths of a body and the places of its markers together, every pose being at its own minimum."""
+"""Lengths of a body and the places of points on it together, every pose being at its own minimum."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.newton import Problem, Step
 from estimator.energy.descent.seek import Seeker, SeekSettings
-from estimator.energy.marker_targets import marker_targets
 from estimator.energy.priors import Transition
 from estimator.energy.term import QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step
+from estimator.tracking.fitting.fitted_points import FittedPoints
 from estimator.tracking.fitting.standing import StaticTrial, standing_pose
-from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.subject import Subject
 
 _SEARCH = SeekSettings(kkt_tolerance=1e-5)  # of every pose
 _UNSEEN = 1e-9  # curvature of directions that nothing is known of
-_FARTHEST = 4.0  # standard deviations: hard range of a marker's place along each axis
+_FARTHEST = 4.0  # standard deviations: hard range of a point's place along each axis
 
 
 class Measures(NamedTuple):
-    """What is fitted: scales (P,) of the proportions, and how far every marker lies from its place, offsets (M, 3) [m]
-    in the frames of its joint."""
+    """What is fitted: scales (P,) of the proportions, and how far every point whose place is fitted lies from
+    it, offsets (F, 3) [m] in the frames of their joints."""
 
     scales: np.ndarray
     offsets: np.ndarray
 
 
-class MarkerModel(NamedTuple):
-    """Quadratic model of an energy by the measures: scales (P,), then offsets (3 M,), every pose at its own minimum.
+class MeasuresModel(NamedTuple):
+    """Quadratic model of an energy by the measures: scales (P,), then offsets (3 F,), every pose at its own minimum.
 
     gradient (G,). hessian (G, G): the Schur complement of the poses. poses (F) of (nq,): the minima. covariances (F)
     of (nv, nv): of the poses at these measures. follows (F) of (nv, G): how each pose moves with the measures.
@@ -49,55 +50,82 @@ class MarkerModel(NamedTuple):
     covariances: list[np.ndarray]
     follows: list[np.ndarray]
 
+    def pose_covariance(self, k: int, of_measures: np.ndarray) -> np.ndarray:
+        """Covariance (nv, nv) of the k-th pose with measures as uncertain as their covariance (G, G) says."""
+        covariance = self.covariances[k] + self.follows[k] @ of_measures @ self.follows[k].T
+        return np.asarray(0.5 * (covariance + covariance.T))
 
-class MarkerEnergy(Problem[MarkerModel]):
-    """Energy of lengths and markers' places, minimised over the poses of all frames (variable projection), in their
+
+class MeasuresEnergy(Problem[MeasuresModel]):
+    """Energy of lengths and places of points, minimised over the poses of all frames (variable projection), in their
     hard ranges.
 
-    share: of each frame; soft tissue moves alike in frames that are near each other. static: frames of somebody who
-    stands, which come after the others and count as one together: there is one pose that the person took.
+    points: whose places are fitted. share: of each frame; soft tissue, and detectors, err alike in frames that are near
+    each other. static: frames of somebody who stands, which come after the others and count as one together: there is
+    one pose that the person took.
     """
 
     def __init__(
         self,
         body: ProportionedBody,
+        points: FittedPoints,
         observations: Sequence[Observation],
         settings: CostSettings,
         share: float,
         static: StaticTrial | None = None,
     ) -> None:
-        self._body, self._settings = body, settings
+        self._body, self._points, self._settings = body, points, settings
         self._frames = [_WeighedFrame(o, share, None) for o in observations]
         if static is not None:
             stood = static.observations
             self._frames += [_WeighedFrame(o, 1.0 / len(stood), static.std) for o in stood]
-        count = 3 * len(body.base.marker_names)
-        place_std = np.repeat(body.base.marker_std, 3)
-        self._mean, self._std = (np.concatenate(each) for each in ((body.mean, np.zeros(count)), (body.std, place_std)))
+        place_std = np.repeat(points.std, 3)
+        self._mean, self._std = (
+            np.concatenate(each) for each in ((body.mean, np.zeros(len(place_std))), (body.std, place_std))
+        )
         self._low = np.concatenate([body.low, -_FARTHEST * place_std])
         self._high = np.concatenate([body.high, _FARTHEST * place_std])
 
     def at_measures(self, measures: Measures) -> Body:
-        """The body of some measures; its markers are where these say, and nothing is unsure about that."""
+        """The body of some measures; its points are where these say, and nothing is unsure about that."""
         body = self._body.at(measures.scales)
-        body.marker_local = body.marker_local + measures.offsets
-        body.marker_std = np.zeros(len(body.marker_names))
+        self._points.put(body, measures.offsets)
         return body
 
-    def step(self, model: MarkerModel, damping: float) -> Step | None:
+    @property
+    def start(self) -> Measures:
+        """What is expected beforehand."""
+        proportions = self._body
+        return Measures(
+            np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(self._points.free), 3))
+        )
+
+    def covariance(self, model: MeasuresModel) -> np.ndarray:
+        """Of the measures (G, G)."""
+        return np.asarray(np.linalg.inv(model.hessian))
+
+    def fitted(self, subject: Subject, model: MeasuresModel, covariance: np.ndarray) -> Subject:
+        """The subject with the lengths and the places of points that were fitted, and how unsure the places are;
+        covariance (G, G): of the measures."""
+        lengths = len(self._body.names)
+        variances = np.diag(covariance)[lengths:].reshape(-1, 3).mean(axis=1)
+        scaled = subject.scaled(self._body.scales(model.measures.scales))
+        return self._points.fitted(scaled, model.measures.offsets, np.sqrt(variances))
+
+    def step(self, model: MeasuresModel, damping: float) -> Step | None:
         """A step (G,) of the measures, within their range."""
         x = _packed(model.measures)
         move = bounded_step(model.hessian, model.gradient, self._low - x, self._high - x, damping)
         return None if move is None else (move, None)
 
-    def at(self, model: MarkerModel, step: Step) -> MarkerModel:
+    def at(self, model: MeasuresModel, step: Step) -> MeasuresModel:
         """The model after a step, the poses searched from where they follow to."""
         x = np.clip(_packed(model.measures) + step[0], self._low, self._high)
         body = self._body.base
         poses = [body.integrate(q, along @ step[0]) for q, along in zip(model.poses, model.follows, strict=True)]
         return self.model(Measures(x[: len(self._body.names)], x[len(self._body.names) :].reshape(-1, 3)), poses)
 
-    def model(self, measures: Measures, poses: Sequence[np.ndarray]) -> MarkerModel:
+    def model(self, measures: Measures, poses: Sequence[np.ndarray]) -> MeasuresModel:
         """The model at some measures; the poses (F) of (nq,) are searched from the given ones."""
         body = self.at_measures(measures)
         frames, seeker = CostModel(body, self._settings), Seeker(body)
@@ -112,23 +140,21 @@ class MarkerEnergy(Problem[MarkerModel]):
                 cost = cost.plus([Transition(body, standing_pose(body, q), std)])
             minimum = seeker.seek(cost, q, _SEARCH).quadratic
             quadratic = cost.of(minimum.posed)
-            of_frame = self._frame(body, observation, quadratic)
+            of_frame = self._frame(frames, observation, quadratic)
             value += share * minimum.value
             gradient = gradient + share * of_frame.gradient
             hessian = hessian + share * of_frame.hessian
             minima.append(minimum.posed.q)
             covariances.append(mode_covariance(body, minimum.posed.q, quadratic.gradient, quadratic.hessian))
             follows.append(of_frame.follows)
-        return MarkerModel(value, measures, gradient, 0.5 * (hessian + hessian.T), minima, covariances, follows)
+        return MeasuresModel(value, measures, gradient, 0.5 * (hessian + hessian.T), minima, covariances, follows)
 
-    def _frame(self, body: Body, observation: Observation, minimum: QuadraticModel) -> _FrameShare:
+    def _frame(self, model: CostModel, observation: Observation, minimum: QuadraticModel) -> _FrameShare:
         """One frame's share of gradient and Hessian, its pose at the minimum."""
-        posed, some = minimum.posed, observation.known_markers
-        joints = body.marker_joint[some]
-        (term,) = marker_targets(body, observation, self._settings.markers)
-        force, weight = term.point_loads(posed)
-        D = self._derivatives(body, minimum, some)
-        J = body.point_jacobians(posed, joints, points_in_world(posed, joints, body.marker_local[some]))
+        body, posed = model.body, minimum.posed
+        some, force, weight = self._points.loads(model, observation, posed)
+        D = self._derivatives(minimum, some)
+        J = body.point_jacobians(posed, self._points.joint[some], self._points.in_world(body, posed, some))
         WD = (weight @ D).reshape(-1, D.shape[2])
         D, J = D.reshape(WD.shape), J.reshape(len(WD), -1)
         cross = J.T @ WD
@@ -137,14 +163,15 @@ class MarkerEnergy(Problem[MarkerModel]):
         follows[free] = -np.linalg.solve(minimum.hessian[np.ix_(free, free)] + _UNSEEN * np.eye(len(free)), cross[free])
         return _FrameShare(D.T @ force.ravel(), D.T @ WD + cross[free].T @ follows[free], follows)
 
-    def _derivatives(self, body: Body, minimum: QuadraticModel, some: np.ndarray) -> np.ndarray:
-        """Of markers in the world by the measures, (N, 3, G); some (N,): their numbers."""
-        own, lengths = self._body, len(self._body.names)
-        joints = body.marker_joint[some]
+    def _derivatives(self, minimum: QuadraticModel, some: np.ndarray) -> np.ndarray:
+        """Of points in the world by the measures, (K, 3, G); some (K,): their numbers."""
+        points, lengths = self._points, len(self._body.names)
+        joints = points.joint[some]
         D = np.zeros((len(some), 3, len(self._mean)))
-        D[:, :, :lengths] = own.point_derivatives(minimum.posed, joints, own.marker_slope[:, some])
-        for k, (m, R_world_joint) in enumerate(zip(some, minimum.posed.rotations[joints], strict=True)):
-            D[k, :, lengths + 3 * m : lengths + 3 * m + 3] = R_world_joint
+        D[:, :, :lengths] = self._body.point_derivatives(minimum.posed, joints, points.slope[:, some])
+        for k, m in enumerate(points.free):
+            for row in np.flatnonzero(some == m):
+                D[row, :, lengths + 3 * k : lengths + 3 * k + 3] = minimum.posed.rotations[joints[row]]
         return D
 
 

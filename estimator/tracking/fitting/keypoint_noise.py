@@ -1,0 +1,76 @@
+"""How far a clip's keypoints are from a fitted person: the noise of each camera, measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.observation import Observation, image_extent
+from estimator.search.cost_model import CostModel
+
+PRIOR_DATA = 60.0
+"""Numbers that say as much of a detector's noise as is known beforehand: 60 draws tell a standard deviation to a tenth,
+and by no less do the errors of one detector differ between two people."""
+_MEDIAN = 2.0 * math.log(2.0)  # of the square of two standard normal numbers
+_FACTORS = (0.3, 3.0)
+
+
+class CameraNoise(NamedTuple):
+    """camera: its name. pixels, metres: median distance of its keypoints from where the fitted body has them, in the
+    picture [px] and at the person [m]. factor: by how much the noise that is expected of a detector
+    (`CostSettings.keypoint_noise`) is to be multiplied for this camera."""
+
+    camera: str
+    pixels: float
+    metres: float
+    factor: float
+
+
+def measured_noise(
+    model: CostModel, observations: Sequence[Observation], poses: Sequence[np.ndarray], share: float, fitted: int
+) -> tuple[CameraNoise, ...]:
+    """Of every camera.
+
+    model: of the fitted body, whose keypoints' places are taken as known. poses (F) of (nq,): of the frames. share:
+    what a frame counts, as detectors err alike in frames that are near each other. fitted: how many numbers the fit has
+    found besides the poses.
+
+    What a fit leaves is less than the noise by what it has found from the same numbers (degrees of freedom), and says
+    the less of it the fewer are left: one camera's keypoints are hardly more than a pose, four cameras' are.
+    """
+    cameras, size = observations[0].cameras, model.body.extent
+    distances, apart, metres = [], [], []
+    for observation, q in zip(observations, poses, strict=True):
+        posed = model.body.at(q)
+        marked, known = model.body.keypoints(posed), observation.known_pixels
+        off = np.array([np.linalg.norm(c.project(marked) - p, axis=1) for c, p in zip(cameras, known, strict=True)])
+        extents = [image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)]
+        distances.append(model.observation_term(observation).distances(posed))
+        apart.append(off)
+        metres.append(off * size / np.array(extents)[:, None])
+    whitened, in_pixels, at_person = (np.array(values) for values in (distances, apart, metres))
+    data = 2.0 * share * np.isfinite(whitened).sum(axis=(0, 2))
+    left = max(0.0, 1.0 - (fitted + share * len(poses) * model.body.nv) / max(float(data.sum()), 1.0))
+    by_camera = (each.swapaxes(0, 1) for each in (in_pixels, at_person, whitened))
+    return tuple(
+        CameraNoise(camera.name, _median(pixels), _median(at), _factor(float(own), left, deviations))
+        for camera, own, pixels, at, deviations in zip(cameras, data, *by_camera, strict=True)
+    )
+
+
+def _factor(data: float, left: float, distances: np.ndarray) -> float:
+    """Of a camera with so many numbers, of which a share is left to say something of noise; distances (F, L): of its
+    keypoints, in standard deviations."""
+    if data * left <= 0.0:
+        return 1.0
+    square = _median(np.square(distances)) / _MEDIAN / left
+    factor = math.sqrt((PRIOR_DATA + data * left * square) / (PRIOR_DATA + data * left))
+    return float(np.clip(factor, *_FACTORS))
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
