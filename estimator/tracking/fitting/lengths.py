@@ -9,7 +9,6 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.newton import NewtonSettings, minimise
-from estimator.energy.descent.seek import SeekSettings
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.trackers.capabilities import energy_of
@@ -28,12 +27,10 @@ from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
 
 ENOUGH = 1e-4  # energy: a step that brings less is the last
-_SEARCH = SeekSettings(kkt_tolerance=1e-5)  # of every pose
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
 _OTHER, _SAME = 0.03, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
 _ROUNDS = 4  # of resizing
-_UNSEEN = 1e-9  # curvature of directions that nothing is known of
 
 
 def fit_lengths(
