@@ -177,17 +177,17 @@ def _fitted(
     if inputs.observations[0].markers is not None:
         moving, static = inputs.observations, inputs.static
         fit = fit_markers(subject, moving, static, seed=job.seed, track_settings=job.settings)
-        return fit.subject, dict(sorted(fit.estimates.items())[:1]), fit.notes, ()
-    shown = cues if job.fit == "auto" else None
-    fit = person.fit_person(
-        subject,
-        inputs.observations,
-        shown,
-        seed=job.seed,
-        track_settings=job.chosen.for_fit,
-        height=job.height,
-        floor=inputs.floor,
-    )
+    else:
+        shown = cues if job.fit == "auto" else None
+        fit = person.fit_person(
+            subject,
+            inputs.observations,
+            shown,
+            seed=job.seed,
+            track_settings=job.chosen.for_fit,
+            height=job.height,
+            floor=inputs.floor,
+        )
     first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
     return fit.subject, first, fit.notes, tuple(camera.factor for camera in fit.noise)
 

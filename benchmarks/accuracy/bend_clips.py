@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kinemode as km
-from benchmarks.accuracy.trunk_view_clips import DISTANCE, FPS, level_phone
+from benchmarks.accuracy.trunk_view_clips import FPS, phone_before
 from benchmarks.support.result_store import Figures, ResultStore, removed
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
@@ -142,10 +142,7 @@ class BendRun:
     def _cameras(self, points: np.ndarray) -> list[Camera]:
         left, right = (points[:, NAMES.index(f"{side}_hip")] for side in ("left", "right"))
         forward = np.cross(left - right, [0.0, 0.0, 1.0]).mean(axis=0)
-        facing = float(np.arctan2(forward[1], forward[0]))
-        path = left[:, :2]
-        away = DISTANCE + 0.5 * float(np.ptp(path, axis=0).max())
-        return [level_phone(path.mean(axis=0), away, facing + np.radians(azimuth)) for azimuth in RIGS[self.rig]]
+        return [phone_before(left[:, :2], forward, azimuth) for azimuth in RIGS[self.rig]]
 
 
 def bend_errors(run: Run, truth: np.ndarray) -> Figures:

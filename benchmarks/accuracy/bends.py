@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-import kinemode as km
 from benchmarks.accuracy.bend_clips import JOINTS, RIGS, WINDOWS, BendRun
 from benchmarks.support.common import (
     Changes,
@@ -27,8 +26,10 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
+from benchmarks.support.measured_people import measured_run
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from kinemode.terminal import report
+from kinemode.testing.ranks import coverage
 
 LEGS = JOINTS[:3]
 SIDES = ("left", "right")
@@ -94,9 +95,8 @@ def poses_of(trial: Path, place: Path) -> Path:
     """The file of a trial's poses on human34, made by its markers unless it is there."""
     path = place / f"{trial.parent.name}_{trial.stem}.npz"
     if not path.is_file():
-        run = km.track("human34", points=trial)
-        known = np.isfinite(run.q).all(axis=1)
-        np.savez(path, q=run.q[known], time=run.time[known])
+        run, rows = measured_run(trial, np.inf)
+        np.savez(path, q=run.q[rows], time=run.time[rows])
     return path
 
 
@@ -122,8 +122,9 @@ def summary(results: Sequence[Figures]) -> dict[str, float]:
     return figures
 
 
-def _inside(levels: np.ndarray) -> float:
-    return float(np.mean(np.abs(2.0 * levels - 1.0) < 0.9))
+def _inside(below: np.ndarray) -> float:
+    """Share of truths in the central 90 % intervals, by the probabilities below them (N,)."""
+    return float(coverage(np.abs(2.0 * below - 1.0), 0.9)[0])
 
 
 def cells(figures: Mapping[str, float]) -> list[str]:

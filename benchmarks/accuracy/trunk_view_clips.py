@@ -147,8 +147,11 @@ class ViewRun:
 
 def phone(seen: Seen, azimuth: float) -> Camera:
     """A level phone that looks at where the person is in the middle of the clip."""
-    forward = seen.forward.mean(axis=0)
-    path = seen.of("hip")[:, :2]
+    return phone_before(seen.of("hip")[:, :2], seen.forward.mean(axis=0), azimuth)
+
+
+def phone_before(path: np.ndarray, forward: np.ndarray, azimuth: float) -> Camera:
+    """A level phone that looks at the middle of a path (T, 2) [m], from an azimuth [deg] about forward (3,)."""
     away = float(np.arctan2(forward[1], forward[0])) + np.radians(azimuth)
     return level_phone(path.mean(axis=0), DISTANCE + 0.5 * float(np.ptp(path, axis=0).max()), away)
 

@@ -21,6 +21,7 @@ from scipy.special import expit
 import kinemode as km
 from benchmarks.accuracy.trunk_view_clips import FPS, level_phone
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, data_folder, in_processes, save
+from benchmarks.support.measured_people import measured_files, measured_run
 from benchmarks.support.pose_prior_clips import captured_files, subject_of
 from estimator.data.observation import Observation
 from estimator.data.standing import with_standing
@@ -32,11 +33,6 @@ from humanoid.subject.landmarks import foot_landmarks
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
-TRIALS = {
-    "opencap/subject4": ("squats1", "STS1", "walking1", "walkingTS1", "static1"),
-    "forces/another": ("walking2", "walking3", "DJ4"),
-    "forces/light": ("walking1",),
-}
 PLATES = ("squats1", "static1")
 """Trials in which all the weight is on plates and people hardly accelerate."""
 _NOISE_PX, _FIRST, _GRAVITY = 1.5, 3, 9.81
@@ -76,8 +72,7 @@ def main(*, data: Data = None, jobs: int = 1, json: Json = None) -> None:
     if folder is None or not files:
         print(f"{NO_CAPTURE_HERE}, and mocap_more")
         return
-    trials = [folder / place / f"{name}.trc" for place, names in TRIALS.items() for name in names]
-    trials = [path for path in trials if path.is_file()]
+    trials = measured_files(folder)
     clips = in_processes(instants_of, [*files, *trials], jobs)
     people = {who: _joined(who, [c for c in clips if c.person == who]) for who in sorted({c.person for c in clips})}
     figures: dict[str, Any] = {}
@@ -116,9 +111,7 @@ def instants_of(path: Path) -> Instants:
         body, mocap = Body(load_subject("human34")), load_mocap(path)
         time = np.arange(0.0, mocap.seconds - 1.0 / FPS, 1.0 / FPS)
         return _instants(subject_of(path.stem), body, retarget(body, mocap, time).q, time)
-    run = km.track("human34", points=path)
-    step = max(1, round(1.0 / (FPS * float(np.median(np.diff(run.time))))))
-    rows = np.flatnonzero(np.isfinite(run.q).all(axis=1))[::step]
+    run, rows = measured_run(path, FPS)
     return _instants(path.parent.name, run.body, run.q[rows], run.time[rows])
 
 

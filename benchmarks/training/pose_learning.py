@@ -79,18 +79,25 @@ def mirror_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return other, np.where((other != np.arange(len(names))) | across, 1.0, -1.0)
 
 
+def captured_motion(body: Body, path: Path, fps: float) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of a captured motion's landmarks, and the motion on the body, (T, nq), without the poses that it cannot
+    take."""
+    mocap = load_mocap(path)
+    followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / fps))
+    firm = [i for i, name in enumerate(followed.names) if name.split("_")[-1] not in VAGUE_STD]
+    return followed.names, followed.q[followed.residual[:, firm].max(axis=1) < POOR_FIT]
+
+
 def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
     """A captured motion on the body with corrected legs, thinned, without the poses that it cannot take."""
-    mocap = load_mocap(path)
-    followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / FPS))
+    names, motion = captured_motion(body, path, FPS)
     first = body.nq - len(joints_of(body))
-    firm = [i for i, name in enumerate(followed.names) if name.split("_")[-1] not in VAGUE_STD]
     poses: list[np.ndarray] = []
-    for q in followed.q[followed.residual[:, firm].max(axis=1) < POOR_FIT]:
+    for q in motion:
         if all(np.sqrt(np.mean(np.square(q[first:] - k[first:]))) > spacing for k in poses):
             poses.append(q)
     index = [body.landmark_names.index({"left_toe": "left_big_toe", "right_toe": "right_big_toe"}.get(n, n))
-             for n in followed.names]  # fmt: skip
+             for n in names]  # fmt: skip
     angles = corrected(subject_of(path.stem), np.array(poses)[:, first:], Legs.among(joints_of(body)))
     return Poses(angles, np.array([_uncertainty(body, q, index) for q in poses]))
 

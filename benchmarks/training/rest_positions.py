@@ -19,15 +19,13 @@ import numpy as np
 from cyclopts import Parameter
 from scipy.optimize import minimize
 
-import kinemode as km
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, data_folder, in_processes, save
+from benchmarks.support.measured_people import measured_files, measured_run
 from benchmarks.support.pose_prior_clips import captured_files, subject_of
-from benchmarks.training.balance import TRIALS
 from benchmarks.training.captured_legs import FITTED, Correction, Legs, corrected, correction
-from benchmarks.training.pose_learning import POOR_FIT, VAGUE_STD, ZERO_STD, joints_of
+from benchmarks.training.pose_learning import ZERO_STD, captured_motion, joints_of
 from estimator.energy.priors import STABILISER_NU as NU
-from estimator.synthesis.mocap import load_mocap
-from estimator.synthesis.retarget import retarget
+from estimator.energy.priors import stabiliser_log_integral
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import load_subject
@@ -74,10 +72,8 @@ class Density(NamedTuple):
     def log(self, x: np.ndarray) -> np.ndarray:
         """Log density (N,) of angles (N,)."""
         z = (x - self.rest) / np.where(x > self.rest, self.above, self.below)
-        integral = 0.5 * math.log(math.pi * NU) + math.lgamma(0.5 * (NU - 1.0)) - math.lgamma(0.5 * NU)
-        return np.asarray(
-            -0.5 * NU * np.log1p(np.square(z) / NU) - math.log(0.5 * (self.below + self.above)) - integral
-        )
+        height = math.log(0.5 * (self.below + self.above)) + stabiliser_log_integral()
+        return np.asarray(-0.5 * NU * np.log1p(np.square(z) / NU) - height)
 
 
 def main(
@@ -133,26 +129,15 @@ def main(
     save(json, {"measure": "rest positions", **figures})
 
 
-def measured_files(folder: Path) -> list[Path]:
-    """The trials of people with markers that are there."""
-    trials = [folder / place / f"{name}.trc" for place, names in TRIALS.items() for name in names]
-    return [path for path in trials if path.is_file()]
-
-
 def clip_of(path: Path) -> Clip:
     """Of a captured clip, or of a laboratory's trial by its markers; without poses that the body cannot take."""
     body = Body(load_subject("human34"))
     first = body.nq - len(joints_of(body))
     if path.suffix != ".bvh":
-        run = km.track("human34", points=path)
-        step = max(1, round(1.0 / (FPS * float(np.median(np.diff(run.time))))))
-        q = run.q[np.isfinite(run.q).all(axis=1)][::step]
-        return Clip(path.parent.name, path.stem, q[:, first:], measured=True)
-    mocap = load_mocap(path)
-    followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / FPS))
-    firm = [i for i, name in enumerate(followed.names) if name.split("_")[-1] not in VAGUE_STD]
-    good = followed.residual[:, firm].max(axis=1) < POOR_FIT
-    return Clip(subject_of(path.stem), path.stem, followed.q[good][:, first:], measured=False)
+        run, rows = measured_run(path, FPS)
+        return Clip(path.parent.name, path.stem, run.q[rows, first:], measured=True)
+    _, q = captured_motion(body, path, FPS)
+    return Clip(subject_of(path.stem), path.stem, q[:, first:], measured=False)
 
 
 def leg_corrections(clips: Sequence[Clip], joints: Sequence[str]) -> dict[str, Correction]:

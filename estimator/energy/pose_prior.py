@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from estimator.energy.pose_mixture import PoseMixture
 from estimator.energy.priors import STABILISER_NU as NU
+from estimator.energy.priors import stabiliser_log_integral
 from estimator.energy.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
@@ -89,9 +90,7 @@ def _log_heights(cholesky: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Log density of every Gaussian (K, D, D) at its mean over that of the background, whose scales
     are std (D,) in the mean of either side, at rest."""
     gaussians = -np.log(np.diagonal(cholesky, axis1=1, axis2=2)).sum(axis=1) - 0.5 * len(std) * math.log(2.0 * math.pi)
-    # integral of (1 + z^2 / nu)^(-nu / 2) over z
-    log_integral = 0.5 * math.log(math.pi * NU) + math.lgamma(0.5 * (NU - 1.0)) - math.lgamma(0.5 * NU)
-    return np.asarray(gaussians + np.log(std).sum() + len(std) * log_integral)
+    return np.asarray(gaussians + np.log(std).sum() + len(std) * stabiliser_log_integral())
 
 
 _REMEDY = "the shipped prior is for human34; without one: pose_prior_weight = 0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +17,15 @@ from humanoid.support.errors import InputError
 STABILISER_NU = 4.0
 """Spread of the stabilisers' outliers: with the Lorentzian exp(-energy) is Student's t with 3 degrees of freedom, the
 fewest that have a variance; the pose prior's background and the order of kinematic jumps are the same density."""
+
+
+def stabiliser_log_integral() -> float:
+    """Logarithm of the integral of (1 + z^2 / nu)^(-nu / 2) over z, by which exp(-energy) is a density."""
+    return (
+        0.5 * math.log(math.pi * STABILISER_NU)
+        + math.lgamma(0.5 * (STABILISER_NU - 1.0))
+        - math.lgamma(0.5 * STABILISER_NU)
+    )
 
 
 class Stabilisers(BatchTerm):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -150,8 +151,6 @@ class Body(Summarised):
     follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
     neutral (nq,): root at the origin, joints at their means, inside the limits.
-    extent [m]: root mean square distance of the landmarks from their centre as somebody sees them who faces the body
-    there: what the extent of keypoints is in a picture.
     bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
     """
 
@@ -184,7 +183,6 @@ class Body(Summarised):
         self._limits(model)
         self._kinematics = kinematics_of(model)
         self.neutral = self._rest()
-        self.extent = self._extent()
 
     def _limits(self, model: pin.Model) -> None:
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
@@ -204,7 +202,10 @@ class Body(Summarised):
                 q[self.model.idx_qs[self.model.getJointId(stabiliser.joint)]] = stabiliser.moments[0]
         return self.clamp(q)
 
-    def _extent(self) -> float:
+    @cached_property
+    def extent(self) -> float:
+        """Root mean square distance [m] of the landmarks from their centre as somebody sees them who faces the body in
+        its neutral pose: what the extent of keypoints is in a picture."""
         if not self.landmark_names:
             return _LEAST_EXTENT
         points = self.landmarks(self.at(self.neutral))[:, 1:]

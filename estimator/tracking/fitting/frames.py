@@ -26,7 +26,7 @@ def chosen_pieces(observations: Sequence[Observation], settings: FitSettings) ->
     if not usable:
         return []
     if usable[-1].time - usable[0].time <= settings.seconds + _TINY:
-        return [with_shares(_spread(usable, settings.frames))]
+        return [with_shares(evenly_spread(usable, settings.frames))]
     pieces = _pieces(usable, settings)
     typical = np.median([o.count for o in usable])
     others = [p for p in pieces[1:] if min(o.count for o in p) >= _FULL * typical]
@@ -41,8 +41,8 @@ def chosen_pieces(observations: Sequence[Observation], settings: FitSettings) ->
     return [with_shares(piece) for piece in sorted(chosen, key=lambda piece: piece[0].time)]
 
 
-def _spread(frames: Sequence[Observation], count: int) -> list[Observation]:
-    """So many of them at most, evenly spread."""
+def evenly_spread(frames: Sequence[Observation], count: int) -> list[Observation]:
+    """So many frames at most, evenly spread."""
     if len(frames) <= count:
         return list(frames)
     picks = np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))
@@ -54,7 +54,7 @@ def _pieces(usable: Sequence[Observation], settings: FitSettings) -> list[list[O
     length = settings.seconds / settings.pieces
     number = np.floor(np.array([o.time - usable[0].time for o in usable]) / length + _TINY).astype(int)
     count = max(1, settings.frames // settings.pieces)
-    return [_spread([usable[int(i)] for i in np.flatnonzero(number == k)], count) for k in np.unique(number)]
+    return [evenly_spread([usable[int(i)] for i in np.flatnonzero(number == k)], count) for k in np.unique(number)]
 
 
 def _shape(piece: Sequence[Observation]) -> np.ndarray:

@@ -41,19 +41,16 @@ def measured_noise(
     What a fit leaves is less than the noise by what it has found from the same numbers (degrees of freedom), and says
     the less of it the fewer are left: one camera's keypoints are hardly more than a pose, four cameras' are.
     """
-    cameras, size = observations[0].cameras, model.body.extent
-    distances, apart, metres = [], [], []
-    for observation, q in zip(observations, poses, strict=True):
-        posed = model.body.at(q)
-        marked, known = model.body.keypoints(posed), observation.known_pixels
-        off = np.array([np.linalg.norm(c.project(marked) - p, axis=1) for c, p in zip(cameras, known, strict=True)])
-        extents = [image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)]
-        distances.append(model.observation_term(observation).distances(posed))
-        apart.append(off)
-        metres.append(off * size / np.array(extents)[:, None])
-    whitened, in_pixels, at_person = (np.array(values) for values in (distances, apart, metres))
+    cameras, body = observations[0].cameras, model.body
+    pairs = list(zip(observations, poses, strict=True))
+    whitened = np.array([model.observation_term(o).distances(body.at(q)) for o, q in pairs])
+    in_pixels = whitened * np.array([model.keypoint_sigma(o) for o in observations])
+    extents = np.array(
+        [[image_extent(*seen) for seen in zip(o.pixels, o.confidence, strict=True)] for o in observations]
+    )
+    at_person = in_pixels * body.extent / extents[..., None]
     data = 2.0 * share * np.isfinite(whitened).sum(axis=(0, 2))
-    left = max(0.0, 1.0 - (fitted + share * len(poses) * model.body.nv) / max(float(data.sum()), 1.0))
+    left = max(0.0, 1.0 - (fitted + share * len(poses) * body.nv) / max(float(data.sum()), 1.0))
     by_camera = (each.swapaxes(0, 1) for each in (in_pixels, at_person, whitened))
     return tuple(
         CameraNoise(camera.name, _median(pixels), _median(at), _factor(float(own), left, deviations))

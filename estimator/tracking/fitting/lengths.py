@@ -83,7 +83,7 @@ def _fitted(
         energy = MeasuresEnergy(body, FittedKeypoints(body, cameras=len(seen[0].cameras)), seen, cost, share)
         newton = NewtonSettings(settings.iterations, enough=ENOUGH)
         best = minimise(energy, energy.model(measures or energy.start, poses), newton).model
-        measures, covariance = best.measures, energy.covariance(best)
+        measures, covariance = best.measures, best.measures_covariance
         person = energy.fitted(subject, best, covariance)
     of_poses = np.array([best.pose_covariance(k, covariance) for k in range(len(seen))])
     count = len(body.names)

@@ -17,6 +17,7 @@ from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.spec import mode_search
 from estimator.tracking.fitting.fit import Fit, bounded_lengths
 from estimator.tracking.fitting.fitted_points import FittedMarkers
+from estimator.tracking.fitting.frames import evenly_spread
 from estimator.tracking.fitting.measures import MeasuresEnergy
 from estimator.tracking.fitting.standing import static_trial
 from estimator.tracking.settings import Settings
@@ -70,10 +71,10 @@ def fit_markers(
     markers do not tell a joint's zero from where they sit.
     """
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
-    used = _chosen(observations, settings.frames)
+    used = _usable(observations, settings.frames)
     if not used:
         return _unfitted(subject, ProportionedBody(subject))
-    trials = _Trials(used, _chosen(static, settings.static_frames))
+    trials = _Trials(used, _usable(static, settings.static_frames))
     fit, seen = _fitted(subject, trials, seed, settings, track_settings)
     size = 1.0
     for _ in range(_ROUNDS):
@@ -92,12 +93,9 @@ class _Trials(NamedTuple):
     static: Sequence[Observation]
 
 
-def _chosen(observations: Sequence[Observation], count: int) -> list[Observation]:
+def _usable(observations: Sequence[Observation], count: int) -> list[Observation]:
     """Usable frames, evenly spread."""
-    usable = [o for o in observations if enough_keypoints(o)]
-    if len(usable) <= count:
-        return usable
-    return [usable[k] for k in np.unique(np.linspace(0, len(usable) - 1, count).round().astype(int))]
+    return evenly_spread([o for o in observations if enough_keypoints(o)], count)
 
 
 def _fitted(
@@ -118,7 +116,7 @@ def _fitted(
     energy = MeasuresEnergy(proportions, FittedMarkers(proportions), used, once, share, known)
     newton = NewtonSettings(settings.iterations, enough=settings.enough)
     best = minimise(energy, energy.model(energy.start, [*poses, *poses_static]), newton).model
-    covariance = energy.covariance(best)
+    covariance = best.measures_covariance
     fitted = energy.fitted(subject, best, covariance)
     scales = best.measures.scales
     asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0

@@ -50,6 +50,11 @@ class MeasuresModel(NamedTuple):
     covariances: list[np.ndarray]
     follows: list[np.ndarray]
 
+    @property
+    def measures_covariance(self) -> np.ndarray:
+        """Of the measures (G, G)."""
+        return np.asarray(np.linalg.inv(self.hessian))
+
     def pose_covariance(self, k: int, of_measures: np.ndarray) -> np.ndarray:
         """Covariance (nv, nv) of the k-th pose with measures as uncertain as their covariance (G, G) says."""
         covariance = self.covariances[k] + self.follows[k] @ of_measures @ self.follows[k].T
@@ -99,10 +104,6 @@ class MeasuresEnergy(Problem[MeasuresModel]):
         return Measures(
             np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(self._points.free), 3))
         )
-
-    def covariance(self, model: MeasuresModel) -> np.ndarray:
-        """Of the measures (G, G)."""
-        return np.asarray(np.linalg.inv(model.hessian))
 
     def fitted(self, subject: Subject, model: MeasuresModel, covariance: np.ndarray) -> Subject:
         """The subject with the lengths and the places of points that were fitted, and how unsure the places are;
