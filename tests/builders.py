@@ -11,6 +11,7 @@ import pinocchio as pin
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import load_subject, subject_from_text
 from kinemode.testing import slope
 
@@ -100,10 +101,18 @@ def random_pose(body: Body, rng: np.random.Generator, *, share: float = 1.0, tur
     return q
 
 
-def bent(body: Body, **angles: float) -> np.ndarray:
-    """The neutral pose with some joints at given angles [rad]."""
-    q = body.neutral.copy()
-    for joint, angle in angles.items():
+STANDING = {
+    "knee_flexion": 0.5, "elbow_flexion": 0.62, "shoulder_elevation": 0.23, "shoulder_flexion": -0.1,
+    "shoulder_rotation": -0.4, "clavicle_elevation": 0.0, "clavicle_protraction": 0.03, "neck_flexion": 0.1,
+}  # fmt: skip
+"""[rad] Of a person who stands with bent limbs: tests do not hang on rest positions, which are learned."""
+
+
+def bent(body: Body, start: np.ndarray | None = None, **angles: float) -> np.ndarray:
+    """A pose that stands (`STANDING`, the rest neutral), or start (nq,), with some joints at given angles [rad]."""
+    q = (body.neutral if start is None else start).copy()
+    stands = {name: STANDING[without_side(name)] for name in body.q_names if without_side(name) in STANDING}
+    for joint, angle in ((stands if start is None else {}) | angles).items():
         q[body.q_names.index(joint)] = angle
     return body.clamp(q)
 

@@ -183,4 +183,4 @@ def test_a_forearm_taken_for_the_trunk_is_shouted_where_it_is(person) -> None:
     true = np.stack([t[arm], t[arm] + length * R[arm, :, 2]])
     received = [placements_of(place.point[None]) for place in places[arm]]
     ends = [np.stack([a[0], a[0] + length * b[0, :, 2]]) for a, b in received]
-    assert min(np.linalg.norm(e - true, axis=1).mean() for e in ends) < 0.14
+    assert min(np.linalg.norm(e - true, axis=1).mean() for e in ends) < 0.1

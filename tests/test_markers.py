@@ -44,7 +44,7 @@ def marked() -> Subject:
 def poses(body: Body, count: int) -> np.ndarray:
     """A person who bends and straightens, one step on."""
     base = body_of("human34")
-    whole = body.difference(body.neutral, bent(base, **FLEXED))
+    whole = body.difference(body.neutral, bent(base, base.neutral, **FLEXED))
     whole[:2] = 0.4, 0.1
     shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
     return np.array([body.integrate(body.neutral, share * whole) for share in shares])

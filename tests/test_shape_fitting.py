@@ -191,9 +191,7 @@ def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
     seen = [replace(o, cues=pictures()[:1]) for o in first.observations]
     shaped = ShapedBody(load_subject("human34"), 300)
     made = flesh._Stages(shaped, seen, first, FitSettings(), Settings())
-    arms = {"shoulder_elevation": 0.0, "shoulder_flexion": -0.1, "shoulder_rotation": -0.4, "elbow_flexion": 0.62}
-    girdle = {"clavicle_elevation": 0.0, "clavicle_protraction": 0.03}
-    q = bent(body, **{f"{side}_{joint}": at for side in ("left", "right") for joint, at in (arms | girdle).items()})
+    q = bent(body, left_shoulder_elevation=0.0, right_shoulder_elevation=0.0)
     thick = np.where(shaped.shape.kind == 0, shaped.shape.high, 0.0)
     x = Unknowns(q[None], np.ones(len(first.scales)), thick)
     apart = made.apart(x)
