@@ -14,6 +14,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
 from estimator.inference.origin import Family, Origin
+from estimator.runs.keypoint_residuals import KeypointResiduals, keypoint_residuals
 from estimator.runs.run_file import Run
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.capabilities import capabilities_of
@@ -44,7 +45,8 @@ class Explanation:
     parts: of the energy. stored: the energy as the run has it. notes: where the hypothesis came from, and why the parts
     may add up to something else. views (C): what there is for pictures of each camera. origin: what the run has of
     where the hypothesis came from, None where it was made before that was kept. extra: what the tracker told of the
-    frame beside its hypotheses.
+    frame beside its hypotheses. keypoints: how far they lie from where the body has them along the trajectory, in this
+    frame alone; None without any.
     """
 
     file: Path
@@ -60,6 +62,7 @@ class Explanation:
     parent: int = -1
     origin: Origin | None = None
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    keypoints: KeypointResiduals | None = None
 
     @property
     def total(self) -> float:
@@ -108,6 +111,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     return Explanation(
         run.file, frame, k, result.status, float(result.weight[k]), result.association[k], parts, stored, notes, views,
         int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k), result.extra,
+        keypoint_residuals(run, settings.cost, [frame]),
     )  # fmt: skip
 
 

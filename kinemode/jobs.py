@@ -189,7 +189,7 @@ def _fitted(
             floor=inputs.floor,
         )
     first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
-    return fit.subject, first, fit.notes, tuple(camera.factor for camera in fit.noise)
+    return fit.subject, first, fit.notes, fit.noise
 
 
 def fit_subject(

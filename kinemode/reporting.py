@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.retargeting.problem import RetargetSettings
-from estimator.runs.diagnosis import camera_errors
+from estimator.runs.diagnosis import camera_errors, sampled_residuals
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.runs.run_file import Run
 from estimator.tracking.unused_settings import changed_values
@@ -51,13 +51,15 @@ def facts_of(run: Run) -> Facts:
         assumed.append(f"the person has the lengths of {header.subject_source}, an average adult")
     else:
         assumed.append(f"the subject is as large as its file says: {header.subject_source}")
+    keypoints = sampled_residuals(run, run_settings(run).cost)
     return Facts(
         findings=told,
         assumed=assumed,
         lengths=lengths,
         command=_command(run),
         blanks=_BLANKS,
-        errors=camera_errors(run, run_settings(run).cost) if len(header.cameras) > 1 else {},
+        errors=camera_errors(keypoints) if keypoints is not None and len(header.cameras) > 1 else {},
+        keypoints=keypoints,
         settings=changed_settings(run),
         markers=marker_residuals(run, run_settings(run).cost.markers),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],

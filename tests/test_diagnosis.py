@@ -15,8 +15,9 @@ import pytest
 import kinemode as km
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
-from estimator.data.observation import Observation
+from estimator.data.observation import Observation, image_extent
 from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
+from estimator.runs.keypoint_residuals import keypoint_residuals
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -32,6 +33,7 @@ from kinemode.terminal import report
 from tests.builders import body_of, camera_at
 from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
+from viz.report.tables import keypoints_part
 
 FRAMES = 12
 CAMERAS = (camera_at(20.0), camera_at(110.0))
@@ -125,6 +127,25 @@ def test_landmarks_far_from_their_keypoints_are_named(tmp_path: Path) -> None:
     assert diagnosis.far[0].pixels == pytest.approx(times_sd * deviation, rel=0.05)
     assert diagnosis.far[0].deviations == pytest.approx(times_sd, rel=0.05)
     assert told(replace(made, pixels=pixels), tmp_path, frame=FRAMES - 1).far == ()
+
+
+def test_keypoints_that_are_all_off_by_three_pixels_fit_by_three_and_by_as_much_at_the_person(tmp_path: Path) -> None:
+    body, made = body_of("human34"), good(body_of("human34"))
+    pixels = made.pixels.copy()
+    pixels[:, 1] += 3.0 * np.array([0.6, 0.8])
+    pixels[:, 1, body.landmark_names.index("left_elbow")] = np.nan
+    run = replace(made, pixels=pixels).written(tmp_path / "a.run", body)
+    residuals = keypoint_residuals(run, CostSettings(), range(FRAMES))
+    assert residuals is not None
+    extent = np.median([image_extent(p, np.isfinite(p).all(axis=1).astype(float)) for p in pixels[:, 1]])
+    expected = [[0.0, 0.0], [3.0, 3.0 * body.extent / extent]]
+    np.testing.assert_allclose(residuals.of_cameras, expected, atol=1e-6, rtol=0.01)
+    assert np.isfinite(residuals.of_landmarks[body.landmark_names.index("left_elbow"), 0])
+    assert np.nanmax(residuals.pixels) == pytest.approx(3.0)
+    assert residuals.noise.tolist() == [1.0, 1.0]
+    (facing, aside) = keypoints_part(residuals).split("<tbody>")[1:]
+    assert f'<td>{CAMERAS[1].name}</td><td class="n">3.0</td>' in facing
+    assert "left_elbow" in aside
 
 
 def told_deviation(made: Made, path: Path, landmark: int) -> np.ndarray:

@@ -10,6 +10,7 @@ import pytest
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis.motion import authored_motion
+from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.fitted_points import FittedKeypoints
 from estimator.tracking.fitting.keypoint_noise import measured_noise
 from estimator.tracking.fitting.person import fit_person
@@ -51,8 +52,12 @@ def test_a_layout_gives_its_places_once_and_mirrored() -> None:
     assert left[2] < -0.02  # detectors mark the tip of the shoe at the floor, a body has the joint's height
     assert at["nose"].keypoint_std == pytest.approx(UNKNOWN_STD)
     assert with_layout_places(subject, "coco17") is subject
+    assert not subject.notes
     unknown = with_layout_places(load_subject("human34"), "coco17")
     assert all(not any(m.keypoint) and m.keypoint_std == UNKNOWN_STD for m in unknown.landmarks)
+    assert unknown.notes == (
+        "where a detector of coco17 marks the body is not known: 20 mm about the landmarks is assumed",
+    )
     robot = load_subject("arm8").scaled({})
     assert all(m.keypoint_std is None for m in robot.landmarks)
 
@@ -106,8 +111,8 @@ def test_several_cameras_find_where_a_person_is_marked() -> None:
     alone = [replace(o, cameras=o.cameras[:1], pixels=o.pixels[:1], confidence=o.confidence[:1]) for o in seen]
     by_one = fit_person(given, alone, settings=FitSettings(frames=8, rounds=1), track_settings=TRACK)
     assert [m.keypoint for m in by_one.subject.landmarks] == [m.keypoint for m in given.landmarks]
-    assert all(0.2 < camera.factor < 1.0 for camera in fit.noise)  # 1 px is less than detectors err
-    assert all(0.5 < camera.pixels < 2.0 for camera in fit.noise)
+    assert all(0.2 < factor < 1.0 for factor in fit.noise)  # 1 px is less than detectors err
+    assert not fit.moved
 
 
 def test_noise_is_what_keypoints_scatter_by() -> None:
@@ -123,9 +128,20 @@ def test_noise_is_what_keypoints_scatter_by() -> None:
     noise = measured_noise(model, seen, list(q), 1.0, 0)
     left = 1.0 - len(q) * body.nv / np.isfinite(np.array([o.pixels for o in seen])).sum()
     # these poses were known and not fitted, so that the degrees of freedom that a fit takes are still there
-    measured = np.array([camera.factor for camera in noise])
-    np.testing.assert_allclose(measured * np.sqrt(left) / factors, 1.0, atol=0.12)
-    assert [camera.camera for camera in noise] == [camera.name for camera in AROUND]
+    np.testing.assert_allclose(np.array(noise) * np.sqrt(left) / factors, 1.0, atol=0.12)
+
+
+def test_places_that_no_chance_explains_are_a_note_of_the_fit() -> None:
+    proportions = ProportionedBody(with_layout_places(load_subject("human34"), "coco17"))
+    points = FittedKeypoints(proportions, cameras=2)
+    offsets = np.zeros((len(points.free), 3))
+    offsets[3], offsets[5] = [0.0, -3.1 * UNKNOWN_STD, 0.0], 2.9 * UNKNOWN_STD
+    name = proportions.base.landmark_names[3]
+    assert points.moved(offsets) == {name: pytest.approx(3.1 * UNKNOWN_STD)}
+    assert not FittedKeypoints(proportions, cameras=1).moved(np.zeros((0, 3)))
+    nothing = np.zeros((0, 0))
+    fit = Fit(load_subject("human34"), (), np.zeros(0), nothing, (), nothing, nothing, moved=points.moved(offsets))
+    assert f"{name} (62 mm)" in fit.notes[0]
 
 
 def test_one_cameras_places_are_not_fitted() -> None:

@@ -34,8 +34,8 @@ SMALL: dict[str, Any] = {
     "modes": 2,
 }
 BEGIN, BLANK, END = 2, (4,), 6
-SEED = 4
-"""With so few samples one seed in six takes the person's back for the front."""
+SEED = 3
+"""With so few samples every other seed takes the person's back for the front."""
 
 
 @cache

@@ -16,7 +16,7 @@ import kinemode as km
 from estimator.data.formats.opensim import write_trc
 from estimator.data.observation import Observation
 from estimator.energy.marker_targets import MarkerNoise, marker_targets
-from estimator.runs.lasting_spread import lasting_by_markers
+from estimator.runs.lasting_spread import LastingPoints, lasting_by_places
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.fitted_points import FittedMarkers
@@ -28,7 +28,7 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.marker_set import marker_set
-from humanoid.subject.subject import Subject, load_subject
+from humanoid.subject.subject import Subject, Zero, load_subject
 from viz.viewpoint import pictured_scene
 
 FPS = 50.0
@@ -204,11 +204,44 @@ def test_a_frame_without_markers_is_unobserved_and_one_with_few_is_searched_wide
 def test_places_that_are_unsure_leave_the_pose_as_unsure_in_every_frame() -> None:
     body = Body(marked())
     posed, prior, whole = [body.at(body.neutral)], np.zeros((1, body.nv, body.nv)), np.eye(body.nv)[None]
-    once = lasting_by_markers(body, posed, prior, whole)
+    once = lasting_by_places(body, LastingPoints.markers(body), posed, prior, whole)
     twice = Body(marked().with_markers([replace(m, std=2.0 * m.std) for m in marked().markers]))
     np.testing.assert_allclose(
-        np.diag(lasting_by_markers(twice, posed, prior, whole)[0])[6:12], 4.0 * np.diag(once[0])[6:12], rtol=1e-2
+        np.diag(lasting_by_places(twice, LastingPoints.markers(twice), posed, prior, whole)[0])[6:12],
+        4.0 * np.diag(once[0])[6:12],
+        rtol=1e-2,
     )
+
+
+def test_zeros_that_are_less_sure_widen_what_lasts_and_leave_what_moves_with_what() -> None:
+    body = Body(marked())
+    posed, prior, whole = [body.at(body.neutral)], np.zeros((1, body.nv, body.nv)), np.eye(body.nv)[None]
+    places = lasting_by_places(body, LastingPoints.markers(body), posed, prior, whole)[0]
+    zeros = [Zero("left_hip_flexion", 0.2), Zero("right_hip_flexion", 1e-5)]
+    less = Body(marked().with_markers(marked().markers, zeros))
+    unsure = lasting_by_places(less, LastingPoints.markers(less), posed, prior, whole)[0]
+    hip = body.v_names.index("left_hip_flexion")
+    expected = np.sqrt(np.diag(places))
+    expected[hip] = 0.2
+    np.testing.assert_allclose(np.sqrt(np.diag(unsure)), expected)
+    np.testing.assert_allclose(correlation(unsure), correlation(places), atol=1e-9)
+
+
+def test_markers_that_are_off_together_leave_zeros_less_sure_than_each_by_itself_would() -> None:
+    body = Body(marked())
+    fit = fit_markers(marked(), measured(body, poses(body, 12), 0.003), settings=MarkerFitSettings(frames=12))
+    fitted = Body(fit.subject)
+    posed, nothing = [fitted.at(fit.poses[0])], np.zeros((1, fitted.nv, fitted.nv))
+    zeros, fitted.zero_std = fitted.zero_std, np.full(fitted.nv, np.nan)
+    alone = np.sqrt(
+        np.diag(lasting_by_places(fitted, LastingPoints.markers(fitted), posed, nothing, np.eye(fitted.nv)[None])[0])
+    )
+    assert np.all(zeros > 1.05 * alone)
+
+
+def correlation(covariance: np.ndarray) -> np.ndarray:
+    std = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(std, std)
 
 
 @pytest.fixture(scope="module")

@@ -31,10 +31,10 @@ NOTHING_WRONG = MarkerFaults(noise=0.0, outliers=0.0, gaps=0.0, places=0.0)
 def test_a_constant_offset_is_taken_off() -> None:
     angles = np.linspace(-20.0, 40.0, 50)
     shifted = laboratory.offset(angles + 3.0, angles)
-    assert shifted == pytest.approx((3.0, 0.0), abs=1e-9)
+    assert shifted[:2] == pytest.approx((3.0, 0.0), abs=1e-9)
     waves = np.where(np.arange(50) % 2, 2.0, -2.0)
-    assert laboratory.offset(angles + waves - 1.0, angles) == pytest.approx((-1.0, 2.0))
-    assert laboratory.offset(angles + 361.0, angles) == pytest.approx((1.0, 0.0), abs=1e-9)
+    assert laboratory.offset(angles + waves - 1.0, angles)[:2] == pytest.approx((-1.0, 2.0))
+    assert laboratory.offset(angles + 361.0, angles)[:2] == pytest.approx((1.0, 0.0), abs=1e-9)
     assert laboratory.pooled([(9.0, 3.0), (-9.0, 4.0)]) == pytest.approx(np.sqrt(12.5))
 
 

@@ -16,7 +16,7 @@ from humanoid import Body, InputError, Subject, load_subject
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.example_robots import PREFIX, installed
-from humanoid.subject.subject import Marker, subject_from_text, subject_names
+from humanoid.subject.subject import Marker, Zero, subject_from_text, subject_names
 from humanoid.subject.urdf_flesh import limb_capsule
 
 SIZES = {  # nq, nv
@@ -331,3 +331,18 @@ def test_markers_are_kept_in_the_text_resized_with_the_body_and_placed_by_its_ki
     with pytest.raises(InputError, match="no link 'left_fot'"):
         subject.with_markers([replace(toe, link="left_fot")])
     assert not marked.with_markers([]).markers
+
+
+def test_zeros_go_with_the_markers_and_lengths_among_them_with_the_size() -> None:
+    subject = load_subject("human34")
+    toe = Marker("L toe", "left_foot", (0.15, 0.01, -0.03), 0.012)
+    zeros = Zero("root_vx", 0.002), Zero("root_wy", 0.05), Zero("left_hip_flexion", 0.06)
+    known = subject.with_markers([toe], zeros)
+    assert subject_from_text(known.urdf, source="human34", base="free").zeros == zeros
+    assert [z.std for z in known.resized(1.5).zeros] == pytest.approx([0.003, 0.05, 0.06])
+    body = Body(known)
+    assert np.nansum(body.zero_std) == pytest.approx(0.112)
+    assert body.zero_std[body.v_names.index("left_hip_flexion")] == 0.06
+    assert not known.with_markers([toe]).zeros
+    with pytest.raises(InputError, match=r"no joint 'left_hip_flexon'.*left_hip_flexion"):
+        subject.with_markers([toe], [Zero("left_hip_flexon", 0.06)])

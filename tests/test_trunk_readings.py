@@ -91,7 +91,7 @@ def test_an_upright_trunk_has_one_reading() -> None:
 
 def test_interpretations_have_the_other_reading() -> None:
     q = leaning(0.6)
-    first = [x for x, _ in zip(KinematicJumps(BODY).interpretations(q, FRONT), range(60), strict=False)]
+    first = [x for x, _ in zip(KinematicJumps(BODY).interpretations(q, FRONT), range(120), strict=False)]
     assert {TOWARDS, AWAY} <= set(trunk_readings(BODY, np.array(first), FRONT).tolist())
 
 

@@ -1,7 +1,9 @@
-"""Flexion of hip, knee and ankle by markers against a laboratory's own inverse kinematics of the same markers."""
+"""Flexion of hip, knee and ankle by markers against a laboratory's own inverse kinematics of the same markers: how far
+motion is from its, and whether its angles as they are lie in the bands of ours."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +12,7 @@ import numpy as np
 
 from benchmarks.points.tracked_points import fit_of, middle_of, residuals_of, root_mean_square, run_of
 from benchmarks.support.common import tell
+from benchmarks.support.measured_people import measured_files
 from estimator.data.formats.opensim import read_mot
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
@@ -18,8 +21,11 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
+LABORATORY = "opencap/subject4"
 TRIALS = ("squats1", "STS1", "walking1", "walkingTS1")
+"""Of `LABORATORY`, which the person may be fitted on."""
 OWN = "own"
+_BAND = 0.9
 JOINTS = {"hip": ("hip_flexion", "hip_flexion"), "knee": ("knee_flexion", "knee_angle"),
           "ankle": ("ankle_dorsiflexion", "ankle_angle")}  # fmt: skip
 """Of a leg: our joint, and the gait model's coordinate."""
@@ -27,15 +33,18 @@ KINDS = ("gait coordinates", "joints")
 LEGEND = (
     "RMS [degrees] to the laboratory's inverse kinematics, the constant offset of each side (in brackets: left, right)"
     " removed, both sides together. gait coordinates: as `kinemode export --format rajagopal-mot` has them; joints: our"
-    " own angles. markers: RMS of all markers, smoothed trajectory."
+    " own angles. markers: RMS of all markers, smoothed trajectory. in 90 %: share of the laboratory's angles, offsets"
+    " included, that lie in the intervals of our joints (Run.interval)."
 )
 
 
 class Offset(NamedTuple):
-    """Angles (T,) against others: mean difference, and RMS of what is left without it [deg]."""
+    """Angles (T,) against others: mean difference, and RMS of what is left without it [deg]; share of the others that
+    lie in the bands of these, NaN where there are none."""
 
     mean: float
     rest: float
+    inside: float = math.nan
 
 
 def offset(ours: np.ndarray, theirs: np.ndarray) -> Offset:
@@ -62,23 +71,33 @@ def differences(run: Run, truth: Path) -> dict[str, dict[str, Offset]]:
     theirs, time = read_mot(truth)
     known = {name: np.interp(run.time, time, theirs.values[:, k]) for k, name in enumerate(theirs.names)}
     turn = 1.0 if theirs.in_degrees else np.degrees(1.0)
-    ours = sagittal(run.body, run.q)
-    return {k: {name: offset(angle, turn * known[name]) for name, angle in of.items()} for k, of in ours.items()}
+    ours, ends = sagittal(run.body, run.q), run.interval(_BAND)
+    low, high = (sagittal(run.body, ends[:, side])["joints"] for side in (0, 1))
+    by_kind = {k: {name: offset(angle, turn * known[name]) for name, angle in of.items()} for k, of in ours.items()}
+    for name, of in by_kind["joints"].items():
+        inside = (turn * known[name] >= low[name]) & (turn * known[name] <= high[name])
+        by_kind["joints"][name] = of._replace(inside=float(inside.mean()))
+    return by_kind
 
 
 def measure_laboratory(folder: Path, work: Path, fits: Sequence[str], seconds: float, seed: int) -> dict[str, Any]:
-    """Some seconds in the middle of every trial, with the person fitted on them and on those of each other trial that
-    `fits` names."""
-    subject, figures = load_subject("human34"), dict[str, Any]()
-    parts = {trial: middle_of(folder / f"{trial}.trc", seconds) for trial in {*TRIALS, *fits} - {OWN}}
-    fitted = {t: fit_of(subject, folder / f"{t}.trc", seed=seed, part=parts[t]) for t in fits if t != OWN}
-    for trial in TRIALS:
-        for name in fits:
-            path, person = folder / f"{trial}.trc", subject if name == OWN else fitted[name].subject
+    """Some seconds in the middle of every trial of people with markers, the person fitted on them, and on those of each
+    other trial of one person that `fits` names. folder: of the data."""
+    subject, figures, own = load_subject("human34"), dict[str, Any](), folder / LABORATORY
+    fitted = {
+        t: fit_of(subject, own / f"{t}.trc", seed=seed, part=middle_of(own / f"{t}.trc", seconds))
+        for t in fits
+        if t != OWN
+    }
+    for path in measured_files(folder):
+        if (truth := _truth(path)) is None:
+            continue
+        trial, part = f"{path.parent.name} {path.stem}", middle_of(path, seconds)
+        for name in fits if path.parent == own else (OWN,):
+            person = subject if name == OWN else fitted[name].subject
             how, out = "auto" if name == OWN else "off", work / f"{trial}_{name}.run"
-            run = run_of(person, path, out, fit=how, seed=seed, part=parts[trial])
-            by_kind = differences(run, folder / f"{trial}_manual_scaling_ik.mot")
-            apart = residuals_of(run).apart
+            run = run_of(person, path, out, fit=how, seed=seed, part=part)
+            by_kind, apart = differences(run, truth), residuals_of(run).apart
             figures[f"{trial} {name}"] = {
                 "trial": trial, "fit": name, "frames": len(run), "markers_mm": 1e3 * root_mean_square(apart),
                 **{kind: {c: list(o) for c, o in of.items()} for kind, of in by_kind.items()},
@@ -88,9 +107,16 @@ def measure_laboratory(folder: Path, work: Path, fits: Sequence[str], seconds: f
     return figures
 
 
+def _truth(path: Path) -> Path | None:
+    """The laboratory's angles of a trial that moves."""
+    names = (f"{path.stem}_manual_scaling_ik.mot", f"{path.stem}_ik.mot")
+    there = (path.with_name(name) for name in names if not path.stem.startswith("static"))
+    return next((file for file in there if file.is_file()), None)
+
+
 def pooled(offsets: Sequence[Sequence[float]]) -> float:
     """RMS of what is left without the offsets, of several series together [deg]."""
-    return float(np.sqrt(np.mean([rest**2 for _, rest in offsets])))
+    return float(np.sqrt(np.mean([of[1] ** 2 for of in offsets])))
 
 
 def _show(figures: dict[str, Any]) -> None:
@@ -100,12 +126,22 @@ def _show(figures: dict[str, Any]) -> None:
         for of in figures.values():
             made.add_row(f"{of['trial']}, {of['fit']}", str(of["frames"]), *_cells(of[kind]), f"{of['markers_mm']:.1f}")
         report.console().print(made)
+    made = report.table("the laboratory's angles as they are: offset, RMS over trials [degrees]; in 90 %", "", *JOINTS)
+    every = [of["joints"] for of in figures.values() if of["fit"] == OWN]
+    made.add_row(f"{len(every)} trials", *(_banded(coordinate, every) for _, coordinate in JOINTS.values()))
+    report.console().print(made)
     report.print_lines([LEGEND])
+
+
+def _banded(coordinate: str, trials: Sequence[dict[str, list[float]]]) -> str:
+    """Of both sides of all trials, the offsets and the share inside bands."""
+    offsets = np.array([of[f"{coordinate}_{side}"] for of in trials for side in "lr"])
+    return f"{root_mean_square(offsets[:, 0]):.1f}; {np.mean(offsets[:, 2]):.0%}"
 
 
 def _cells(of: dict[str, list[float]]) -> list[str]:
     cells = []
     for _, coordinate in JOINTS.values():
         sides = [of[f"{coordinate}_{side}"] for side in "lr"]
-        cells.append(f"{pooled(sides):.2f} ({', '.join(f'{mean:.1f}' for mean, _ in sides)})")
+        cells.append(f"{pooled(sides):.2f} ({', '.join(f'{mean:.1f}' for mean, *_ in sides)})")
     return [*cells, f"{pooled(list(of.values())):.2f}"]

@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.points.captured_trials import FPS, SET, MarkerFaults, captured_trial
 from benchmarks.points.frame_time import seconds_of_frames
+from benchmarks.points.laboratory import LABORATORY
 from benchmarks.points.tracked_points import middle_of, root_mean_square, run_of
 from benchmarks.support.common import tell
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
@@ -25,7 +26,6 @@ from humanoid.support.errors import InputError
 from kinemode.explain import run_settings
 from kinemode.terminal import report
 
-LABORATORY = "opencap/subject4"
 TRIALS, CAPTURED = ("squats1", "walking1", "walkingTS1"), ("dance_05_10", "bend_scoop_lift_02_06")
 ACCURACY = 1e-5  # of OpenSim's solver: what its tool has by default
 WAYS = {"OpenSim, clamped": True, "OpenSim, free": False}

@@ -12,8 +12,8 @@ from benchmarks.points.captured_errors import measure_captured
 from benchmarks.points.captured_trials import CLIPS, FPS, SET, MarkerFaults, captured_trial
 from benchmarks.points.four_cameras import measure_cameras
 from benchmarks.points.frame_time import measure_frame_time
-from benchmarks.points.laboratory import OWN, TRIALS, measure_laboratory
-from benchmarks.points.opensim_side import LABORATORY, measure_opensim, python_with_opensim
+from benchmarks.points.laboratory import LABORATORY, OWN, TRIALS, measure_laboratory
+from benchmarks.points.opensim_side import measure_opensim, python_with_opensim
 from benchmarks.points.tracked_points import fit_of, observations_of
 from benchmarks.support.common import Data, Json, Several, Work, check_known, data_folder, save, work_folder
 from humanoid.subject.subject import load_subject
@@ -52,7 +52,8 @@ def main(
     Parameters
     ----------
     opencap
-        A laboratory's trials against its own inverse kinematics.
+        Laboratories' trials of several people against their own inverse kinematics, and whether its angles lie in
+        the bands of ours.
     opensim
         OpenSim's inverse kinematics on the same body, markers and weights.
     captured
@@ -66,7 +67,7 @@ def main(
     seeds
         Of people, noise and tracker; of other parts than --captured the first.
     fits
-        Of --opencap: trials that the person is fitted on, own for each trial itself.
+        Of --opencap: trials that its first person is fitted on, own for each trial itself.
     seconds
         Of each trial: the middle of a laboratory's, the beginning of captured motion.
     places
@@ -87,7 +88,7 @@ def main(
     python = python_with_opensim(opensim_python)
     laboratory, mocap, beam = shared / LABORATORY, shared / "mocap", shared / "beam4cam"
     parts: dict[str, tuple[object, Callable[[Path], dict[str, Any]]]] = {
-        "opencap": (laboratory.is_dir(), lambda place: measure_laboratory(laboratory, place, fits, seconds, first)),
+        "opencap": (laboratory.is_dir(), lambda place: measure_laboratory(shared, place, fits, seconds, first)),
         "opensim": (python, lambda place: measure_opensim(shared, place, python, seconds, first)),
         "captured": (mocap.is_dir(), lambda place: measure_captured(mocap, place, faults, clips, seeds, seconds)),
         "speed": (mocap.is_dir(), lambda place: measure_speed(mocap, place, seconds, first)),

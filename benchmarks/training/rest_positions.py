@@ -5,6 +5,10 @@ laboratory's markers (OpenCap's and two others). Every person counts alike, and 
 the density of the stabilisers, two halves of Student's t with their own scales (`estimator.energy.priors`), is fitted
 by likelihood, left and right together, and tried on people who were left out. Angles have the deviation of a joint's
 zero (`ZERO_STD`) added, by which two skeletons or two models of one person differ.
+
+Most people walk most of the time, with arms that hang. How far arms swing is shipped with the scales of distinct poses
+(`DISTINCT`), each counted once however long or often a person takes it: the prior is of people who do something else
+than walk, too.
 """
 
 from __future__ import annotations
@@ -43,8 +47,18 @@ WRITTEN = (
 """Joints whose numbers are shipped. Those of hips, ankles and back are printed alone: most of these people walk, and
 one camera before people who squat and rise had their hips off by 6 degrees more with them."""
 WIDER = 2.0
-"""Factor on the scales that are shipped, but of `AT_THE_END`: skeletons and models of people differ in where an arm's
-angles are zero. People left out are tracked as well with 2 as with 1.3, and people of another laboratory better."""
+"""Factor on the scales that are shipped, but of `AT_THE_END` and `DISTINCT`: skeletons and models of people differ in
+where an arm's angles are zero. People left out are tracked as well with 2 as with 1.3, and people of another laboratory
+better."""
+LIMB = ("shoulder_elevation", "shoulder_flexion", "shoulder_rotation", "elbow_flexion")
+"""Joints whose poses are distinct together."""
+DISTINCT = ("shoulder_flexion",)
+"""Those that are shipped with the scales of distinct poses: arms that hang hardly swing, arms that are raised swing
+widely. Of rotation and elbows both ways give the same. Elevation would have a scale of 1 rad above rest, and the middle
+of its density, from which searches begin, would be an arm that is raised by 37 degrees."""
+APART = 0.3
+"""[rad] By how much one joint at least differs in two poses of a limb that are distinct. With 0.2 and 0.4 the scales of
+arms are within an eighth of these."""
 SYMMETRIC = ("lumbar_lateral", "lumbar_axial", "neck_lateral", "neck_axial")
 AT_THE_END = ("knee_flexion",)
 """Joints that people hold near the lower end of their range. There the errors of skeletons pile up, so that rest is the
@@ -102,8 +116,16 @@ def main(
     samples = drawn_angles(clips, np.random.default_rng(0))
     shipped = {without_side(s.joint): Density(s.rest, s.std, s.std_above) for s in body.subject.stabilisers}
     made = report.table(
-        "rest positions [rad]", "joint", "rest", "below", "above", "shipped", "left out: fitted", "symmetric", "shipped"
+        "rest, scale below, scale above [rad]",
+        "joint",
+        "of all frames",
+        "scales of distinct poses",
+        "shipped",
+        "left out: fitted",
+        "symmetric",
+        "shipped",
     )
+    distinct = distinct_angles(clips, joints, np.random.default_rng(0))
     densities, figures = dict[str, Density](), dict[str, Any]()
     for name in dict.fromkeys(without_side(joint) for joint in joints):
         if name in UNSEEN:
@@ -112,14 +134,16 @@ def main(
         rest = lower_decile(name, joints, clips) if name in AT_THE_END else 0.0 if name in SYMMETRIC else None
         fitted, left_out = fit_density(list(people.values()), name in SYMMETRIC, rest), held_out(people, name, rest)
         mine = float(np.mean([shipped[name].log(x).mean() for x in people.values()]))
+        wanted = fitted
+        if name in distinct:
+            wanted = fit_density([distinct[name]], name in SYMMETRIC, fitted.rest)
         if name in WRITTEN:
-            wider = 1.0 if name in AT_THE_END else WIDER
-            densities[name] = Density(fitted.rest, wider * fitted.below, wider * fitted.above)
-        figures[name] = {"fit": list(fitted), "left out": left_out, "shipped": mine}
-        row = (*fitted, *shipped[name], *left_out, mine)
-        made.add_row(
-            name, *(f"{x:.3f}" for x in row[:3]), " ".join(f"{x:.2f}" for x in row[3:6]), *(f"{x:.2f}" for x in row[6:])
-        )
+            wider = 1.0 if name in AT_THE_END or name in DISTINCT else WIDER
+            shape = wanted if name in DISTINCT else fitted
+            densities[name] = Density(shape.rest, wider * shape.below, wider * shape.above)
+        figures[name] = {"fit": list(fitted), "distinct": list(wanted), "left out": left_out, "shipped": mine}
+        cells = (" ".join(f"{x:.3f}" for x in density) for density in (fitted, wanted, shipped[name]))
+        made.add_row(name, *cells, *(f"{x:.2f}" for x in (*left_out, mine)))
     report.console().print(legs)
     report.console().print(made)
     report.print_lines(["left out: log density of people who were left out of the fit, nats a pose"])
@@ -166,6 +190,28 @@ def drawn_angles(clips: Sequence[Clip], rng: np.random.Generator) -> dict[str, n
         angles = np.concatenate([a[rng.choice(len(a), -(-_DRAWN // len(own)))] for a in own])
         poses[who] = angles + ZERO_STD * rng.normal(size=angles.shape)
     return poses
+
+
+def distinct_angles(clips: Sequence[Clip], joints: Sequence[str], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """By joint of `LIMB`, the angles (N,) of all people's distinct poses, with the deviation of a joint's zero."""
+    columns = [[k for k, joint in enumerate(joints) if without_side(joint) == name] for name in LIMB]
+    kept = []
+    for who in dict.fromkeys(clip.person for clip in clips):
+        angles = np.concatenate([clip.angles for clip in clips if clip.person == who])
+        both = np.concatenate([angles[:, list(side)] for side in zip(*columns, strict=True)])
+        kept.append(distinct_poses(both, rng))
+    poses = np.concatenate(kept)
+    return dict(zip(LIMB, (poses + ZERO_STD * rng.normal(size=poses.shape)).T, strict=True))
+
+
+def distinct_poses(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Of poses (N, D), in random order, those that differ by `APART` in some joint from all kept before them."""
+    kept, count = np.empty_like(poses), 0
+    for pose in rng.permutation(poses):
+        if not np.any(np.all(np.abs(kept[:count] - pose) <= APART, axis=1)):
+            kept[count] = pose
+            count += 1
+    return kept[:count]
 
 
 def angles_of(name: str, joints: Sequence[str], people: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -8,15 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.observation import Observation
 from estimator.numerics.typical import typical_distance
+from estimator.runs.keypoint_residuals import KeypointResiduals, associations_of, keypoint_residuals
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.runs.run_file import Run
-from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.statuses import TRACKED
-from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5
 """Share of the frames above which a joint rests on a limit, or the sides are exchanged, in most of them. On good runs,
@@ -134,7 +132,7 @@ def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited:
     rows = tracked if frame is None else tracked[tracked == frame]
     if len(rows) < (FEWEST if frame is None else 1):
         return Diagnosis(frame, (), (), (), 0.0)
-    exchanged = float(np.mean(_associations(run)[rows] == EXCHANGED)) if frame is None else 0.0
+    exchanged = float(np.mean(associations_of(run)[rows] == EXCHANGED)) if frame is None else 0.0
     resting = _resting(run, rows) if limited else ()
     far, cameras = _far(run, cost, rows)
     exchanged = exchanged if exchanged > MOST else 0.0
@@ -148,22 +146,26 @@ def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
     the keypoints fit.
     """
     rows = np.flatnonzero((run.status == TRACKED) & np.isfinite(run.q).all(axis=1))
-    if not len(rows) or not run.has_keypoints:
+    residuals = keypoint_residuals(run, cost, rows) if len(rows) else None
+    if residuals is None:
         return ()
-    _, deviations = _distances(run, cost, rows)
+    deviations = residuals.deviations
     seen = np.isfinite(deviations).sum(axis=(1, 2))
     far = (np.nan_to_num(deviations) > FAR).sum(axis=(1, 2))
     return tuple(int(t) for t in rows[far >= np.maximum(1, _CONTRADICTED * seen)])
 
 
-def camera_errors(run: Run, cost: CostSettings) -> dict[str, float]:
-    """How far each camera's keypoints are from the landmarks of a run's trajectory, by the camera's name, root mean
-    square without outliers [px]; those without keypoints are left out."""
+def sampled_residuals(run: Run, cost: CostSettings) -> KeypointResiduals | None:
+    """How far keypoints lie from where a run's trajectory has them, in the frames in which something was seen, some of
+    a long clip; None of a run without such frames or without keypoints."""
     rows = _tracked(run)
-    if not len(rows) or not run.has_keypoints:
-        return {}
-    pixels, _ = _distances(run, cost, _sampled(rows))
-    errors = {camera.name: float(typical_distance(pixels[:, c])) for c, camera in enumerate(run.header.cameras)}
+    return keypoint_residuals(run, cost, _sampled(rows)) if len(rows) else None
+
+
+def camera_errors(residuals: KeypointResiduals) -> dict[str, float]:
+    """How far each camera's keypoints are from where the body has them, by the camera's name, root mean square without
+    outliers [px]; those without keypoints are left out."""
+    errors = {name: float(typical_distance(residuals.pixels[:, c])) for c, name in enumerate(residuals.cameras)}
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
 
@@ -175,11 +177,6 @@ def _tracked(run: Run) -> np.ndarray:
 def _sampled(rows: np.ndarray) -> np.ndarray:
     """The rows of a short clip, some of a long one."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLE, len(rows))).round().astype(int))]
-
-
-def _associations(run: Run) -> np.ndarray:
-    """How each frame's hypothesis on the path takes the keypoints (T,)."""
-    return np.asarray(run.mode_association[np.arange(len(run)), run.path])
 
 
 def _resting(run: Run, rows: np.ndarray) -> tuple[JointAtLimit, ...]:
@@ -200,10 +197,10 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[JointAtLimit, ...]:
 
 def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...], tuple[tuple[str, float], ...]]:
     """Landmarks far from their keypoints, and cameras in which most are."""
-    if not run.has_keypoints:  # runs of the library alone may have been written without keypoints
+    residuals = keypoint_residuals(run, cost, _sampled(rows))
+    if residuals is None:
         return (), ()
-    fewest = min(FEWEST, len(rows))
-    pixels, deviations = _distances(run, cost, _sampled(rows))
+    fewest, pixels, deviations = min(FEWEST, len(rows)), residuals.pixels, residuals.deviations
     seen = np.isfinite(pixels).sum(axis=0)
     far_landmarks: list[Far] = []
     cameras = []
@@ -229,25 +226,6 @@ def _far_markers(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[FarMar
         if apart > FAR * std
     ]
     return tuple(sorted(far, key=lambda f: -f.deviations))
-
-
-def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far keypoints are from where the body has them, in pixels and in standard deviations, (T, C, L); NaN where
-    missing."""
-    model, associations = CostModel(run.body, cost), _associations(run)
-    mirror = mirror_index(run.body.landmark_names)
-    pixels, deviations = [], []
-    for t in rows.tolist():
-        observation = run.observation(t)
-        seen: Observation = observation.exchanged(mirror) if associations[t] == EXCHANGED else observation
-        posed = run.body.at(run.q[t])
-        own = model.observation_term(seen).distances(posed)
-        marked = run.body.keypoints(posed)
-        places = np.array([camera.project(marked) for camera in seen.cameras])
-        apart = np.linalg.norm(places - seen.pixels, axis=2)
-        deviations.append(own)
-        pixels.append(np.where(np.isfinite(own), apart, np.nan))
-    return np.array(pixels), np.array(deviations)
 
 
 def _by_landmark(far: Sequence[Far]) -> list[str]:

@@ -4,6 +4,7 @@ markers sit on one."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,15 +31,43 @@ def lasting_by_landmarks(
     return _moved(jacobians, deviation, priors, covariances)
 
 
-def lasting_by_markers(
-    body: Body, posed: Sequence[PosedBody], priors: Sequence[np.ndarray], covariances: np.ndarray
+class LastingPoints(NamedTuple):
+    """Points of a body, (N): on which joint, where in its frame [m], how unsure that is [m]."""
+
+    joint: np.ndarray
+    local: np.ndarray
+    std: np.ndarray
+
+    @staticmethod
+    def markers(body: Body) -> LastingPoints:
+        """The body's markers."""
+        return LastingPoints(body.marker_joint, body.marker_local, body.marker_std)
+
+    @staticmethod
+    def keypoints(body: Body) -> LastingPoints:
+        """Where a detector marks the body, as far as that is known."""
+        known = np.isfinite(body.keypoint_std)
+        return LastingPoints(body.landmark_joint[known], body.keypoint_local[known], body.keypoint_std[known])
+
+
+def lasting_by_places(
+    body: Body,
+    points: LastingPoints,
+    posed: Sequence[PosedBody],
+    priors: Sequence[np.ndarray],
+    covariances: np.ndarray,
 ) -> np.ndarray:
-    """The same by how unsure the places of the body's markers are, each by itself."""
-    jacobians = (
-        body.point_jacobians(mode, body.marker_joint, points_in_world(mode, body.marker_joint, body.marker_local))
-        for mode in posed
-    )
-    return _moved(jacobians, np.maximum(body.marker_std, _LEAST), priors, covariances)
+    """The same by how unsure the places of points on the body are, as a fit leaves them.
+
+    Each place by itself gives what is off together. Where the subject says how unsure its zeros are, as a fit does, in
+    which points of a link may be off all alike, the covariances have these deviations where they are larger.
+    """
+    joint, local, std = points
+    jacobians = (body.point_jacobians(mode, joint, points_in_world(mode, joint, local)) for mode in posed)
+    moved = _moved(jacobians, np.maximum(std, _LEAST), priors, covariances)
+    own = np.sqrt(np.maximum(np.diagonal(moved, axis1=1, axis2=2), _LEAST**2))
+    larger = np.fmax(1.0, body.zero_std / own)
+    return larger[:, :, None] * moved * larger[:, None, :]
 
 
 def _moved(

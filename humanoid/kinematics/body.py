@@ -147,6 +147,8 @@ class Body(Summarised):
     is [m], NaN where nobody knows, see `humanoid.subject.urdf_elements.Landmark`.
     marker_names (M), marker_joint (M,), marker_local (M, 3), marker_std (M,): the same of markers, and how unsure
     their places are [m].
+    zero_std (nv,): by how much each degree of freedom may be off in all frames alike [rad, m], NaN where the subject
+    does not say it (`humanoid.subject.urdf_elements.Zero`).
     column_support (njoints, nc) bool: which columns of the spatial Jacobian move each joint. follows: whether joints
     follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
@@ -174,6 +176,8 @@ class Body(Summarised):
         self.marker_joint, self.marker_local = points_on_links(
             model, [(marker.link, marker.xyz) for marker in subject.markers]
         )
+        zeros = {zero.name: zero.std for zero in subject.zeros}
+        self.zero_std = np.array([zeros.get(name, np.nan) for name in v_names(model)])
         self.column_support = _supports(model)
         more = set(range(model.nvExtended)) - set(self.tree.dof_column.tolist())
         self._more_columns = [(k, int(self.tree.column_dof[k])) for k in sorted(more)]

@@ -12,6 +12,7 @@ of a person. The offset is the mean of people, the std how far one person in one
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -29,15 +30,19 @@ MIRROR_Y = np.array([1.0, -1.0, 1.0])
 
 
 def with_layout_places(subject: Subject, layout: str) -> Subject:
-    """A built-in subject with the places of a layout's keypoints, at the landmarks where nothing is known of them; as
-    it is where it has places already. An empty layout is of several."""
+    """A built-in subject with the places of a layout's keypoints, at the landmarks where nothing is known of them, with
+    a note that says so; as it is where it has places already. An empty layout is of several, or of none."""
     if not is_built_in(subject) or any(landmark.keypoint_std is not None for landmark in subject.landmarks):
         return subject
     places, of_landmarks = _places(layout, subject.name), {}
     for landmark in subject.landmarks:
         offset, std = places.get(without_side(landmark.name), (np.zeros(3), UNKNOWN_STD))
         of_landmarks[landmark.name] = offset * MIRROR_Y if landmark.name.startswith("right_") else offset, std
-    return subject.with_keypoint_places(of_landmarks)
+    placed = subject.with_keypoint_places(of_landmarks)
+    if places or not layout:
+        return placed
+    note = f"where a detector of {layout} marks the body is not known: {1e3 * UNKNOWN_STD:.0f} mm about the landmarks"
+    return replace(placed, notes=(*placed.notes, f"{note} is assumed"))
 
 
 @cache

@@ -18,7 +18,7 @@ from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, check_with_yourdfpy, natural_base
 from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
-from humanoid.subject.urdf_elements import Landmark, Marker, Proportion, Stabiliser, UprightElement
+from humanoid.subject.urdf_elements import Landmark, Marker, Proportion, Stabiliser, UprightElement, Zero
 from humanoid.subject.urdf_flesh import Flesh
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
@@ -39,6 +39,7 @@ __all__ = [
     "Subject",
     "SubjectName",
     "UprightElement",
+    "Zero",
     "is_built_in",
     "load_subject",
     "subject_from_text",
@@ -70,7 +71,7 @@ class Subject(Summarised):
         subject from it, wherever it is kept.
     base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
     model: Pinocchio model; shared, never changed.
-    landmarks, markers, flesh, stabilisers, proportions, upright: the extra elements (see
+    landmarks, markers, zeros, flesh, stabilisers, proportions, upright: the extra elements (see
         `humanoid.subject.urdf_elements`).
     mimics: joints that follow others; they are joints of the model, but have no entries in q and in the tangent space.
     notes: what was done to the file that a user should know, one sentence each.
@@ -89,6 +90,7 @@ class Subject(Summarised):
     notes: tuple[str, ...] = ()
     mimics: tuple[Mimic, ...] = ()
     markers: tuple[Marker, ...] = ()
+    zeros: tuple[Zero, ...] = ()
 
     def _called(self) -> str:
         return self.name
@@ -129,16 +131,20 @@ class Subject(Summarised):
         reshape(document, shapes)
         return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
 
-    def with_keypoint_places(self, places: Mapping[str, tuple[np.ndarray, float]]) -> Subject:
+    def with_keypoint_places(
+        self, places: Mapping[str, tuple[np.ndarray, float]], zeros: Sequence[Zero] = ()
+    ) -> Subject:
         """This subject with the places at which keypoints are marked, by landmark: offset from the landmark (3,) in its
-        link's frame, and how unsure it is [m]; those of other landmarks stay."""
-        text = urdf_elements.with_keypoint_places(self.urdf, self.source, places)
+        link's frame, and how unsure it is [m], those of other landmarks stay; and with what is known by them of its
+        joints' zeros."""
+        text = urdf_elements.with_keypoint_places(self.urdf, self.source, places, zeros)
         return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
 
-    def with_markers(self, markers: Sequence[Marker]) -> Subject:
-        """This subject with these markers in place of its own. Raises InputError for a link that it does not have, a
-        name given twice, or a deviation that is not positive."""
-        text = urdf_elements.with_markers(self.urdf, self.source, markers)
+    def with_markers(self, markers: Sequence[Marker], zeros: Sequence[Zero] = ()) -> Subject:
+        """This subject with these markers in place of its own, and with what is known by them of its joints' zeros.
+        Raises InputError for a link or joint that it does not have, a name given twice, or a deviation that is not
+        positive."""
+        text = urdf_elements.with_markers(self.urdf, self.source, markers, zeros)
         return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
 
     def write(self, path: str | Path) -> None:
@@ -207,6 +213,7 @@ def _subject(document: Document, text: str, source: str, base: Base, notes: tupl
         notes=notes,
         mimics=read.mimics,
         markers=read.markers,
+        zeros=read.zeros,
     )
 
 

@@ -1,4 +1,4 @@
-"""The elements kinemode adds to a URDF: subject, flesh, landmark, marker, upright, stabiliser and proportion.
+"""The elements kinemode adds to a URDF: subject, flesh, landmark, marker, zero, upright, stabiliser and proportion.
 
 URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
 
@@ -7,6 +7,8 @@ URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy 
     <landmark name link xyz [keypoint keypoint_std]/> a named point; where a detector marks it, off from there, and the
                                                       std of that [m]
     <marker name link xyz std/>                       a point that is measured in space; std of its place [m]
+    <zero name std/>                                  by how much a degree of freedom may be off in all frames alike,
+                                                      since markers may sit elsewhere; std [rad or m]
     <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
     <stabiliser joint rest std [std_above] [quickness]/>
                                                       rest position and standard deviation [rad or m], another above it
@@ -33,6 +35,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from humanoid.subject.joint_names import ROOT_VELOCITY
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements, read_document
 from humanoid.subject.urdf_flesh import FLESH_ATTRIBUTES, Flesh, numbers_text, read_flesh, stretched, write_flesh
@@ -50,6 +53,7 @@ _ROOT: dict[str, tuple[str, ...]] = {
     "subject": ("base",),
     "landmark": ("name", "link", "xyz", "keypoint", "keypoint_std"),
     "marker": ("name", "link", "xyz", "std"),
+    "zero": ("name", "std"),
     "upright": ("link", "xyz", "std"),
     "stabiliser": ("joint", "rest", "std", "std_above", "quickness"),
     "proportion": ("joint", "scale_min", "scale_max", "mean", "std", "symmetric_with"),
@@ -90,6 +94,18 @@ class Marker:
     name: str
     link: str
     xyz: tuple[float, float, float]
+    std: float
+
+
+@dataclass(frozen=True)
+class Zero:
+    """How unsure the zero of a degree of freedom is, as a fit by markers leaves it.
+
+    name: the joint, or of a free root `root_vx` to `root_wz`. std [rad or m]: by how much it may be off in all frames
+    alike.
+    """
+
+    name: str
     std: float
 
 
@@ -157,6 +173,7 @@ class Elements:
     upright: UprightElement | None
     mimics: tuple[Mimic, ...] = ()
     markers: tuple[Marker, ...] = ()
+    zeros: tuple[Zero, ...] = ()
 
 
 def parse(text: str, source: str) -> Elements:
@@ -191,6 +208,7 @@ def read_elements(document: Document) -> Elements:
         upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
         mimics=read_mimics(document),
         markers=_each(document, "marker", "name", lambda e: _marker(document, e, links)),
+        zeros=_each(document, "zero", "name", lambda e: _zero(document, e, joints)),
     )
 
 
@@ -267,6 +285,16 @@ def _marker(document: Document, e: ET.Element, links: set[str]) -> Marker:
     return Marker(document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz"), std)
 
 
+def _zero(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Zero:
+    name, std = document.attribute(e, "name"), document.plausible(e, "std")
+    known = [*joints, *ROOT_VELOCITY]
+    if name not in known:
+        raise document.fault(e, f"there is no joint {name!r}", nearest(name, known, "joints"))
+    if std < LEAST_STD:
+        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
+    return Zero(name, std)
+
+
 def _link(document: Document, e: ET.Element, links: set[str]) -> str:
     link = document.attribute(e, "link")
     if link not in links:
@@ -274,26 +302,38 @@ def _link(document: Document, e: ET.Element, links: set[str]) -> str:
     return link
 
 
-def with_keypoint_places(text: str, source: str, places: Mapping[str, tuple[np.ndarray, float]]) -> str:
-    """A URDF whose landmarks have these places of keypoints, by name: offset (3,) and its deviation [m]."""
+def with_keypoint_places(
+    text: str, source: str, places: Mapping[str, tuple[np.ndarray, float]], zeros: Sequence[Zero] = ()
+) -> str:
+    """A URDF whose landmarks have these places of keypoints, by name: offset (3,) and its deviation [m]; and the zeros
+    that are known by them in place of its own."""
     document = read_document(text, source)
+    _put_zeros(document, zeros)
     for element in elements(document.root, "landmark"):
         place = places.get(element.get("name", ""))
         if place is not None:
             element.set("keypoint", numbers_text(place[0]))
             element.set("keypoint_std", f"{place[1]:.17g}")
-    return ET.tostring(document.root, encoding="unicode")
+    return document.text()
 
 
-def with_markers(text: str, source: str, markers: Sequence[Marker]) -> str:
-    """The same URDF with these markers in place of its own."""
+def with_markers(text: str, source: str, markers: Sequence[Marker], zeros: Sequence[Zero] = ()) -> str:
+    """The same URDF with these markers in place of its own, and the zeros that are known by them."""
     document = read_document(text, source)
     for old in list(elements(document.root, "marker")):
         document.root.remove(old)
     for m in markers:
         attributes = {"name": m.name, "link": m.link, "xyz": numbers_text(np.array(m.xyz)), "std": f"{m.std:.17g}"}
         ET.SubElement(document.root, "marker", attributes).tail = "\n"
+    _put_zeros(document, zeros)
     return document.text()
+
+
+def _put_zeros(document: Document, zeros: Sequence[Zero]) -> None:
+    for old in list(elements(document.root, "zero")):
+        document.root.remove(old)
+    for zero in zeros:
+        ET.SubElement(document.root, "zero", {"name": zero.name, "std": f"{zero.std:.17g}"}).tail = "\n"
 
 
 def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[str, ET.Element]) -> ET.Element:

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from humanoid.subject.joint_names import ROOT_VELOCITY
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_flesh import numbers_text
 
@@ -34,6 +35,8 @@ def resize(document: Document, factor: float) -> None:
             _multiply(element, ("value",), factor**3)
         elif tag == "inertia":
             _multiply(element, _INERTIA, factor**5)
+        elif tag == "zero" and element.get("name") in {*sliding, *ROOT_VELOCITY[:3]}:
+            _multiply(element, ("std",), factor)
         elif tag == "stabiliser" and element.get("joint") in sliding:
             _multiply(element, ("rest", "std", "std_above"), factor)
         elif tag == "joint" and element.get("name") in sliding:

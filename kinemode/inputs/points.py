@@ -136,7 +136,9 @@ def _marked(subject: Subject, chosen: PathLike, track: MarkerTrack) -> _Marked:
     if chosen == AUTO and len(own) >= _FEWEST:
         missing = [m.name for m in subject.markers if m.name not in track.names]
         note = f"markers of the subject that are not in {track.source}: {first_of(missing, _LISTED)}"
-        return _Marked(subject.with_markers(own), _pairs_of(track.names, subject), (note,) if missing else ())
+        return _Marked(
+            subject.with_markers(own, subject.zeros), _pairs_of(track.names, subject), (note,) if missing else ()
+        )
     taken = _set_of(subject, chosen, track.names)
     said = (f"the points are read as the marker set {taken.name}",) if chosen == AUTO else ()
     return _Marked(subject.with_markers(taken.markers), taken.pairs, (*said, *taken.notes))

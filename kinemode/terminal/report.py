@@ -16,6 +16,7 @@ from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
 from estimator.runs.events import SIDES, Event
 from estimator.runs.gait import METHODS, Gait
+from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.pairs import CENTRED
 from estimator.runs.run_file import Run
 from estimator.tracking.fitting.fit import Fit, ShapeFit
@@ -236,6 +237,31 @@ def print_explanation(explanation: Explanation) -> None:
         if values.size <= _FEW:
             out.print(f"{name.replace('_', ' ')}: {np.array2string(values, precision=4, separator=', ')}")
     print_notes(e.notes)
+    if e.keypoints is not None:
+        _print_keypoints(e.keypoints)
+
+
+def _print_keypoints(residuals: KeypointResiduals) -> None:
+    """How far the keypoints of one frame lie from where the body has them, those farthest in deviations first."""
+    places = residuals.places
+    cameras = residuals.cameras
+    made = table(
+        "keypoints, from the body along the trajectory",
+        "name",
+        *(f"{name} [px]" for name in cameras),
+        "mm",
+        "sd",
+        "off the landmark [mm]",
+    )
+    worst = np.nan_to_num(residuals.deviations[0], nan=-1.0).max(axis=0)
+    for k in np.argsort(-worst, kind="stable").tolist():
+        if worst[k] >= 0.0:
+            pixels = (f"{value:.1f}" if np.isfinite(value) else "" for value in residuals.pixels[0, :, k])
+            metres = float(np.nanmax(residuals.at_person[0, :, k]))
+            std = f" +- {1e3 * places.std[k]:.0f}" if np.isfinite(places.std[k]) else ""
+            place = f"{1e3 * places.apart[k]:.0f}{std}"
+            made.add_row(places.names[k], *pixels, f"{1e3 * metres:.0f}", f"{worst[k]:.1f}", place)
+    console().print(made)
 
 
 def print_subjects() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from estimator.runs.keypoint_residuals import KeypointResiduals
     from estimator.runs.marker_residuals import MarkerResiduals
 
 
@@ -26,9 +27,10 @@ class Facts:
     findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
     motion: name and value of each figure of a motion that was made from another, none of one that was tracked.
-    errors: how far each camera's keypoints are from the body, by the camera's name [px]. markers: how far the markers
-    were measured from the body, None of a run without. settings: name, value and default of those that differ. files:
-    what each file is to the run, its path, and its digest or why there is none. versions: of programs, name and number.
+    errors: how far each camera's keypoints are from the body, by the camera's name [px]. keypoints, markers: how far
+    both were measured from the body, None of a run without. settings: name, value and default of those that differ.
+    files: what each file is to the run, its path, and its digest or why there is none. versions: of programs, name and
+    number.
     """
 
     findings: Sequence[str] = ()
@@ -39,6 +41,7 @@ class Facts:
     motion: Sequence[tuple[str, str]] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
     settings: Sequence[tuple[str, str, str]] = ()
+    keypoints: KeypointResiduals | None = None
     markers: MarkerResiduals | None = None
     files: Sequence[tuple[str, str, str]] = ()
     versions: Sequence[tuple[str, str]] = ()

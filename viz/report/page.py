@@ -24,6 +24,7 @@ from viz.report.tables import (
     assumed_part,
     cameras_table,
     gait_part,
+    keypoints_part,
     markers_part,
     motion_part,
     ranges_table,
@@ -88,8 +89,9 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         ranges=ranges_table(ranges_of_motion(run), intervals=not run.header.retargeted),
         ranges_key=_MADE_RANGES if run.header.retargeted else _TRACKED_RANGES,
         untrusted=_untrusted(run, scene),
-        cameras=_cameras(run, facts) + markers_part(facts.markers),
+        cameras=_cameras(run, facts) + keypoints_part(facts.keypoints) + markers_part(facts.markers),
         to_cameras=('<a href="#cameras">Cameras</a>' if len(run.header.cameras) > 1 else "")
+        + ('<a href="#keypoints">Keypoints</a>' if facts.keypoints is not None else "")
         + ('<a href="#markers">Markers</a>' if facts.markers is not None else ""),
         assumed=assumed_part(facts),
         repeat=repeat_part(facts),

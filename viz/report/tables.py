@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.runs.gait import METHODS, Gait
+from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.marker_residuals import MarkerResiduals
 from estimator.runs.ranges import RangeOfMotion
 from viz.page_style import text
@@ -127,6 +128,42 @@ def cameras_table(cameras: Sequence[Camera], errors: Mapping[str, float]) -> str
         error = f"{errors[camera.name]:.1f}" if camera.name in errors else _UNKNOWN
         rows.append((camera.name, *sure, focal, error))
     return table(_CAMERA_HEAD, rows, numbers=len(_CAMERA_HEAD) - 1)
+
+
+_KEYPOINT_HEAD = ("keypoint", "px", "mm", "off the landmark [mm]", "\N{PLUS-MINUS SIGN} [mm]")
+
+
+def keypoints_part(residuals: KeypointResiduals | None) -> str:
+    """The section of keypoints: how well each camera's fit, and where the detector marks each landmark; nothing without
+    keypoints."""
+    if residuals is None:
+        return ""
+    pixels, metres = residuals.overall
+    said = (
+        f"Keypoints fit by {pixels:.1f} px, {number(metres, True)} mm at the person: the median distance from where the"
+        " body has them. Noise: what the camera's detector errs, as a factor of what is expected of one; measured where"
+        " a person was fitted to several cameras. Off the landmark: how far from it the detector marks it on this"
+        " person, in all frames alike, and how unsure that is along each axis."
+    )
+    of_cameras = [
+        (*_fitting(name, *own), f"{noise:.2f}")
+        for name, own, noise in zip(residuals.cameras, residuals.of_cameras, residuals.noise, strict=True)
+    ]
+    places = residuals.places
+    of_landmarks = [
+        (*_fitting(name, *own), number(float(apart), True), number(float(std), True))
+        for name, own, apart, std in zip(places.names, residuals.of_landmarks, places.apart, places.std, strict=True)
+        if np.isfinite(own).all()
+    ]
+    parts = [
+        f'<p class="muted">{escape(said)}</p>', table(("camera", "px", "mm", "noise"), of_cameras, numbers=3),
+        f'<div class="scroll">{table(_KEYPOINT_HEAD, of_landmarks, numbers=4)}</div>',
+    ]  # fmt: skip
+    return '<section id="keypoints"><h2>Keypoints</h2>\n' + "\n".join(parts) + "\n</section>"
+
+
+def _fitting(name: str, pixels: float, metres: float) -> tuple[str, str, str]:
+    return name, f"{pixels:.1f}" if np.isfinite(pixels) else _UNKNOWN, number(metres, True)
 
 
 def markers_part(residuals: MarkerResiduals | None) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
 from estimator.tracking.fitting.floor_size import FloorSize
-from estimator.tracking.fitting.keypoint_noise import CameraNoise
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
@@ -52,7 +52,10 @@ class Fit:
     it was not fitted. size: by which the subject was resized as a whole before its proportions were fitted. height
     [m]: what the user knows of the person, None where nothing. by_floor: what one camera sees of the size by a known
     floor, None where nothing. bent: joints of a static trial that are too far from upright standing to be known.
-    noise: of each camera's keypoints about the fitted person, none where there are none.
+    noise: of each camera's keypoints about the fitted person, as a factor of what is expected; none where there
+    are none.
+    moved: by name, how far [m] keypoints and markers lie from where they are expected on the body, of those that do not
+    lie there by chance.
     """
 
     subject: Subject
@@ -67,15 +70,21 @@ class Fit:
     height: float | None = None
     by_floor: FloorSize | None = None
     bent: tuple[str, ...] = ()
-    noise: tuple[CameraNoise, ...] = ()
+    noise: tuple[float, ...] = ()
+    moved: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
-        if not self.bent:
-            return self._notes_on_size()
-        joints = first_of(self.bent, _LISTED)
-        return (*self._notes_on_size(), f"bent in the static trial, so not taken as known there: {joints}")
+        notes = self._notes_on_size()
+        if self.bent:
+            joints = first_of(self.bent, _LISTED)
+            notes = (*notes, f"bent in the static trial, so not taken as known there: {joints}")
+        if self.moved:
+            places = [f"{name} ({1e3 * metres:.0f} mm)" for name, metres in self.moved.items()]
+            problem = f"far from where they are expected on the body: {first_of(places, _LISTED)}"
+            notes = (*notes, f"{problem}. Check their names, and which side is left")
+        return notes
 
     def _notes_on_size(self) -> tuple[str, ...]:
         if self.height is not None:

@@ -4,6 +4,7 @@ detector marks in pictures. A keypoint is a marker that is seen from somewhere."
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,12 @@ from estimator.energy.marker_targets import marker_targets
 from estimator.search.cost_model import CostModel
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
-from humanoid.subject.subject import Marker, Subject
+from humanoid.subject.joint_names import ROOT_VELOCITY
+from humanoid.subject.subject import Marker, Subject, Zero
+from humanoid.subject.urdf_elements import LEAST_STD
+
+FAR = 3.0
+"""Standard deviations along an axis from which a point is not where it is expected on a body: one of 400 by chance."""
 
 
 class Loads(NamedTuple):
@@ -26,17 +32,33 @@ class Loads(NamedTuple):
     weight: np.ndarray
 
 
+class FittedPlaces(NamedTuple):
+    """What a fit found of F points. offsets (F, 3) [m]: in the frames of the joints. std (F,) [m]: how unsure their
+    places are then. zeros: by degree of freedom, by how much poses are off alike in all frames [rad or m]."""
+
+    offsets: np.ndarray
+    std: np.ndarray
+    zeros: Mapping[str, float]
+
+
 class FittedPoints(ABC):
     """N points of a body, of F of which the places are fitted.
 
-    joint (N,): on which they are. free (F,): numbers of those whose places are unsure. std (F,) [m]: how unsure. slope
-    (P, N, 3): how points move in the frames of their joints [m] with each scale of the proportions.
+    names (N), joint (N,): of them, and on which they are. free (F,): numbers of those whose places are unsure. std (F,)
+    [m]: how unsure. slope (P, N, 3): how points move in the frames of their joints [m] with each scale of the
+    proportions.
     """
 
-    def __init__(self, joint: np.ndarray, std: np.ndarray, slope: np.ndarray) -> None:
-        self.joint, self.slope = joint, slope
+    def __init__(self, names: Sequence[str], joint: np.ndarray, std: np.ndarray, slope: np.ndarray) -> None:
+        self.names, self.joint, self.slope = names, joint, slope
         self.free = np.flatnonzero(std > 0.0)
         self.std = std[self.free]
+
+    def moved(self, offsets: np.ndarray) -> dict[str, float]:
+        """By name, how far [m] those lie from where they are expected that lie farther than `FAR` standard deviations;
+        offsets (F, 3) [m]."""
+        far = np.flatnonzero(np.abs(offsets).max(axis=1, initial=0.0) > FAR * self.std)
+        return {self.names[self.free[k]]: float(np.linalg.norm(offsets[k])) for k in far}
 
     @abstractmethod
     def put(self, body: Body, offsets: np.ndarray) -> None:
@@ -52,9 +74,8 @@ class FittedPoints(ABC):
         """Where they are in the frames of a body's joints, (N, 3) [m]."""
 
     @abstractmethod
-    def fitted(self, subject: Subject, offsets: np.ndarray, std: np.ndarray) -> Subject:
-        """A subject with these points moved by offsets (F, 3) [m] in the frames of the joints, and how unsure their
-        places are then, std (F,) [m]."""
+    def fitted(self, subject: Subject, places: FittedPlaces) -> Subject:
+        """A subject with these points where they were found."""
 
     def in_world(self, body: Body, posed: PosedBody, some: np.ndarray) -> np.ndarray:
         """Some (K,) of them, (K, 3) [m]."""
@@ -66,7 +87,7 @@ class FittedMarkers(FittedPoints):
 
     def __init__(self, proportions: ProportionedBody) -> None:
         body = proportions.base
-        super().__init__(body.marker_joint, body.marker_std, proportions.marker_slope)
+        super().__init__(body.marker_names, body.marker_joint, body.marker_std, proportions.marker_slope)
 
     def put(self, body: Body, offsets: np.ndarray) -> None:
         """See `FittedPoints`."""
@@ -83,13 +104,13 @@ class FittedMarkers(FittedPoints):
         (term,) = marker_targets(model.body, observation, model.settings.markers)
         return Loads(observation.known_markers, *term.point_loads(posed))
 
-    def fitted(self, subject: Subject, offsets: np.ndarray, std: np.ndarray) -> Subject:
+    def fitted(self, subject: Subject, places: FittedPlaces) -> Subject:
         """See `FittedPoints`."""
         markers = []
-        for marker, offset, own in zip(subject.markers, offsets, std, strict=True):
+        for marker, offset, own in zip(subject.markers, places.offsets, places.std, strict=True):
             x, y, z = (np.array(marker.xyz) + _in_link(subject, marker.link, offset)).tolist()
             markers.append(Marker(marker.name, marker.link, (x, y, z), float(own)))
-        return subject.with_markers(markers)
+        return subject.with_markers(markers, _zeros(subject, places))
 
 
 class FittedKeypoints(FittedPoints):
@@ -99,7 +120,7 @@ class FittedKeypoints(FittedPoints):
     def __init__(self, proportions: ProportionedBody, *, cameras: int) -> None:
         body = proportions.base
         unsure = body.keypoint_std if cameras > 1 else np.zeros(len(body.landmark_names))
-        super().__init__(body.landmark_joint, unsure, proportions.landmark_slope)
+        super().__init__(body.landmark_names, body.landmark_joint, unsure, proportions.landmark_slope)
 
     def put(self, body: Body, offsets: np.ndarray) -> None:
         """See `FittedPoints`."""
@@ -116,14 +137,19 @@ class FittedKeypoints(FittedPoints):
         """See `FittedPoints`."""
         return Loads(np.arange(len(self.joint)), *model.observation_term(observation).point_loads(posed))
 
-    def fitted(self, subject: Subject, offsets: np.ndarray, std: np.ndarray) -> Subject:
+    def fitted(self, subject: Subject, places: FittedPlaces) -> Subject:
         """See `FittedPoints`."""
         landmarks = [subject.landmarks[int(k)] for k in self.free]
-        places = {
+        by_name = {
             m.name: (np.array(m.keypoint) + _in_link(subject, m.link, offset), float(own))
-            for m, offset, own in zip(landmarks, offsets, std, strict=True)
+            for m, offset, own in zip(landmarks, places.offsets, places.std, strict=True)
         }
-        return subject.with_keypoint_places(places) if places else subject
+        return subject.with_keypoint_places(by_name, _zeros(subject, places)) if by_name else subject
+
+
+def _zeros(subject: Subject, places: FittedPlaces) -> list[Zero]:
+    named = {*ROOT_VELOCITY, *subject.model.names}
+    return [Zero(name, std) for name, std in places.zeros.items() if name in named and std > LEAST_STD]
 
 
 def _in_link(subject: Subject, link: str, offset: np.ndarray) -> np.ndarray:

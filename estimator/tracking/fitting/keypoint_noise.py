@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.observation import Observation, image_extent
+from estimator.data.observation import Observation
 from estimator.search.cost_model import CostModel
 
 PRIOR_DATA = 60.0
@@ -18,21 +17,11 @@ _MEDIAN = 2.0 * math.log(2.0)  # of the square of two standard normal numbers
 _FACTORS = (0.3, 3.0)
 
 
-class CameraNoise(NamedTuple):
-    """camera: its name. pixels, metres: median distance of its keypoints from where the fitted body has them, in the
-    picture [px] and at the person [m]. factor: by how much the noise that is expected of a detector
-    (`CostSettings.keypoint_noise`) is to be multiplied for this camera."""
-
-    camera: str
-    pixels: float
-    metres: float
-    factor: float
-
-
 def measured_noise(
     model: CostModel, observations: Sequence[Observation], poses: Sequence[np.ndarray], share: float, fitted: int
-) -> tuple[CameraNoise, ...]:
-    """Of every camera.
+) -> tuple[float, ...]:
+    """By how much the noise that is expected of a detector (`CostSettings.keypoint_noise`) is to be multiplied, for
+    every camera.
 
     model: of the fitted body, whose keypoints' places are taken as known. poses (F) of (nq,): of the frames. share:
     what a frame counts, as detectors err alike in frames that are near each other. fitted: how many numbers the fit has
@@ -41,21 +30,11 @@ def measured_noise(
     What a fit leaves is less than the noise by what it has found from the same numbers (degrees of freedom), and says
     the less of it the fewer are left: one camera's keypoints are hardly more than a pose, four cameras' are.
     """
-    cameras, body = observations[0].cameras, model.body
-    pairs = list(zip(observations, poses, strict=True))
-    whitened = np.array([model.observation_term(o).distances(body.at(q)) for o, q in pairs])
-    in_pixels = whitened * np.array([model.keypoint_sigma(o) for o in observations])
-    extents = np.array(
-        [[image_extent(*seen) for seen in zip(o.pixels, o.confidence, strict=True)] for o in observations]
-    )
-    at_person = in_pixels * body.extent / extents[..., None]
+    pairs = zip(observations, poses, strict=True)
+    whitened = np.array([model.observation_term(o).distances(model.body.at(q)) for o, q in pairs])
     data = 2.0 * share * np.isfinite(whitened).sum(axis=(0, 2))
-    left = max(0.0, 1.0 - (fitted + share * len(poses) * body.nv) / max(float(data.sum()), 1.0))
-    by_camera = (each.swapaxes(0, 1) for each in (in_pixels, at_person, whitened))
-    return tuple(
-        CameraNoise(camera.name, _median(pixels), _median(at), _factor(float(own), left, deviations))
-        for camera, own, pixels, at, deviations in zip(cameras, data, *by_camera, strict=True)
-    )
+    left = max(0.0, 1.0 - (fitted + share * len(poses) * model.body.nv) / max(float(data.sum()), 1.0))
+    return tuple(_factor(float(own), left, whitened[:, c]) for c, own in enumerate(data))
 
 
 def _factor(data: float, left: float, distances: np.ndarray) -> float:

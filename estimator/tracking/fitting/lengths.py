@@ -95,6 +95,7 @@ def _fitted(
         tuple(seen),
         np.array(best.poses),
         of_poses,
+        moved=energy.moved(best),
         noise=measured_noise(
             CostModel(energy.at_measures(best.measures), cost), seen, best.poses, share, len(covariance)
         ),

@@ -36,16 +36,17 @@ class MarkerFitSettings:
     """How the fit is made.
 
     frames: it looks at this many, evenly spread over the trial. iterations: Newton steps. enough: decrease of the
-    energy that a step has to bring for another to follow. effective_frames: soft tissue moves alike in frames that are
-    near each other, so that all frames together count as this many. static_frames: it looks at this many of the static
-    trial, which count as one together. standing_std [rad]: of every joint there, from upright standing. bent_from
-    [rad]: farther from it a joint is not taken as known.
+    energy that a step has to bring for another to follow. effective_frames: soft tissue moves with the pose, alike in
+    frames that are near each other and in every cycle of a walk, so that all frames together count as this many.
+    static_frames: it looks at this many of the static trial, which count as one together. standing_std [rad]: of every
+    joint there, from upright standing, of ankles at least `estimator.tracking.fitting.standing.ANKLE_STD`. bent_from
+    [rad]: farther from upright standing a joint is not taken as known.
     """
 
     frames: int = 40
     iterations: int = 15
     enough: float = 1e-3
-    effective_frames: float = 12.0
+    effective_frames: float = 4.0
     static_frames: int = 8
     standing_std: float = 0.05
     bent_from: float = 0.35
@@ -126,6 +127,7 @@ def _fitted(
     fit = Fit(
         fitted, proportions.names, scales, covariance[:count, :count], tuple(used),
         np.array(best.poses[: len(used)]), np.array(of_poses), bent=known.bent if known is not None else (),
+        moved=energy.moved(best),
     )  # fmt: skip
     return fit, asked
 

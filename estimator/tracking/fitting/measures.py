@@ -16,7 +16,7 @@ from estimator.energy.term import QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step
-from estimator.tracking.fitting.fitted_points import FittedPoints
+from estimator.tracking.fitting.fitted_points import FittedPlaces, FittedPoints
 from estimator.tracking.fitting.standing import StaticTrial, standing_pose
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
@@ -54,6 +54,13 @@ class MeasuresModel(NamedTuple):
     def measures_covariance(self) -> np.ndarray:
         """Of the measures (G, G)."""
         return np.asarray(np.linalg.inv(self.hessian))
+
+    def lasting_std(self, of_measures: np.ndarray) -> np.ndarray:
+        """By how much every pose is off alike, as measures are of such a covariance (G, G): of each degree of freedom
+        (nv,), over the frames in which no limit holds it; 0 where one always does."""
+        variances = np.array([np.sum((along @ of_measures) * along, axis=1) for along in self.follows])
+        free = np.maximum(np.count_nonzero(variances, axis=0), 1)
+        return np.sqrt(variances.sum(axis=0) / free)
 
     def pose_covariance(self, k: int, of_measures: np.ndarray) -> np.ndarray:
         """Covariance (nv, nv) of the k-th pose with measures as uncertain as their covariance (G, G) says."""
@@ -105,13 +112,18 @@ class MeasuresEnergy(Problem[MeasuresModel]):
             np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(self._points.free), 3))
         )
 
+    def moved(self, model: MeasuresModel) -> dict[str, float]:
+        """By name, how far [m] the points lie from where they are expected that are not there by chance."""
+        return self._points.moved(model.measures.offsets)
+
     def fitted(self, subject: Subject, model: MeasuresModel, covariance: np.ndarray) -> Subject:
         """The subject with the lengths and the places of points that were fitted, and how unsure the places are;
         covariance (G, G): of the measures."""
         lengths = len(self._body.names)
         variances = np.diag(covariance)[lengths:].reshape(-1, 3).mean(axis=1)
         scaled = subject.scaled(self._body.scales(model.measures.scales))
-        return self._points.fitted(scaled, model.measures.offsets, np.sqrt(variances))
+        zeros = dict(zip(self._body.base.v_names, model.lasting_std(covariance).tolist(), strict=True))
+        return self._points.fitted(scaled, FittedPlaces(model.measures.offsets, np.sqrt(variances), zeros))
 
     def step(self, model: MeasuresModel, damping: float) -> Step | None:
         """A step (G,) of the measures, within their range."""

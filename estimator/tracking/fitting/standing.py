@@ -10,6 +10,13 @@ import pinocchio as pin
 
 from estimator.data.observation import Observation
 from humanoid.kinematics.body import ROOT_Q, ROOT_V, Body
+from humanoid.subject.landmarks import without_side
+
+ANKLES = "ankle_dorsiflexion"
+ANKLE_STD = 0.1
+"""[rad] Of ankles in upright standing, at least: the centre of mass is 5 cm ahead of them, so that people lean by 3
+degrees (D. Winter, Human balance and posture control during standing and walking, Gait and Posture 3, 1995), and shoes
+lift heels."""
 
 
 class StaticTrial(NamedTuple):
@@ -42,12 +49,13 @@ def static_trial(
 ) -> StaticTrial:
     """What a static trial tells of a body's joints.
 
-    poses (F) of (nq,): of the frames, found without knowing that somebody stands. std [rad]: of every joint. bent_from
-    [rad]: joints that are farther from zero, in the median of the frames, are not taken as known, such as those of arms
-    that are held out.
+    poses (F) of (nq,): of the frames, found without knowing that somebody stands. std [rad]: of every joint,
+    ankles at least `ANKLE_STD`. bent_from [rad]: joints that are farther from zero, in the median of the frames, are
+    not taken as known, such as those of arms that are held out.
     """
     away = np.array([body.difference(standing_pose(body, q), q) for q in poses])
-    joints = np.full(body.nv, std)
+    ankles = np.array([without_side(name) == ANKLES for name in body.v_names])
+    joints = np.where(ankles, max(std, ANKLE_STD), std)
     bent = np.abs(np.median(away, axis=0)) > bent_from
     if body.has_free_root:
         joints[ROOT_V], bent[ROOT_V] = np.inf, False

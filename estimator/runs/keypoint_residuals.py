@@ -1,0 +1,106 @@
+"""How far keypoints lie from where the body that was tracked has them, and where on the body that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.observation import Observation, image_extent
+from estimator.runs.run_file import Run
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
+from estimator.search.hypothesis import EXCHANGED
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import mirror_index
+
+
+class KeypointPlaces(NamedTuple):
+    """Where a detector marks a body's landmarks. names (L,). apart (L,) [m]: from the landmark to there. std (L,) [m]:
+    how unsure that place is along each axis, NaN where nobody knows."""
+
+    names: tuple[str, ...]
+    apart: np.ndarray
+    std: np.ndarray
+
+
+class KeypointResiduals(NamedTuple):
+    """Of T frames by C cameras, whose names are `cameras`, and L landmarks: how far keypoints lie from where the body
+    has them along `Run.q`, NaN where missing.
+
+    pixels, at_person, deviations (T, C, L): in the picture [px], at the person [m], in standard deviations.
+    noise (C,): what each camera's detector errs, as a factor of what is expected of one; 1 where it was not measured.
+    """
+
+    cameras: tuple[str, ...]
+    places: KeypointPlaces
+    pixels: np.ndarray
+    at_person: np.ndarray
+    deviations: np.ndarray
+    noise: np.ndarray
+
+    @property
+    def overall(self) -> tuple[float, float]:
+        """Median of all keypoints [px], and at the person [m]; NaN without any."""
+        pixels, metres = (_median(each, (0, 1, 2)) for each in (self.pixels, self.at_person))
+        return float(pixels), float(metres)
+
+    @property
+    def of_cameras(self) -> np.ndarray:
+        """Median of each camera, (C, 2) [px, m]; NaN of one without keypoints."""
+        return np.stack([_median(each, (0, 2)) for each in (self.pixels, self.at_person)], axis=1)
+
+    @property
+    def of_landmarks(self) -> np.ndarray:
+        """Median of each landmark over all cameras, (L, 2) [px, m]; NaN of one without keypoints."""
+        return np.stack([_median(each, (0, 1)) for each in (self.pixels, self.at_person)], axis=1)
+
+
+def keypoint_places(body: Body) -> KeypointPlaces:
+    """Of a body."""
+    apart = np.linalg.norm(body.keypoint_local - body.landmark_local, axis=1)
+    return KeypointPlaces(body.landmark_names, apart, body.keypoint_std)
+
+
+def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.ndarray) -> KeypointResiduals | None:
+    """Of some rows (T) of a run, which have poses; None where none of them has keypoints. cost: of the run's
+    settings."""
+    if not run.has_keypoints or not len(run.header.cameras):  # runs of the library may have been written without
+        return None
+    body, model, mirror = run.body, CostModel(run.body, cost), mirror_index(run.body.landmark_names)
+    associations = associations_of(run)
+    pixels, deviations, extents = [], [], []
+    for t in np.asarray(rows).tolist():
+        observation = run.observation(t)
+        seen: Observation = observation.exchanged(mirror) if associations[t] == EXCHANGED else observation
+        posed = body.at(run.q[t])
+        own = model.observation_term(seen).distances(posed)
+        marked = body.keypoints(posed)
+        places = np.array([camera.project(marked) for camera in seen.cameras])
+        apart = np.linalg.norm(places - seen.pixels, axis=2)
+        deviations.append(own)
+        pixels.append(np.where(np.isfinite(own), apart, np.nan))
+        extents.append([image_extent(*of) for of in zip(seen.pixels, seen.confidence, strict=True)])
+    shape = len(pixels), len(run.header.cameras), len(body.landmark_names)
+    in_pixels = np.reshape(pixels, shape)
+    if not np.isfinite(in_pixels).any():
+        return None
+    per_pixel = body.extent / np.reshape(extents, (*shape[:2], 1))
+    noise = run.observation(0).noise or (1.0,) * shape[1]
+    return KeypointResiduals(
+        tuple(camera.name for camera in run.header.cameras), keypoint_places(body), in_pixels, per_pixel * in_pixels,
+        np.reshape(deviations, shape), np.array(noise),
+    )  # fmt: skip
+
+
+def associations_of(run: Run) -> np.ndarray:
+    """How each frame's hypothesis on the path takes the keypoints (T,)."""
+    return np.asarray(run.mode_association[np.arange(len(run)), run.path])
+
+
+def _median(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Over some axes of values (T, C, L), NaN where nothing is known."""
+    known = np.isfinite(values).any(axis=axes)
+    medians = np.nanmedian(np.where(np.expand_dims(known, axes), values, 0.0), axis=axes)
+    return np.asarray(np.where(known, medians, np.nan))
