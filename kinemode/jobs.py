@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -153,27 +153,33 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
-        fitted, estimates, of_fit, noise = _fitted(job, subject, inputs, cues)
-        for note in of_fit:
+        fitted = _fitted(job, subject, inputs, cues)
+        for note in fitted.notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
-        notes += of_fit
-        seen = [replace(o, estimate=estimates.get(o.index), noise=noise) for o in inputs.observations]
-        inputs = replace(inputs, observations=seen)
-        return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues, subject)
+        notes += fitted.notes
+        seen = [replace(o, estimate=fitted.first.get(o.index), noise=fitted.noise) for o in inputs.observations]
+        inputs, own = replace(inputs, observations=seen), fitted.subject
+        return _track_into(job, _header(job, own, inputs, names_of(chosen), notes), own, inputs, cues, subject)
 
 
-def _fitted(
-    job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None
-) -> tuple[Subject, Mapping[int, PoseEstimate], tuple[str, ...], tuple[float, ...]]:
-    """The subject with the person's proportions and flesh, where they are to be fitted, what is known of the pose that
-    the track begins with, notes, and the factors on each camera's noise, none where it was not measured."""
+class _Fitted(NamedTuple):
+    """The subject with the person's proportions and flesh, where they are to be fitted. first: what is known of the
+    pose that the track begins with, by frame. noise: factors on each camera's, none where it was not measured."""
+
+    subject: Subject
+    first: Mapping[int, PoseEstimate]
+    notes: tuple[str, ...] = ()
+    noise: tuple[float, ...] = ()
+
+
+def _fitted(job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None) -> _Fitted:
     if not job.fits(subject):
         sized = subject if job.height is None else subject.resized(job.height / stature(subject))
-        return sized, job.estimates, (), ()
+        return _Fitted(sized, job.estimates)
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
-            return stored.subject, known, (), stored.observation(0).noise  # fitted when the run began
+            return _Fitted(stored.subject, known, noise=stored.observation(0).noise)  # fitted when the run began
     if inputs.observations[0].markers is not None:
         moving, static = inputs.observations, inputs.static
         fit = fit_markers(subject, moving, static, seed=job.seed, track_settings=job.settings)
@@ -189,7 +195,7 @@ def _fitted(
             floor=inputs.floor,
         )
     first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
-    return fit.subject, first, fit.notes, fit.noise
+    return _Fitted(fit.subject, first, fit.notes, fit.noise)
 
 
 def fit_subject(

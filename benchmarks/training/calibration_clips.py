@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.support.common import data_folder
 from estimator import synthesis
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation, image_extent
+from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
@@ -177,7 +177,7 @@ def tracked(task: Task) -> Tracked:
 
 def _true_noise(observations: Sequence[Observation], condition: Condition) -> float:
     """`CostSettings.keypoint_noise` that gives keypoints the standard deviations they were made with."""
-    extents = [image_extent(p, c) for o in observations for p, c in zip(o.pixels, o.confidence, strict=True)]
+    extents = np.concatenate([o.extents for o in observations])
     shoulder = condition.noise_px * landmark_spread(("left_shoulder",))[0] / landmark_spread(COCO17).mean()
     return float(shoulder / np.median(extents))
 

@@ -83,6 +83,10 @@ class Density(NamedTuple):
     below: float
     above: float
 
+    def wider(self, factor: float) -> Density:
+        """The same with its scales times a factor."""
+        return Density(self.rest, factor * self.below, factor * self.above)
+
     def log(self, x: np.ndarray) -> np.ndarray:
         """Log density (N,) of angles (N,)."""
         z = (x - self.rest) / np.where(x > self.rest, self.above, self.below)
@@ -134,15 +138,13 @@ def main(
         rest = lower_decile(name, joints, clips) if name in AT_THE_END else 0.0 if name in SYMMETRIC else None
         fitted, left_out = fit_density(list(people.values()), name in SYMMETRIC, rest), held_out(people, name, rest)
         mine = float(np.mean([shipped[name].log(x).mean() for x in people.values()]))
-        wanted = fitted
-        if name in distinct:
-            wanted = fit_density([distinct[name]], name in SYMMETRIC, fitted.rest)
-        if name in WRITTEN:
-            wider = 1.0 if name in AT_THE_END or name in DISTINCT else WIDER
-            shape = wanted if name in DISTINCT else fitted
-            densities[name] = Density(shape.rest, wider * shape.below, wider * shape.above)
-        figures[name] = {"fit": list(fitted), "distinct": list(wanted), "left out": left_out, "shipped": mine}
-        cells = (" ".join(f"{x:.3f}" for x in density) for density in (fitted, wanted, shipped[name]))
+        spread = fit_density([distinct[name]], False, fitted.rest) if name in distinct else fitted
+        if name in DISTINCT:
+            densities[name] = spread
+        elif name in WRITTEN:
+            densities[name] = fitted if name in AT_THE_END else fitted.wider(WIDER)
+        figures[name] = {"fit": list(fitted), "distinct": list(spread), "left out": left_out, "shipped": mine}
+        cells = (" ".join(f"{x:.3f}" for x in density) for density in (fitted, spread, shipped[name]))
         made.add_row(name, *cells, *(f"{x:.2f}" for x in (*left_out, mine)))
     report.console().print(legs)
     report.console().print(made)

@@ -87,6 +87,11 @@ class Observation:
         """`pixels`, NaN where the confidence is 0."""
         return np.where((self.confidence > 0.0)[..., None], self.pixels, np.nan)
 
+    @property
+    def extents(self) -> np.ndarray:
+        """How large the person is in each picture (C,) [px], see `image_extent`."""
+        return np.array([image_extent(*seen) for seen in zip(self.pixels, self.confidence, strict=True)])
+
     def exchanged(self, mirror: np.ndarray) -> Observation:
         """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
         spread = None if self.spread is None else self.spread[:, mirror]

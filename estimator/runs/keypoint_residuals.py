@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.observation import Observation, image_extent
+from estimator.data.observation import Observation
 from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -81,7 +81,7 @@ def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.nd
         apart = np.linalg.norm(places - seen.pixels, axis=2)
         deviations.append(own)
         pixels.append(np.where(np.isfinite(own), apart, np.nan))
-        extents.append([image_extent(*of) for of in zip(seen.pixels, seen.confidence, strict=True)])
+        extents.append(seen.extents)
     shape = len(pixels), len(run.header.cameras), len(body.landmark_names)
     in_pixels = np.reshape(pixels, shape)
     if not np.isfinite(in_pixels).any():

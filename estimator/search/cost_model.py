@@ -99,7 +99,7 @@ class CostModel:
         """Standard deviation (C, L) [px] of the keypoints of a frame: of what a detector errs, as the clip has it where
         that was measured, of their places on the body, of what trembles in the clip, and what a keypoint that was not
         detected has of its own."""
-        extent = np.array([image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)])
+        extent = observation.extents
         measured = np.array(observation.noise) if observation.noise else np.ones(len(extent))
         noise = self.settings.keypoint_noise * measured
         sigma: np.ndarray = extent[:, None] * np.hypot(noise[:, None] * self._spread, self._place)

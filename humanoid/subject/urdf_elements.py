@@ -279,20 +279,24 @@ def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
 
 
 def _marker(document: Document, e: ET.Element, links: set[str]) -> Marker:
-    std = document.plausible(e, "std")
-    if std < LEAST_STD:
-        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in m, above 0")
+    std = _deviation(document, e, "std", "m")
     return Marker(document.attribute(e, "name"), _link(document, e, links), document.triple(e, "xyz"), std)
 
 
 def _zero(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Zero:
-    name, std = document.attribute(e, "name"), document.plausible(e, "std")
-    known = [*joints, *ROOT_VELOCITY]
+    name, known = document.attribute(e, "name"), [*joints, *ROOT_VELOCITY]
     if name not in known:
         raise document.fault(e, f"there is no joint {name!r}", nearest(name, known, "joints"))
+    return Zero(name, _deviation(document, e, "std", "rad or m"))
+
+
+def _deviation(document: Document, e: ET.Element, key: str, unit: str, default: str | None = None) -> float:
+    """A standard deviation, by which can be divided."""
+    std = document.plausible(e, key, default)
     if std < LEAST_STD:
-        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
-    return Zero(name, std)
+        remedy = f"give the deviation in {unit}, above 0"
+        raise document.fault(e, f"{key}={std:g} is not positive, or too small", remedy)
+    return std
 
 
 def _link(document: Document, e: ET.Element, links: set[str]) -> str:
@@ -352,12 +356,8 @@ def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
     if kind not in ("revolute", "prismatic"):
         movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
         raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))
-    rest, std = document.plausible(e, "rest"), document.plausible(e, "std")
-    std_above = document.plausible(e, "std_above", e.get("std", ""))
-    for key, value in (("std", std), ("std_above", std_above)):
-        if value < LEAST_STD:
-            problem = f"{key}={value:g} is not positive, or too small"
-            raise document.fault(e, problem, "give the deviation in rad or m, above 0")
+    rest, std = document.plausible(e, "rest"), _deviation(document, e, "std", "rad or m")
+    std_above = _deviation(document, e, "std_above", "rad or m", e.get("std"))
     quickness = document.plausible(e, "quickness", "1")
     if not _QUICKNESS[0] <= quickness <= _QUICKNESS[1]:
         remedy = f"give a factor of {_QUICKNESS[0]:g} to {_QUICKNESS[1]:g}, or leave it out"

@@ -244,11 +244,10 @@ def print_explanation(explanation: Explanation) -> None:
 def _print_keypoints(residuals: KeypointResiduals) -> None:
     """How far the keypoints of one frame lie from where the body has them, those farthest in deviations first."""
     places = residuals.places
-    cameras = residuals.cameras
     made = table(
         "keypoints, from the body along the trajectory",
         "name",
-        *(f"{name} [px]" for name in cameras),
+        *(f"{name} [px]" for name in residuals.cameras),
         "mm",
         "sd",
         "off the landmark [mm]",
