@@ -20,6 +20,8 @@ from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import landmark_spread
+from humanoid.subject.marker_set import marker_set
+from humanoid.subject.subject import Subject, Zero, load_subject
 from humanoid.support.errors import InputError
 from kinemode.testing.ranks import calibration_error, coverage
 from tests.builders import bent, body_of, inside, random_pose
@@ -245,6 +247,25 @@ def test_a_body_of_unknown_size_may_be_nearer_or_farther_but_looks_alike() -> No
     distance = np.linalg.norm(drawn, axis=1)
     assert distance.std() / distance.mean() == pytest.approx(0.05, rel=0.1)
     assert np.allclose(drawn / distance[:, None], drawn[0] / distance[0], atol=1e-4)
+
+
+def test_zeros_by_markers_say_nothing_of_how_a_detector_marks_a_person() -> None:
+    subject = load_subject("human34")
+    marked = subject.with_markers(marker_set("plug-in-gait").markers, [Zero("left_hip_flexion", 0.05)])
+    detected = subject.with_keypoint_places(
+        {m.name: (np.zeros(3), 0.01) for m in subject.landmarks}, [Zero("left_hip_flexion", 0.3)]
+    )
+
+    def covariance(own: Subject, cameras: int) -> np.ndarray:
+        body = Body(own)
+        result = frame([body.neutral], [1e-8 * np.eye(body.nv)])
+        seen_by = rig_around(body, np.random.default_rng(3))[:cameras]
+        return Posterior.of(body, result, PosteriorCalibration(), seen_by).covariance[0]
+
+    hip = Body(subject).v_names.index("left_hip_flexion")
+    np.testing.assert_allclose(covariance(marked, 2), covariance(subject, 2))
+    assert covariance(detected, 2)[hip, hip] > covariance(subject, 2)[hip, hip]
+    assert covariance(marked, 0)[hip, hip] != covariance(subject, 0)[hip, hip]
 
 
 def rig_around(body: Body, rng: np.random.Generator) -> list[Camera]:

@@ -25,7 +25,8 @@ class PosteriorCalibration:
     posterior is given where the camera is. landmark_std [m]: of how far from a landmark a detector marks a person, in
     all frames alike, averaged over the landmarks by their spread (`landmark_spread`), for names that detectors of
     people have; it is an uncertainty that no number of frames takes away, least of all from a foot, whose marks are
-    near each other. A detector without such a bias, as a simulated one may be, has 0.
+    near each other. A detector without such a bias, as a simulated one may be, has 0. Where several cameras have
+    fitted the places of keypoints, how unsure these are left counts instead.
 
     Raises
     ------

@@ -50,6 +50,16 @@ class LastingPoints(NamedTuple):
         return LastingPoints(body.landmark_joint[known], body.keypoint_local[known], body.keypoint_std[known])
 
 
+def points_on_body(body: Body, cameras: int) -> LastingPoints | None:
+    """The points by which a run knows a body, where it is known how unsure their places are: markers of a run without
+    cameras, keypoints of one by several that have fitted them. None of others: a person who was fitted by markers is
+    filmed by a detector of which nothing is known."""
+    if not cameras and body.marker_names:
+        return LastingPoints.markers(body)
+    fitted = bool(body.subject.zeros) and bool(np.isfinite(body.keypoint_std).any())
+    return LastingPoints.keypoints(body) if cameras > 1 and fitted else None
+
+
 def lasting_by_places(
     body: Body,
     points: LastingPoints,

@@ -19,7 +19,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
 from estimator.runs.camera_spread import camera_covariances
-from estimator.runs.lasting_spread import LastingPoints, lasting_by_landmarks, lasting_by_places
+from estimator.runs.lasting_spread import lasting_by_landmarks, lasting_by_places, points_on_body
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
@@ -123,10 +123,8 @@ class Posterior:
         covariances = [_with_prior(*mode, c.prior_weight) for mode in zip(priors, covariance, strict=True)]
         covariance = c.covariance_scale * np.array(covariances)
         lasting = np.zeros_like(covariance)
-        if not seen_by and body.marker_names:
-            lasting = lasting_by_places(body, LastingPoints.markers(body), posed, priors, covariance)
-        elif len(seen_by) > 1 and body.subject.zeros:  # several cameras have fitted the places of keypoints
-            lasting = lasting_by_places(body, LastingPoints.keypoints(body), posed, priors, covariance)
+        if (points := points_on_body(body, len(seen_by))) is not None:
+            lasting = lasting_by_places(body, points, posed, priors, covariance)
         elif c.landmark_std > 0.0:
             lasting = lasting_by_landmarks(body, posed, priors, covariance, c.landmark_std)
         modes = zip(q, covariance, lasting, strict=True)
