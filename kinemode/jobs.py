@@ -24,6 +24,7 @@ from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
+from estimator.tracking.fitting.keypoint_noise import given_noise
 from estimator.tracking.fitting.markers import fit_markers
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
@@ -69,7 +70,8 @@ _IN_MEMORY = 300  # frames as tracked, while smoothing
 class TrackOptions:
     """How to track: arguments of `kinemode.track`, of the same names, which have been checked.
 
-    estimates: by index of the frame, what is known of poses where the subject is not fitted anew."""
+    estimates: by index of the frame, what is known of poses where the subject is not fitted anew; noise: what the fit
+    has measured of each camera's keypoints (`Fit.noise`), there too."""
 
     cues: str | Iterable[str] = "auto"
     tracker: str = "css"
@@ -83,6 +85,7 @@ class TrackOptions:
     workers: int = 1
     progress: Reporter = unreported
     estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
+    noise: tuple[float, ...] = ()
     index: PathLike | None = None
     start: str | None = None
     height: float | None = None
@@ -126,6 +129,7 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
         workers,
         wanted.estimates,
         height=wanted.height,
+        noise=wanted.noise,
     )
     _check_fit_choice(job.fit, loaded)
     check_height(job.height, loaded)
@@ -153,11 +157,14 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
-        fitted = _fitted(job, subject, inputs, cues)
+        expected, clip = job.settings.cost.keypoint_noise, inputs.observations
+        noise = given_noise(inputs.noise, clip, expected)
+        fitted = _fitted(job, subject, replace(inputs, observations=[replace(o, noise=noise) for o in clip]), cues)
         for note in fitted.notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
         notes += fitted.notes
-        seen = [replace(o, estimate=fitted.first.get(o.index), noise=fitted.noise) for o in inputs.observations]
+        noise = given_noise(inputs.noise, clip, expected, fitted.noise)
+        seen = [replace(o, estimate=fitted.first.get(o.index), noise=noise) for o in clip]
         inputs, own = replace(inputs, observations=seen), fitted.subject
         return _track_into(job, _header(job, own, inputs, names_of(chosen), notes), own, inputs, cues, subject)
 
@@ -175,7 +182,7 @@ class _Fitted(NamedTuple):
 def _fitted(job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None) -> _Fitted:
     if not job.fits(subject):
         sized = subject if job.height is None else subject.resized(job.height / stature(subject))
-        return _Fitted(sized, job.estimates)
+        return _Fitted(sized, job.estimates, noise=job.noise)
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
@@ -222,9 +229,9 @@ def fit_subject(
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
-            result = person.fit_person(
-                loaded, inputs.observations, reader, seed=seed, height=height, floor=inputs.floor
-            )
+            noise = given_noise(inputs.noise, inputs.observations, Settings().cost.keypoint_noise)
+            seen = [replace(o, noise=noise) for o in inputs.observations]
+            result = person.fit_person(loaded, seen, reader, seed=seed, height=height, floor=inputs.floor)
     return kept_fit(result, out)
 
 
@@ -270,7 +277,8 @@ def frames_at_first(target: RunTarget) -> int | None:
 class TrackingJob:
     """How to track, which with the subject and the inputs decides the result; and where to, what reports the progress,
     and how many processes share the work. settings: the chosen ones with the cues that are looked at. name: of one of
-    several people, "" for the only one. height [m]: of the person, None where it is not known."""
+    several people, "" for the only one. height [m]: of the person, None where it is not known. noise: as of
+    `TrackOptions`."""
 
     chosen: Chosen
     settings: Settings
@@ -283,6 +291,7 @@ class TrackingJob:
     estimates: Mapping[int, PoseEstimate]
     name: str = ""
     height: float | None = None
+    noise: tuple[float, ...] = ()
 
     def told(self, note: str) -> str:
         """A note, with whom it is of where several people are tracked."""

@@ -84,6 +84,10 @@ class InputOptions:
         fits them. With `track` also all: everybody, matched across cameras, into OUT.person1.run, ...
     keypoint_size
         [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
+    keypoint_noise
+        [NAME=]PX: standard deviation of keypoints about their places on the body, in pixels of the clip where the
+        person is as large as in the middle of it. Unless given it is what detectors of people err, measured anew where
+        a person is fitted.
     fps
         [NAME=]RATE in frames per second, of folders of pictures, and of keypoint files that declare none.
     offset
@@ -129,6 +133,7 @@ class InputOptions:
     depth: Files = None
     person: Ids = ("auto",)
     keypoint_size: Files = None
+    keypoint_noise: Files = None
     fps: Files = None
     offset: Files = None
     sync: Literal["off", "auto"] = "off"

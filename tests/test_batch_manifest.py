@@ -274,7 +274,8 @@ def test_a_subject_that_is_a_file_is_not_fitted(folder: Path) -> None:
 
 A_VALUE = {"detect": "yes", "floor": "off", "start": "index", "sync": "auto", "fit": "off", "up": "z", "cues": "off",
            "detector": "onnx", "tracker": "css", "phone": "iPhone13,3", "layout": "coco17", "focal": "26mm",
-           "person": "a=1", "keypoint_size": "a=960x540", "fps": "a=30", "offset": "a=0.5", "stereo": "a=b",
+           "person": "a=1", "keypoint_size": "a=960x540", "keypoint_noise": "a=3",
+           "fps": "a=30", "offset": "a=0.5", "stereo": "a=b",
            "subject": "human30", "height": "1.8", "end": "2", "modes": "3", "seed": "1", "people": "1"}  # fmt: skip
 
 

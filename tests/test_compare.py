@@ -34,6 +34,7 @@ from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, MeasurePanel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
+MEASURED = (0.5,)  # factor of the noise of the only camera
 SETTINGS = {**QUICK, "smooth": {"enabled": False}}
 
 
@@ -164,7 +165,10 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
         body = Body(subject)
         known = {k: PoseEstimate(body.neutral, 1e-4 * np.eye(body.nv)) for k in (1, 0)}
         return SimpleNamespace(
-            subject=subject.scaled({subject.proportions[0].joint: 1.05}), estimates=known, notes=(), noise=()
+            subject=subject.scaled({subject.proportions[0].joint: 1.05}),
+            estimates=known,
+            notes=(),
+            noise=MEASURED,
         )
 
     monkeypatch.setattr(jobs.person, "fit_person", fitted)
@@ -176,7 +180,9 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
     urdfs = {run.header.subject_urdf for c in (first, again) for run in c.runs.values()}
     assert len(urdfs) == 1
     assert urdfs != {fits[0].urdf}
-    assert all(list(run.estimates or {}) == [0] for c in (first, again) for run in c.runs.values())
+    everywhere = [run for c in (first, again) for run in c.runs.values()]
+    assert all(list(run.estimates or {}) == [0] for run in everywhere)
+    assert {run.observation(0).noise for run in everywhere} == {MEASURED}
 
 
 def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:

@@ -141,6 +141,15 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
             load(tmp_path, SEEN, keypoint_size=wrong)
 
 
+def test_the_noise_of_keypoints_is_given_in_pixels_by_camera(tmp_path: Path) -> None:
+    assert load(tmp_path, SEEN).noise == ()
+    assert load(tmp_path, SEEN, keypoint_noise="4").noise == (4.0, 4.0, 4.0)
+    np.testing.assert_array_equal(load(tmp_path, SEEN, keypoint_noise=["b=2.5"]).noise, [np.nan, 2.5, np.nan])
+    for wrong in ("0", "-1", "a=b", "d=3", "inf"):
+        with pytest.raises(InputError, match="--keypoint-noise"):
+            load(tmp_path, SEEN, keypoint_noise=wrong)
+
+
 def test_undeclared_sizes_are_noticed(tmp_path: Path) -> None:
     doubled = replace(SEEN["a"], pixels=SEEN["a"].pixels * 4.0)
     with pytest.raises(InputError, match=r"outside the picture of 160 x 120.*--keypoint-size"):

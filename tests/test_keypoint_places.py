@@ -12,7 +12,7 @@ from estimator.search.cost_settings import CostSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.fitted_points import FittedKeypoints
-from estimator.tracking.fitting.keypoint_noise import measured_noise
+from estimator.tracking.fitting.keypoint_noise import given_noise, measured_noise
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
@@ -129,6 +129,20 @@ def test_noise_is_what_keypoints_scatter_by() -> None:
     left = 1.0 - len(q) * body.nv / np.isfinite(np.array([o.pixels for o in seen])).sum()
     # these poses were known and not fitted, so that the degrees of freedom that a fit takes are still there
     np.testing.assert_allclose(np.array(noise) * np.sqrt(left) / factors, 1.0, atol=0.12)
+
+
+def test_a_given_noise_is_that_of_keypoints_in_pixels() -> None:
+    body = body_of("human34")
+    settings = CostSettings(keypoint_noise=0.05, keypoint_place=0.0)
+    seen = observe(body, authored_motion(body, np.array([0.4]))[0], AROUND)
+    first, others = [8.0, *[np.nan] * 3], (0.5, 0.7, 1.5, 1.0)
+    given = given_noise(first, [seen], settings.keypoint_noise, others)
+    assert given[1:] == others[1:]
+    assert given_noise(first, [seen], settings.keypoint_noise)[1:] == (1.0, 1.0, 1.0)
+    sigma = CostModel(body, settings).keypoint_sigma(replace(seen, noise=given))
+    assert np.isclose(sigma[0, body.landmark_names.index("left_shoulder")], 8.0)
+    assert given_noise((), [seen], settings.keypoint_noise, others) == others
+    assert not given_noise((), [seen], settings.keypoint_noise)
 
 
 def test_places_that_no_chance_explains_are_a_note_of_the_fit() -> None:

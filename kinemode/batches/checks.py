@@ -83,7 +83,11 @@ def _declared(row: RowValues, tried: Callable[..., None]) -> None:
     tried(declared.check_lens)
     tried(declared.known_floor)
     tried(declared.part)
-    for read, name in ((declared.sizes, "keypoint_size"), (declared.rates, "fps"), (declared.offsets, "offset")):
+    readers = {
+        "keypoint_size": declared.sizes, "keypoint_noise": declared.noises, "fps": declared.rates,
+        "offset": declared.offsets,
+    }  # fmt: skip
+    for name, read in readers.items():
         tried(read, [camera for camera, _ in named_pairs(given.get(name)) if camera] or [""])
 
 

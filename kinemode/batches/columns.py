@@ -30,7 +30,7 @@ OF_THE_BATCH = ("out", "resume", "overwrite", "workers", "progress")
 """Arguments of `track` that no row has: the batch says them for all."""
 BY_CAMERA = {CLIPS: CLIP, "keypoints": KEYPOINTS, "mask": MASK, "background": BACKGROUND, "depth": DEPTH}
 """Columns of [NAME=]PATH texts, and what their files are called."""
-VALUES_BY_CAMERA = ("keypoint_size", "fps", "offset", "stereo")
+VALUES_BY_CAMERA = ("keypoint_size", "keypoint_noise", "fps", "offset", "stereo")
 """Columns of [NAME=]VALUE texts."""
 WORDS = {"cameras": (AUTO,)}
 """Words that columns of paths take in place of one."""

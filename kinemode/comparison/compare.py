@@ -96,7 +96,9 @@ def compare_trackers(
             )  # fmt: skip
             runs[name] = jobs.track_subject(loaded, files, how)
         loaded = runs[name].subject  # fitted now, and not again
-        wanted = replace(wanted, estimates=runs[name].estimates or {}, height=None)
+        wanted = replace(
+            wanted, estimates=runs[name].estimates or {}, noise=runs[name].observation(0).noise, height=None
+        )
     runs = {name: runs[name] for name in names}
     if truth is not None:
         truth = truth.in_world_of(runs[names[0]].header.R_upright_given)

@@ -47,6 +47,8 @@ class Declared:
     floor: its height in the cameras' world, along the axis that points up [m]; "off" where there is none; "auto" takes
         the camera file's word, or finds it from the feet.
     height: of the person [m], None where it is not known.
+    keypoint_noise: standard deviation of a keypoint about its place on the body [px], where the person is as large as
+        in the middle of the clip; one for all cameras, or by name as keypoint_size; None where it is to be measured.
     """
 
     keypoint_size: Sizes = None
@@ -61,6 +63,7 @@ class Declared:
     phone: str | None = None
     floor: float | str = AUTO
     height: float | None = None
+    keypoint_noise: Rates = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""
@@ -71,6 +74,10 @@ class Declared:
     def rates(self, names: Iterable[str]) -> dict[str, float]:
         """Frames per second, of the cameras for which they are given."""
         return named_values(self.fps, names, "--fps", _rate, "frames per second, 0.5 to 2000")
+
+    def noises(self, names: Iterable[str]) -> dict[str, float]:
+        """Standard deviation of keypoints [px], of the cameras for which it is given."""
+        return named_values(self.keypoint_noise, names, "--keypoint-noise", _noise, "pixels, 0.1 to 1000")
 
     def offsets(self, names: Iterable[str]) -> dict[str, float]:
         """Seconds of each camera, 0 for those that are not given."""
@@ -134,6 +141,13 @@ def _rate(value: Any) -> float:
     if not 0.5 <= rate <= 2000.0:
         raise ValueError
     return rate
+
+
+def _noise(value: Any) -> float:
+    pixels = float(value)
+    if not 0.1 <= pixels <= 1000.0:
+        raise ValueError
+    return pixels
 
 
 def _seconds(value: Any) -> float:

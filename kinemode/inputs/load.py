@@ -62,7 +62,8 @@ class Inputs:
     points up; None where it was not. floor: what is known of it in that world. points: files of
     points in space, in place of cameras. static: points of a trial in which the person stands upright, for the fit
     alone. layout: of all keypoints, empty where they have several. other_layouts: makes the observations as they are if
-    the keypoints are of another layout of as many points, by its name.
+    the keypoints are of another layout of as many points, by its name. noise (C,): standard deviation of each camera's
+    keypoints [px] as the user gives it, NaN where it is to be measured; empty where none is given.
     """
 
     observations: list[Observation]
@@ -80,6 +81,7 @@ class Inputs:
     static: tuple[Observation, ...] = ()
     layout: str = ""
     other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
+    noise: tuple[float, ...] = ()
 
     @property
     def has_depth(self) -> bool:
@@ -294,8 +296,13 @@ def _inputs(
     }
     return Inputs(
         observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths,
-        layout=common_layout(tracks), other_layouts=others,
+        layout=common_layout(tracks), other_layouts=others, noise=_given_noise(told, list(tracks)),
     )  # fmt: skip
+
+
+def _given_noise(told: Declared, names: Sequence[str]) -> tuple[float, ...]:
+    given = told.noises(names)
+    return tuple(given.get(name, np.nan) for name in names) if given else ()
 
 
 def common_layout(tracks: Mapping[str, KeypointTrack]) -> str:

@@ -20,7 +20,8 @@ _FITS = (AUTO, MARKERS, "off")
 _FILE = "file of points"
 _OF_CAMERAS: dict[str, Any] = {
     "clips": None, "cameras": None, "keypoints": None, "layout": AUTO, "masks": None, "background": None,
-    "stereo": None, "depth": None, "person": AUTO, "keypoint_size": None, "offset": None, "sync": "off",
+    "stereo": None, "depth": None, "person": AUTO, "keypoint_size": None, "keypoint_noise": None,
+    "offset": None, "sync": "off",
     "focal": None, "phone": None, "lenses": None, "index": None, "detect": False, "height": None, "cues": AUTO,
 }  # fmt: skip
 """Arguments that say something of cameras, or that only they leave open, with what they are where they are left out."""

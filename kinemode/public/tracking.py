@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FIT_CHOICES = ("auto", "proportions", "markers", "off")
 DEFAULT = "css"  # the tracker where none is named
-_CHECKED_ELSEWHERE = ("seed", "fit", "keypoint_size", "fps", "offset", "sync", "start", "end", "unit")
+_CHECKED_ELSEWHERE = ("seed", "fit", "keypoint_size", "keypoint_noise", "fps", "offset", "sync", "start", "end", "unit")
 
 
 def track(
@@ -61,6 +61,7 @@ def track(
     overwrite: bool = False,
     person: Persons = "auto",
     keypoint_size: Sizes = None,
+    keypoint_noise: Rates = None,
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
@@ -129,6 +130,9 @@ def track(
         be tracked is missing in it, and told.
     keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
         not the clip's: (540, 960), or by name.
+    keypoint_noise: standard deviation of keypoints about their places on the body, in pixels of the clip where the
+        person is as large as in the middle of it; one for all cameras, or by name. Unless given it is what detectors
+        of people err (`cost.keypoint_noise`), measured anew where the person is fitted.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
     sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
@@ -172,7 +176,9 @@ def track(
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
+    told = _declared(
+        keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
+    )
     by_points = _point_files(given, told)
     files = _files(spool, (settings, index), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
@@ -207,6 +213,7 @@ def fit(
     height: float | None = None,
     person: Persons = "auto",
     keypoint_size: Sizes = None,
+    keypoint_noise: Rates = None,
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
@@ -230,7 +237,9 @@ def fit(
     given = _checked(locals())
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height)
+    told = _declared(
+        keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
+    )
     by_points = _point_files(given, told)
     files = _files(spool, (), cameras, masks, background, person, told, depth, stereo, lenses)
     if out is not None:
@@ -269,6 +278,7 @@ def compare(
     overwrite: bool = False,
     person: Persons = "auto",
     keypoint_size: Sizes = None,
+    keypoint_noise: Rates = None,
     fps: Rates = None,
     offset: Offsets = None,
     sync: str = "off",
@@ -309,7 +319,9 @@ def compare(
     check_as("folder", out=out)
     seed, begin, start_by = _beginning(fit, seed, start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height)
+    told = _declared(
+        keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
+    )
     files = _files(spool, (settings, index, reference), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
     from kinemode import jobs

@@ -142,8 +142,8 @@ def keypoints_part(residuals: KeypointResiduals | None) -> str:
     said = (
         f"Keypoints fit by {pixels:.1f} px, {number(metres, True)} mm at the person: the median distance from where the"
         " body has them. Noise: what the camera's detector errs, as a factor of what is expected of one; measured where"
-        " a person was fitted to several cameras. Off the landmark: how far from it the detector marks it on this"
-        " person, in all frames alike, and how unsure that is along each axis."
+        " a person was fitted to several cameras, or given. Off the landmark: how far from it the detector marks it on"
+        " this person, in all frames alike, and how unsure that is along each axis."
     )
     of_cameras = [
         (*_fitting(name, *own), f"{noise:.2f}")

@@ -1,4 +1,4 @@
-"""How far a clip's keypoints are from a fitted person: the noise of each camera, measured."""
+"""How far a clip's keypoints are from a person: the noise of each camera, measured or given."""
 
 from __future__ import annotations
 
@@ -35,6 +35,22 @@ def measured_noise(
     data = 2.0 * share * np.isfinite(whitened).sum(axis=(0, 2))
     left = max(0.0, 1.0 - (fitted + share * len(poses) * model.body.nv) / max(float(data.sum()), 1.0))
     return tuple(_factor(float(own), left, whitened[:, c]) for c, own in enumerate(data))
+
+
+def given_noise(
+    pixels: Sequence[float], observations: Sequence[Observation], expected: float, measured: Sequence[float] = ()
+) -> tuple[float, ...]:
+    """The factors that `measured_noise` returns, of the cameras for which a user gives the noise; others as measured.
+
+    pixels (C,): standard deviations of keypoints where the person is as large as in the middle of the clip, NaN where
+    none is given; empty for none. expected: as a share of the person's extent (`CostSettings.keypoint_noise`).
+    measured (C,): empty where nobody has, which is 1.
+    """
+    if not len(pixels):
+        return tuple(measured)
+    extents = np.array([np.where(o.confidence.any(axis=1), o.extents, np.nan) for o in observations])
+    given = np.array(pixels) / (expected * np.array([_median(of_camera) for of_camera in extents.T]))
+    return tuple(np.where(np.isfinite(given), given, measured or 1.0).tolist())
 
 
 def _factor(data: float, left: float, distances: np.ndarray) -> float:
