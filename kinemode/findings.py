@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from estimator.numerics.stretches import stretches
+from estimator.runs.contact import contact_of_run
 from estimator.runs.diagnosis import Diagnosis, diagnose
 from estimator.runs.run_file import Run
 from estimator.search.jumps.readings import trunk_depths
@@ -89,8 +90,10 @@ def balance_note(run: Run, rows: Sequence[int]) -> str:
 
 
 def floor_note(run: Run) -> str:
-    """What is to be said of a floor that is not where the person is, empty where nothing."""
+    """Warning about a floor that is not where the person is, empty without one."""
     known = run.header.floor
+    if known is None and run.floor is None:
+        return _raised_note(run)
     floor = floor_of(run.body, run.header.cameras, known)
     height = np.nan if floor is None else height_above(floor, run.body, run.q)
     if is_believed(height):
@@ -98,6 +101,16 @@ def floor_note(run: Run) -> str:
     where = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'}"
     problem = f"the floor is given at {known:g} m, and the person's lowest part is {where} it, so it was not used"
     return f"{problem}: look at --floor, and whether the cameras' unit is the metre"
+
+
+def _raised_note(run: Run) -> str:
+    contact = contact_of_run(run)
+    if contact is None or contact.raised is None:
+        return ""
+    return (
+        f"the feet rest at {contact.raised.height:.2f} m and the body lies below, so no floor was put under them: give"
+        " its height with --floor, or off"
+    )
 
 
 def status_counts(statuses: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from estimator.inference.ground import Ground
 from estimator.inference.hand_points import HandPoints
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
-from estimator.tracking.smoothing.known_floor import believed_floor
+from estimator.tracking.smoothing.known_floor import believed_floor, feet_on_floor
 from humanoid.subject.landmarks import foot_parts
 from humanoid.support.atomic import replacing
 from humanoid.support.summary import Facts, Summarised
@@ -47,7 +47,8 @@ class Contact(Summarised):
     point is; None where there is none, or nothing stands. Boxes and stairs are none of the floor, but what rests there
     stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that nobody sees lie as the pose
     prior has them. hand_names (H), hands (T, H): wrists, and probabilities that these hands stand on the floor, where
-    that was asked for.
+    that was asked for. raised: what the feet rest on, as a stool or a wall, where most of the body is below it, so that
+    it is no floor.
     """
 
     time: np.ndarray
@@ -58,6 +59,7 @@ class Contact(Summarised):
     seen: np.ndarray
     hand_names: tuple[str, ...] = ()
     hands: np.ndarray | None = None
+    raised: Ground | None = None
 
     @property
     def heights(self) -> np.ndarray:
@@ -118,6 +120,8 @@ class Contact(Summarised):
     @property
     def remark(self) -> str:
         """What keeps this from being trusted; empty where nothing does."""
+        if self.raised is not None:
+            return f"feet rest at {self.raised.height:.2f} m, and the body lies below: that is not taken for a floor"
         if not len(self.seen) or self.seen.max() >= _SEEN:
             return ""
         return "the keypoints have no heels and toes: when these stand is told from ankles and the pose prior alone"
@@ -158,9 +162,9 @@ def contact_of_run(run: Run, *, hands: bool = False) -> Contact | None:
         seen |= run.body.landmarks_beside(np.isfinite(run.markers[run.index]).all(axis=2))[:, feet.landmark]
     shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
-    standing, floor = feet.contact(points, run.time, _UP, _known_floor(run), shown)
+    standing, floor, raised = feet_on_floor(run.body, feet, run.q, points, run.time, _UP, _known_floor(run), shown)
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
-    contact = Contact(run.time, feet.names, points, standing, floor, shares)
+    contact = Contact(run.time, feet.names, points, standing, floor, shares, raised=raised)
     palms = HandPoints.of(run.body) if hands else None
     if palms is None:
         return contact

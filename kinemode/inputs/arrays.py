@@ -65,6 +65,10 @@ class Spool:
         self.keypoints = self._files("keypoints", keypoints, self._points)
         self.file_layout = "auto" if self.folder is not None else self._of_files(keypoints)
 
+    def run_path(self, out: str | Path | None) -> str | Path | None:
+        """Where a run is written: beside the pictures that were written here, which it keeps, unless `out` says it."""
+        return self.folder.path / "track.run" if out is None and self.folder else out
+
     def _of_files(self, keypoints: Keypoints) -> str:
         if self._layout != "auto" and (keypoints is None or not isinstance(self._layout, str)):
             problem = "is of keypoints in arrays, which are not given"

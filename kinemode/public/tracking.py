@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,20 +177,18 @@ def track(
     if out is not None and not wants_all(person):
         RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
-    told = _declared(
-        keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
-    )
+    told = _declared(given, start=begin, layout=spool.file_layout)
     by_points = _point_files(given, told)
     files = _files(spool, (settings, index), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
-    out = spool.folder.path / "track.run" if out is None and spool.folder else out  # the run keeps its pictures
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
-        cues, tracker or (DEFAULT if by_points is None else MARKERS), modes, settings, seed, fit, out, resume,
-        overwrite, workers, progress or unreported, index=index, start=start_by, height=height,
+        cues, tracker or (DEFAULT if by_points is None else MARKERS), modes, settings, seed, fit,
+        spool.run_path(out), resume, overwrite, workers, progress or unreported,
+        index=index, start=start_by, height=height,
     )  # fmt: skip
-    with spool.telling(), with_detected(files, detect, out, progress) as seen:
+    with spool.telling(), with_detected(files, detect, wanted.out, progress) as seen:
         return _work(person, by_points)(loaded, seen, wanted)
 
 
@@ -237,9 +236,7 @@ def fit(
     given = _checked(locals())
     seed = whole("seed", seed, 0)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(
-        keypoint_size, fps, offset, start, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
-    )
+    told = _declared(given, start=start, layout=spool.file_layout)
     by_points = _point_files(given, told)
     files = _files(spool, (), cameras, masks, background, person, told, depth, stereo, lenses)
     if out is not None:
@@ -310,18 +307,11 @@ def compare(
     ------
     InputError: as `track` does; an unknown tracker; runs that are there, without `resume` or `overwrite`.
     """
-    check_arguments(
-        subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
-        layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
-        resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        detect=detect, progress=progress, height=height, up=up, focal=focal, phone=phone, lenses=lenses, floor=floor,
-    )  # fmt: skip
+    given = _checked(locals())
     check_as("folder", out=out)
     seed, begin, start_by = _beginning(fit, seed, start)
     spool = Spool(clips, keypoints, layout)
-    told = _declared(
-        keypoint_size, fps, offset, begin, end, sync, up, spool.file_layout, focal, phone, floor, height, keypoint_noise
-    )
+    told = _declared(given, start=begin, layout=spool.file_layout)
     files = _files(spool, (settings, index, reference), cameras, masks, background, person, told, depth, stereo, lenses)
     loaded = loaded_subject(subject)
     from kinemode import jobs
@@ -347,8 +337,9 @@ def _beginning(fit: str, seed: int, start: float | str | None) -> tuple[int, flo
     return (whole("seed", seed, 0), *moment(start))
 
 
-def _declared(*given: Any) -> Declared:
-    declared = Declared(*given)
+def _declared(given: Mapping[str, Any], **changed: Any) -> Declared:
+    """What the arguments, by name, declare of the files, checked; changed: values in place of those given."""
+    declared = Declared(**{field.name: given[field.name] for field in fields(Declared)} | changed)
     choice("sync", declared.sync, SYNC_CHOICES)
     declared.check_lens()
     declared.known_floor()

@@ -17,6 +17,7 @@ from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import STEP, Ground
 from estimator.inference.hand_points import HandPoints
+from estimator.tracking.smoothing.known_floor import feet_on_floor
 from humanoid.kinematics.body import Body, batches
 from humanoid.support.spilled import MadeList
 
@@ -60,7 +61,7 @@ class Stances(NamedTuple):
         times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
         every = np.array([_seen(body, o) for o in observations])
         seen = every[:, feet.landmark]
-        standing, floor = feet.contact(points, times, up, known, seen)
+        standing, floor, _ = feet_on_floor(body, feet, q, points, times, up, known, seen)
         places, weight = held_places(points, standing, seen, times)
         palms = HandPoints.of(body) if hands else None
         palm_floor = floor
