@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from estimator.data.cameras.camera import UPS, axis_of
 from estimator.numerics.stretches import stretches
 from estimator.runs.contact import contact_of_run
 from estimator.runs.diagnosis import Diagnosis, diagnose
@@ -36,10 +37,11 @@ def diagnosed(run: Run, frame: int | None = None) -> Diagnosis:
     return diagnose(run, settings.cost, frame, limited=limited)
 
 
-def upright_note(run: Run) -> str:
-    """What is to be said of a person who does not stand along z, empty where one does, or nobody can tell.
+def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_world: bool = True) -> str:
+    """Warning about a person who does not stand along z, empty where one does, or nobody can tell.
 
-    Exports, gait and previews take z for up; angles do not depend on it.
+    Exports, gait and previews take z for up; angles do not depend on it. R_upright_points (3, 3): how the axes of files
+    of points were turned, None for the run's own world, or that of its cameras. has_world: whether --up can be given.
     """
     names = run.body.landmark_names
     if not run.body.has_free_root or not {"head_top", "left_ankle", "right_ankle"} <= set(names):
@@ -50,14 +52,16 @@ def upright_note(run: Run) -> str:
     if not len(rise):
         return ""
     mean = np.mean(rise / np.linalg.norm(rise, axis=1, keepdims=True), axis=0)
-    axis = int(np.argmax(np.abs(mean)))
     if np.linalg.norm(mean) < _STEADY or mean[2] > _UPRIGHT:
         return ""
-    along = ("-" if mean[axis] < 0.0 else "") + "xyz"[axis]
-    return (
-        f"the person does not stand along z, but about along {along}: trc, mot, c3d and osim, gait and the preview"
-        f" take z for up. If {along} points up in the cameras' world, track with --up {along}"
-    )
+    here = _axis_along(mean)
+    stands = f"the person does not stand along z, but about along {here}: trc, mot, c3d and osim, gait and the preview"
+    if not has_world:
+        return f"{stands} take z for up. If the film lies on its side, turn it, or give a camera file that says so"
+    R_upright_file = run.header.R_upright_given if R_upright_points is None else R_upright_points
+    there = here if R_upright_file is None else _axis_along(R_upright_file.T @ mean)
+    whose = "the cameras' world" if R_upright_points is None else "the file"
+    return f"{stands} take z for up. If {there} points up in {whose}, track with --up {there}"
 
 
 def reading_note(run: Run) -> str:
@@ -87,6 +91,11 @@ def balance_note(run: Run, rows: Sequence[int]) -> str:
         " over them: the person may lean on something or be held, else the trunk's depth or up is wrong: check"
         " that the camera is level, or give --up with a camera file"
     )
+
+
+def _axis_along(direction: np.ndarray) -> str:
+    """The axis, one of `UPS`, that is nearest to a direction (3,)."""
+    return max(UPS, key=lambda up: float(axis_of(up) @ direction))
 
 
 def floor_note(run: Run) -> str:

@@ -336,17 +336,25 @@ def _track_into(
                     energy, observations, results, job.settings.smooth, cues=cues, floor=inputs.floor, progress=report
                 )
             writer.put_smoothed(smoothed)
-        against, contradicted = run_findings(Run.open(target.path), lambda: likely_layout(asked, inputs))
+        against, contradicted = run_findings(
+            Run.open(target.path),
+            lambda: likely_layout(asked, inputs),
+            R_upright_points=inputs.R_upright_points,
+            has_world=inputs.has_world,
+        )
         writer.put_findings(against, contradicted)
         writer.finish()
     return against
 
 
-def run_findings(run: Run, cause: Callable[[], str] = lambda: "") -> tuple[tuple[str, ...], tuple[int, ...]]:
+def run_findings(
+    run: Run, cause: Callable[[], str] = lambda: "", **of_world: Any
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
-    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together."""
+    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
+    `upright_note`."""
     leapt = leap_note(leaps(run.body, run.streamed()))
-    own = [note for note in (leapt, bound_note(run.subject), upright_note(run), floor_note(run)) if note]
+    own = [note for note in (leapt, bound_note(run.subject), upright_note(run, **of_world), floor_note(run)) if note]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
     falling = out_of_balance(run, cost.terms[Balance.name])
     own += [note for note in (balance_note(run, falling) if falling else "", reading_note(run)) if note]

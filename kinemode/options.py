@@ -16,6 +16,15 @@ PictureArgument = Annotated[str, Parameter(name="clip", help="Video files or fol
 SubjectOption = Annotated[str, Parameter(help="A built-in name (see `kinemode subjects`) or a URDF file.")]
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Ids = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
+
+
+def _no_option(_: object, value: str | None) -> None:
+    if value is not None and value.startswith("--"):
+        raise ValueError("x, y, z, -x, -y, -z or a direction is needed")
+
+
+UpOption = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_no_option)]
+"""An axis, which may begin with a minus."""
 Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -137,7 +146,7 @@ class InputOptions:
     fps: Files = None
     offset: Files = None
     sync: Literal["off", "auto"] = "off"
-    up: str | None = None
+    up: UpOption = None
     layout: str = "auto"
     focal: str | None = None
     phone: str | None = None

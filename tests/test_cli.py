@@ -269,3 +269,16 @@ def test_public_names() -> None:
     assert all(hasattr(kinemode, name) for name in kinemode.__all__)
     with pytest.raises(AttributeError, match="it has"):
         _ = kinemode.nothing
+
+
+@pytest.mark.parametrize("up", ["-y", "-x"])
+def test_an_axis_may_begin_with_a_minus(
+    up: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = []
+    monkeypatch.setattr(kinemode, "track", lambda *args, **how: given.append(how["up"]))
+    monkeypatch.setattr("kinemode.terminal.report.print_run", lambda run: None)
+    assert front.main(["track", "--points", "a.trc", "--up", up, "--out", str(tmp_path / "a.run")]) == 0
+    assert given == [up]
+    assert front.main(["track", "--points", "a.trc", "--up", "--out", str(tmp_path / "a.run")]) != 0
+    assert "--up" in capsys.readouterr().err

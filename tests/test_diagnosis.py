@@ -15,6 +15,7 @@ import pytest
 import kinemode as km
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.formats.opensim import upright_world
 from estimator.data.observation import Observation, image_extent
 from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
 from estimator.runs.keypoint_residuals import keypoint_residuals
@@ -282,3 +283,14 @@ def test_who_does_not_stand_along_z_is_said(tmp_path: Path) -> None:
     arm = load_subject("arm8")
     still = np.tile(Body(arm).neutral, (3, 1, 1))
     assert upright_note(made_run(tmp_path / "arm.run", arm, still)) == ""
+
+
+def test_advice_on_up_names_the_axis_of_the_file_and_none_that_is_refused(tmp_path: Path) -> None:
+    subject = load_subject("human34")
+    q = Body(subject).neutral.copy()
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0)).coeffs()  # upside down: -z points up
+    run = made_run(tmp_path / "a.run", subject, np.tile(q, (8, 1, 1)))
+    assert "track with --up -z" in upright_note(run)
+    for taken, right in (("y", "-y"), ("-x", "x"), ("z", "-z")):
+        assert f"track with --up {right}" in upright_note(run, upright_world(taken))
+    assert "--up" not in upright_note(run, has_world=False)

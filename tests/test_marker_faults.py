@@ -134,9 +134,13 @@ def test_the_axis_that_points_up_is_told_by_who_walks(shared_data: Path, tmp_pat
     np.savez(tmp_path / "a.npz", **arrays)
     read = load_points(tmp_path / "a.npz")
     np.testing.assert_allclose(read.points, walk.points, atol=1e-9)
-    assert "does not say which axis points up: -y, by its motion" in read.notes[0]
+    assert "does not say which axis points up: -y, from the feet to the head" in read.notes[0]
     write_trc(tmp_path / "a.trc", walk.names, walk.points @ upright_world("y").T, walk.time)
-    assert "y is taken to point up, but the body moves as if z did" in load_points(tmp_path / "a.trc").notes[0]
+    (note,) = load_points(tmp_path / "a.trc").notes
+    assert "y is taken to point up, but from feet to head the body extends along z" in note
+    unnamed = {**arrays, "names": np.array([f"m{i}" for i in range(len(walk.names))])}
+    np.savez(tmp_path / "b.npz", **unnamed)
+    assert "does not say which axis points up: -y, by its motion" in load_points(tmp_path / "b.npz").notes[0]
 
 
 def test_a_motion_that_leaves_it_open(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
+from kinemode.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument, UpOption
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
@@ -60,7 +60,7 @@ def render(
     outliers: float = 0.01,
     missing: float = 0.02,
     unit: float | None = None,
-    up: str | None = None,
+    up: UpOption = None,
     masks: Flag = False,
     stereo: float = 0.0,
     depth: Flag = False,

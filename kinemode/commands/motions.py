@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.options import Flag, SubjectOption
+from kinemode.options import Flag, SubjectOption, UpOption
 
 
 def retarget(
@@ -19,7 +19,7 @@ def retarget(
     velocity: float = 1.0,
     clearance: float = 0.002,
     fps: float | None = None,
-    up: str | None = None,
+    up: UpOption = None,
     unit: str | None = None,
     modes: int = 0,
     seed: int = 0,

@@ -59,11 +59,13 @@ class Inputs:
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z
-    points up; None where it was not. floor: what is known of it in that world. points: files of
-    points in space, in place of cameras. static: points of a trial in which the person stands upright, for the fit
-    alone. layout: of all keypoints, empty where they have several. other_layouts: makes the observations as they are if
-    the keypoints are of another layout of as many points, by its name. noise (C,): standard deviation of each camera's
-    keypoints [px] as the user gives it, NaN where it is to be measured; empty where none is given.
+    points up; None where it was not. floor: what is known of it in that world. points: files of points in space, in
+    place of cameras. R_upright_points (3, 3): how the axes of the first of them were turned. static: points of a trial
+    in which the person stands upright, for the fit alone. layout: of all keypoints, empty where they have several.
+    other_layouts: makes the observations as they are if the keypoints are of another layout of as many points, by its
+    name. noise (C,): standard deviation of each camera's keypoints [px] as the user gives it, NaN where it is to be
+    measured; empty where none is given. has_world: whether a camera file or files of points give the world, of which
+    --up says the axis that points up.
     """
 
     observations: list[Observation]
@@ -82,6 +84,8 @@ class Inputs:
     layout: str = ""
     other_layouts: Mapping[str, Callable[[], list[Observation]]] = field(default_factory=dict)
     noise: tuple[float, ...] = ()
+    has_world: bool = True
+    R_upright_points: np.ndarray | None = None
 
     @property
     def has_depth(self) -> bool:
@@ -297,6 +301,7 @@ def _inputs(
     return Inputs(
         observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths,
         layout=common_layout(tracks), other_layouts=others, noise=_given_noise(told, list(tracks)),
+        has_world=read.known.cameras is not None,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.formats.opensim import upright_world
 from estimator.data.markers.handedness import mirrored
 from estimator.data.markers.load import load_points
 from estimator.data.markers.swaps import mirrored_swaps
@@ -59,7 +60,7 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     static, notes = _static(body, files, marked.pairs)
     inputs = Inputs(
         _observations(body, track, marked.pairs, rows), track.time[rows], (), (*track.notes, *marked.notes, *notes),
-        floor=told.known_floor(), points=paths, static=static,
+        R_upright_points=upright_world(track.up), floor=told.known_floor(), points=paths, static=static,
     )  # fmt: skip
     return marked.subject, inputs
 

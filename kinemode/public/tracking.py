@@ -174,8 +174,7 @@ def track(
     """
     given = _checked(locals())
     seed, begin, start_by = _beginning(fit, seed, start)
-    if out is not None and not wants_all(person):
-        RunTarget(Path(out), resume, overwrite).check()
+    _check_target(given)
     spool = Spool(clips, keypoints, layout)
     told = _declared(given, start=begin, layout=spool.file_layout)
     by_points = _point_files(given, told)
@@ -335,6 +334,12 @@ def _beginning(fit: str, seed: int, start: float | str | None) -> tuple[int, flo
     """The seed, when a track begins [s], and what its first pose comes from, with the choice of the fit checked."""
     choice("fit", fit, FIT_CHOICES)
     return (whole("seed", seed, 0), *moment(start))
+
+
+def _check_target(given: Mapping[str, Any]) -> None:
+    """Raise InputError for a run that cannot go where the arguments have it; those of everybody are checked later."""
+    if given["out"] is not None and not wants_all(given["person"]):
+        RunTarget(Path(given["out"]), given["resume"], given["overwrite"]).check()
 
 
 def _declared(given: Mapping[str, Any], **changed: Any) -> Declared:

@@ -29,6 +29,8 @@ _SKIN = re.compile(
     r"humerus|forearm|radius|ulna|acrom|condyle|malleol|^[lm](knee|ankle|elbow|wrist)$|_(lat|med|lateral|medial)$|"
     rf"^[{''.join(_LETTERS)}]jc"
 )
+_HEAD_END = re.compile(r"head|[fb]hd|nose|ears?|eyes?|c7|neck|clav|strn|sternum|acrom|^sho|shoulder|^t10?$")
+_FOOT_END = re.compile(r"heel|^hee$|toe|ankle|^ank$|malleol|calc|meta|^mt[h125]|foot|^d1m$")
 _SIDES = {"l": "left", "r": "right", "left": "left", "right": "right"}
 _SIDED = re.compile(r"(?:(left|right|l|r)_|([LR])(?=[A-Z]))(.+)", re.IGNORECASE)
 _SPREADS = (0.05, 10.0)  # of a person's or robot's markers in a frame, from the smallest to the largest [m]
@@ -61,6 +63,13 @@ def named_points(names: Sequence[str], points: np.ndarray) -> NamedPoints:
         landmark: tuple(names[i] for i in chosen) for landmark, chosen in places.items() if names[chosen[0]] != landmark
     }
     return NamedPoints(all_names, np.concatenate([points, *added], axis=1), sources)
+
+
+def body_ends(names: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Numbers of the markers that are on head, neck and shoulders, and of those on feet and ankles, by their names."""
+    parts = [_marker(name).part for name in names]
+    head, foot = ([i for i, part in enumerate(parts) if end.search(part)] for end in (_HEAD_END, _FOOT_END))
+    return [i for i in head if i not in foot], foot
 
 
 def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = "") -> None:

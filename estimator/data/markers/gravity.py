@@ -1,17 +1,46 @@
-"""Which axis points up, by how a person stands and walks."""
+"""Which axis points up, by where a person's head and feet are, and by how one stands and walks."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimator.data.cameras.camera import UPS, axis_of
+from estimator.data.formats.markers import body_ends
 
 _TALLER = 1.4  # extent along the axis over that along the others
 _STEADY = 0.9  # of frames in which it is the longest
 _STILLER = 0.5  # speed of the planted end over that of the other
 _SEEN = 0.5  # of the points that a frame needs
 _END = 0.25  # of the extent that counts as an end
+_ALONG = 0.82  # cosine of 35 degrees: between an axis and the way from the feet to the head, in the mean
+_ALWAYS = 0.9  # length of the mean of these directions, of somebody who does not turn over
 _FASTER = 0.05  # [m/s] that the upper end has to move at
+
+
+def up_by_names(names: Sequence[str], points: np.ndarray) -> str | None:
+    """The axis, one of `UPS`, along which the head is above the feet in points (T, M, 3) with these names (M).
+
+    None where too few names are of head and feet, or where the way from one to the other turns or is along no axis, as
+    of somebody who bends down or rolls over. Of somebody who lies it is the axis along which the body lies.
+    """
+    head, foot = (_middles(points[:, end]) for end in body_ends(names))
+    ways = head - foot
+    ways = ways[np.isfinite(ways).all(axis=1) & (np.linalg.norm(ways, axis=1) > 0.0)]
+    if not len(ways):
+        return None
+    mean = np.mean(ways / np.linalg.norm(ways, axis=1, keepdims=True), axis=0)
+    axis = max(UPS, key=lambda up: float(axis_of(up) @ mean))
+    steady = np.linalg.norm(mean) >= _ALWAYS and axis_of(axis) @ mean >= _ALONG * np.linalg.norm(mean)
+    return axis if steady else None
+
+
+def _middles(points: np.ndarray) -> np.ndarray:
+    """Means (T, 3) of the points (T, M, 3) that each frame has, NaN where it has none."""
+    known = np.isfinite(points).all(axis=2)[..., None]
+    count = known.sum(axis=1)
+    return np.asarray(np.where(known, points, 0.0).sum(axis=1) / np.where(count, count, np.nan))
 
 
 def up_by_motion(points: np.ndarray, time: np.ndarray) -> str | None:

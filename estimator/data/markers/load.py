@@ -38,8 +38,8 @@ def load_points(
 
     Parameters
     ----------
-    up: the axis that points up, one of `UPS`; unless given what the file says, y of TRC, or what the motion of somebody
-        upright tells, with a note.
+    up: the axis that points up, one of `UPS`; unless given what the file says, else the axis from the feet to the head by
+        the names of points, y of TRC, or what the motion of somebody upright shows; with a note.
     unit: of length, m, cm or mm; unless given what the file says.
     fps: frames per second, where the file says neither them nor times, or both and they differ.
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.data.formats.opensim import frame_rate, upright_world
-from estimator.data.markers.gravity import up_by_motion
+from estimator.data.markers.gravity import up_by_motion, up_by_names
 from estimator.data.markers.track import MarkerTrack, PointFile
 from humanoid.support.errors import InputError, shown
 
+_UNSAID = "does not say which axis points up"
 _LATE = 0.1  # of a frame's duration: by how much the instants of two files may differ
 
 
@@ -35,26 +36,48 @@ def merged(files: Sequence[PointFile], up: str | None) -> MarkerTrack:
     points = [file.points @ upright_world(axis).T for file, axis in zip(files, axes, strict=True)]
     names = tuple(name for file in files for name in file.names)
     source = ", ".join(file.path.name for file in files)
-    return MarkerTrack(names, np.concatenate(points, axis=1), first.time, source, (*notes, *told))
+    return MarkerTrack(names, np.concatenate(points, axis=1), first.time, source, (*notes, *told), up=axes[0])
 
 
 def _axes(files: Sequence[PointFile], up: str | None) -> tuple[list[str], tuple[str, ...]]:
-    """The axis of every file that points up, and notes: what a file does not say its motion may; else InputError."""
+    """The axis of every file that points up, and notes; raises InputError where nothing shows it.
+
+    The user's word comes first, then the file's own, then where head and feet are by their names, then what is usual
+    for the kind of file, then the motion of all files that say nothing.
+    """
     if up is not None:
         return [up] * len(files), ()
-    unsaid = [file for file in files if file.up is None]
-    notes = tuple(
-        f"{file.path.name}: {file.up} is taken to point up, but the body moves as if {moves} did: --up says which"
-        for file in files
-        if file.up is not None and (moves := up_by_motion(file.points, file.time)) not in (None, file.up)
-    )
-    told = up_by_motion(np.concatenate([file.points for file in unsaid], axis=1), files[0].time) if unsaid else None
-    if unsaid and told is None:
+    axes, notes, open_files = list[str | None](), list[str](), list[PointFile]()
+    for file in files:
+        axis, note = _axis(file)
+        axes.append(axis)
+        notes += [f"{file.path.name}: {note}"] if note else []
+        open_files += [file] if axis is None else []
+    if not open_files:
+        return [axis for axis in axes if axis is not None], tuple(notes)
+    by_motion = up_by_motion(np.concatenate([file.points for file in open_files], axis=1), files[0].time)
+    if by_motion is None:
         problem = "does not say which axis points up, and its motion leaves it open"
-        raise InputError(unsaid[0].path, problem, remedy="--up x, y or z says it, or -z")
-    if told is not None:
-        notes += (f"{unsaid[0].path.name} does not say which axis points up: {told}, by its motion; --up says another",)
-    return [file.up or told or "z" for file in files], notes
+        raise InputError(open_files[0].path, problem, remedy="--up x, y or z says it, or -z")
+    notes.append(f"{open_files[0].path.name}: {_UNSAID}: {by_motion}, by its motion; --up gives another")
+    return [axis or by_motion for axis in axes], tuple(notes)
+
+
+def _axis(file: PointFile) -> tuple[str | None, str]:
+    """The axis of a file that points up, None where only the motion of all could show it; and a note, or nothing."""
+    by_names = up_by_names(file.names, file.points)
+    expected = file.up or file.usual_up
+    if expected is None:
+        return by_names, f"{_UNSAID}: {by_names}, from the feet to the head; --up gives another" if by_names else ""
+    if file.path.suffix.lower() == ".c3d" and by_names is not None and by_names[-1] in "yz":
+        # worlds with y and z up are both common, and POINT:Y_SCREEN is how a program shows them
+        taken = f"{by_names} is taken to point up, along which the head is above the feet; --up gives another"
+        return by_names, "" if by_names in ("z", expected) else taken
+    other = by_names or up_by_motion(file.points, file.time)
+    if other in (None, expected):
+        return expected, ""
+    seen = f"from feet to head the body extends along {other}" if by_names else f"the body moves as if {other} did"
+    return expected, f"{expected} is taken to point up, but {seen}: give --up, unless the person lies"
 
 
 def _check_instants(first: PointFile, other: PointFile) -> None:

@@ -41,14 +41,16 @@ def _trc(path: Path, unit: str | None) -> PointFile:
     if file.frames >= 0 and file.frames != len(file.points):
         notes = (f"{path.name} has {len(file.points)} frames, its header says {file.frames}: is it cut short?",)
     points = file.points / METRES[file.unit]
-    return PointFile(path, file.names, points, file.time, file.said_unit, "y", file.rate, notes)
+    return PointFile(path, file.names, points, file.time, file.said_unit, None, file.rate, notes, usual_up="y")
 
 
 def _c3d(path: Path, unit: str | None) -> PointFile:
     file = read_c3d(path, "z", unit)
     notes = (f"{path.name}: {_counted(file.unnamed)} without a name left out",) if file.unnamed > 0 else ()
     points = file.points / METRES[file.unit]
-    return PointFile(path, file.names, points, file.time, file.said_unit, file.said_up, file.rate, notes)
+    return PointFile(
+        path, file.names, points, file.time, file.said_unit, None, file.rate, notes, usual_up=file.said_up or "z"
+    )
 
 
 def _counted(count: int) -> str:

@@ -11,18 +11,21 @@ import numpy as np
 
 class MarkerTrack(NamedTuple):
     """Named points over time. names (M). points (T, M, 3): in a world whose z points up [m], NaN where missing.
-    time (T,) [s], rising. source: the names of the files. notes: what is worth knowing."""
+    time (T,) [s], rising. source: the names of the files. notes: what is worth knowing. up: the axis of the first file
+    that was taken to point up, one of `UPS`."""
 
     names: tuple[str, ...]
     points: np.ndarray
     time: np.ndarray
     source: str
     notes: tuple[str, ...] = ()
+    up: str = "z"
 
 
 class PointFile(NamedTuple):
     """What one file says. names (M). points (T, M, 3): along the axes of the file, in `unit`, NaN where missing.
-    time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where nobody says them. notes: what is worth knowing."""
+    time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where the file does not say them. usual_up: the axis that
+    points up in most files of its kind, None where either does. notes: what is worth knowing."""
 
     path: Path
     names: tuple[str, ...]
@@ -32,6 +35,7 @@ class PointFile(NamedTuple):
     up: str | None = None
     rate: float = np.nan
     notes: tuple[str, ...] = ()
+    usual_up: str | None = None
 
 
 class Said(NamedTuple):
