@@ -180,8 +180,8 @@ class PointOptions:
     ----------
     points
         In place of clips, keypoints and cameras, points in space: markers of a laboratory or triangulated keypoints, in
-        TRC, C3D, npz or csv; several files have points of the same instants. --up is then the axis that points up in
-        the file, --fps its rate, where it does not say them.
+        TRC, C3D, npz, npy or csv; several files have points of the same instants. --up is then the axis that points up
+        in the file, --fps its rate, where it does not say them.
     markers
         What the points are: a set of markers by name (landmarks, opencap, plug-in-gait, cast), or a TOML file that
         `subjects --markers` has begun; auto takes the subject's own, or the set that knows most of the names.

@@ -13,6 +13,7 @@ from benchmarks.robustness.c3d_files import c3d_file
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.data.markers.load import load_points
 from estimator.data.markers.track import MarkerTrack
+from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 
 NAMES = ("LASI", "RASI", "SACR", "LANK")
@@ -29,10 +30,11 @@ def points() -> np.ndarray:
 
 
 def csv_text(names: tuple[str, ...], values: np.ndarray, ends: str = "_x _y _z", clock: str = "time") -> str:
-    head = ",".join([clock, *(name + end for name in names for end in ends.split())])
+    """clock: the name of the first column, of frames or times; none where it is empty."""
+    head = ",".join([*([clock] if clock else []), *(name + end for name in names for end in ends.split())])
     times = range(len(values)) if clock == "frame" else TIME
     rows = [
-        ",".join([f"{t:.6g}", *("" if np.isnan(v) else f"{v:.9g}" for v in row.ravel())])
+        ",".join([*([f"{t:.6g}"] if clock else []), *("" if np.isnan(v) else f"{v:.9g}" for v in row.ravel())])
         for t, row in zip(times, values, strict=True)
     ]
     return "\n".join([head, *rows]) + "\n"
@@ -68,6 +70,83 @@ def test_the_same_points_from_every_kind_of_file(tmp_path: Path) -> None:
         np.testing.assert_allclose(track.time, TIME, atol=1e-6, err_msg=name)
         assert track.notes == (), name
         assert track.source == name
+
+
+WORDS = {
+    "mm": ("mm", "MM", " mm ", "[mm]", "Millimeters", "millimetre", "MILLIMETRES"),
+    "cm": ("cm", "Cm", "centimeter", "Centimetres "),
+    "m": ("m", "M", "meters", "Metre", "METERS", "metres."),
+}
+SCALE = {"mm": 1e3, "cm": 1e2, "m": 1.0}
+
+
+@pytest.mark.parametrize("unit", WORDS)
+def test_units_are_read_in_any_words(tmp_path: Path, unit: str) -> None:
+    """In the header of a TRC and C3D file, an array of an npz, a comment and the columns of a csv, and as an option."""
+    made = points()
+    for word in WORDS[unit]:
+        write_trc(tmp_path / "a.trc", NAMES, SCALE[unit] / 1e3 * made, TIME)
+        content = (tmp_path / "a.trc").read_text().replace("\tmm\t", f"\t{word}\t")
+        (tmp_path / "a.trc").write_text(content)
+        (tmp_path / "a.c3d").write_bytes(
+            c3d_file(NAMES, SCALE[unit] * made, unit=word, up="+Z", rate=RATE, first=1, whole=False)
+        )
+        np.savez(tmp_path / "a.npz", points=SCALE[unit] * made, names=np.array(NAMES), fps=RATE, unit=word, up="z")
+        text = csv_text(NAMES, SCALE[unit] * made)
+        (tmp_path / "a.csv").write_text(f"# unit={word.strip()}\n# up=z\n{text}")
+        for name in ("a.trc", "a.c3d", "a.npz", "a.csv"):
+            track = load_points(tmp_path / name)
+            np.testing.assert_allclose(track.points, made, atol=2e-4, err_msg=f"{name} {word}")
+        plain = word.strip(" [].")
+        (tmp_path / "b.csv").write_text(csv_text(NAMES, SCALE[unit] * made, f"_x_{plain} _y_{plain} _z_{plain}"))
+        (tmp_path / "c.csv").write_text(text)
+        for name, said in (("b.csv", None), ("c.csv", word)):
+            np.testing.assert_allclose(load_points(tmp_path / name, up="z", unit=said).points, made, atol=1e-6)
+
+
+@pytest.mark.parametrize("padding", ["", ",,"])
+def test_cells_of_a_trc_stand_between_commas_too(tmp_path: Path, padding: str) -> None:
+    """padding: of short lines, as spreadsheets write them."""
+    write_trc(tmp_path / "a.trc", NAMES, points(), TIME)
+    lines = (tmp_path / "a.trc").read_text().replace("\t", ",").splitlines()
+    (tmp_path / "b.trc").write_text("\n".join(line + padding for line in lines) + "\n")
+    first, second = load_points(tmp_path / "a.trc"), load_points(tmp_path / "b.trc")
+    assert second.names == first.names
+    assert second.notes == first.notes == ()
+    np.testing.assert_array_equal(second.points, first.points)
+
+
+def test_a_csv_without_times_is_counted_at_the_given_rate(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text(NAMES, 1e3 * points(), clock=""))
+    for rate in (30.0, 59.94):
+        track = load_points(tmp_path / "a.csv", unit="mm", up="z", fps=rate)
+        np.testing.assert_allclose(track.points, points(), atol=1e-6)
+        np.testing.assert_allclose(track.time, np.arange(FRAMES) / rate)
+
+
+@pytest.mark.parametrize("count", [33, 553])
+def test_arrays_of_mediapipes_points_have_its_names(tmp_path: Path, count: int) -> None:
+    made = 1e3 * np.random.default_rng(count).uniform(0.2, 1.8, (FRAMES, count, 3))
+    made[1, 11] = np.nan
+    np.save(tmp_path / "a.npy", made)
+    track = load_points(tmp_path / "a.npy", unit="mm", up="z", fps=30.0)
+    body = FORMATS["mediapipe33"]
+    assert track.names == tuple(name for name in body if name)
+    for name in ("nose", "left_shoulder", "right_ankle", "left_big_toe"):
+        np.testing.assert_allclose(track.points[:, track.names.index(name)], 1e-3 * made[:, body.index(name)])
+    assert f"{count} points without names are read as MediaPipe's" in track.notes[0]
+    assert f"{count - len(track.names)} that are no landmarks" in track.notes[0]
+
+
+def test_names_beside_an_array_name_its_points(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", points())
+    (tmp_path / "a.names.txt").write_text("\n".join(NAMES))
+    track = load_points(tmp_path / "a.npy", unit="m", up="z", fps=RATE)
+    assert track.names == NAMES
+    np.testing.assert_array_equal(track.points, points())
+    (tmp_path / "a.names.txt").write_text("\n".join(NAMES[:3]))
+    with pytest.raises(InputError, match=r"a\.names\.txt: has 3 names, the points are 4"):
+        load_points(tmp_path / "a.npy", unit="m", up="z", fps=RATE)
 
 
 def test_files_of_the_same_instants_are_one(tmp_path: Path) -> None:
@@ -136,13 +215,17 @@ def npz(**arrays: Any) -> Callable[[Path], object]:
     return lambda path: np.savez(path, **{name: array for name, array in whole.items() if array is not None})
 
 
+def npy(array: np.ndarray) -> Callable[[Path], object]:
+    return lambda path: np.save(path, array)
+
+
 def text(content: str) -> Callable[[Path], object]:
     return lambda path: path.write_text(content)
 
 
 CSV = csv_text(NAMES, points())
 FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
-    ("a.trc", set_line(3, "mm", "inch"), "line 3, Units: unknown unit 'inch' .one of mm, cm, m"),
+    ("a.trc", set_line(3, "mm", "inch"), "line 3, Units: unknown unit 'inch' .one of mm, cm, m; or --unit gives it"),
     ("a.trc", set_line(3, "mm", "m"), "Units: its markers are spread over .* read in m .*--unit"),
     ("a.trc", set_line(3, "100", "60"), "time: its times have 100 frames per second, its header says 60 .*--fps"),
     ("a.trc", set_line(8, "0.010000", "0.000000"), "frame 1: times do not rise: 0 s is followed by 0 s .*--fps"),
@@ -162,7 +245,10 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.npz", npz(points=None), "has no arrays points and names"),
     ("a.npz", npz(points=np.where(np.isnan(points()), np.inf, points())), "frame 2, 'RASI': is infinite, or at least"),
     ("a.npz", npz(names=np.array(["*1", "U2", "unlabeled", "Unlabeled_3"])), "has no points with a name"),
-    ("a.csv", text("x\n1\n"), "line 1: has no column of time .*--fps"),
+    ("a.csv", text("x\n1\n"), "line 1: has no points"),
+    ("a.csv", text(csv_text(NAMES, points(), clock="")), "neither times nor frames per second .--fps"),
+    ("a.npy", npy(points()[:, :3]), "has 3 points without names .33 or 553 .*a.names.txt"),
+    ("a.npy", npy(points()[..., :2]), "has the shape .5, 4, 2. ..frames, points, 3. is needed"),
     ("a.csv", text("time,a\n1,2\n"), "line 1: has no points .columns NAME_x, NAME_y and NAME_z"),
     ("a.csv", text(CSV.replace("LASI_z", "LASI_w")), "the point 'LASI' has no column z"),
     ("a.csv", text(CSV.replace("RASI_x", "LASI.x")), "two columns x of the point 'LASI'"),
@@ -173,7 +259,7 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.csv", text(csv_text(NAMES, points(), clock="frame")), "neither times nor frames per second .--fps"),
     ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=RATE)[:-400]), "within its 5 frames"),
     ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=0.0)), "--fps"),
-    ("a.bvh", text("HIERARCHY"), "is no file of points .one of .trc, .c3d, .npz, .csv"),
+    ("a.bvh", text("HIERARCHY"), "is no file of points .one of .trc, .c3d, .npz, .npy, .csv"),
     ("a.trc", lambda path: None, "no such file"),
 ]  # fmt: skip
 

@@ -166,12 +166,17 @@ def _laboratory() -> dict[str, list[Files]]:
         text = (Path(folder) / "a.trc").read_bytes()
         np.savez(Path(folder) / "a.npz", points=where, names=np.array(names), fps=100.0, unit="m", up="z")
         arrays = (Path(folder) / "a.npz").read_bytes()
+        np.save(Path(folder) / "a.npy", np.random.default_rng(4).uniform(0.1, 1.6, (FRAMES, 33, 3)))
+        body = (Path(folder) / "a.npy").read_bytes()
+        np.save(Path(folder) / "b.npy", where)
+        named = {"a.npy": (Path(folder) / "b.npy").read_bytes(), "a.names.json": _json(names)}
     head = ",".join(["time", *(f"{name}_{axis}_mm" for name in names for axis in "xyz")])
     rows = [",".join([f"{t / 100.0}", *(f"{1e3 * v:.2f}" for v in row.ravel())]) for t, row in enumerate(where)]
     table = "\n".join(["# up=z", head, *rows]).replace("nan", "").encode()
+    commas = text.replace(b"\t", b",").replace(b"mm", b"Millimetres")
     return {
-        "c3d": [{"a.c3d": whole}, {"a.c3d": floats}], "trc": [{"a.trc": text}],
-        "points npz": [{"a.npz": arrays}], "points csv": [{"a.csv": table}],
+        "c3d": [{"a.c3d": whole}, {"a.c3d": floats}], "trc": [{"a.trc": text}, {"a.trc": commas}],
+        "points npz": [{"a.npz": arrays}], "points npy": [{"a.npy": body}, named], "points csv": [{"a.csv": table}],
     }  # fmt: skip
 
 
@@ -343,7 +348,7 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     return {
         "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
         "motion csv": tables, "motion npz": arrays, "angles": angles,
-        **{name: laboratory[name] for name in ("c3d", "points npz", "points csv")},
+        **{name: laboratory[name] for name in ("c3d", "points npz", "points npy", "points csv")},
     }  # fmt: skip
 
 

@@ -163,6 +163,7 @@ READERS = {
     "points trc": Reader("text", load_points, 0.02),
     "points c3d": Reader("binary", partial(load_points, up="z"), 0.02),
     "points npz": Reader("npz", load_points, 0.02),
+    "points npy": Reader("npy", partial(load_points, fps=100.0, unit="m", up="z"), 0.02),
     "points csv": Reader("text", load_points, 0.02),
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),

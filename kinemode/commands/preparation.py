@@ -342,8 +342,8 @@ def subjects(
     landmarks
         A URDF, by path or by name: print the beginning of its landmark file.
     markers
-        A file of points (.trc, .c3d, .npz, .csv): print the beginning of a set of markers with its names. Those that a
-        built-in set knows have their places, the others wait in comments for theirs.
+        A file of points (.trc, .c3d, .npz, .npy, .csv): print the beginning of a set of markers with its names. Those
+        that a built-in set knows have their places, the others wait in comments for theirs.
     set_
         The set whose places go before those of the others: a built-in one, or a file.
     out

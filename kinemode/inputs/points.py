@@ -33,10 +33,10 @@ _LISTED = 12  # names in a message
 class PointFiles:
     """Files of points, and what they do not say themselves.
 
-    paths: TRC, C3D, npz or csv; several have points of the same instants. markers: the set that their names are of, by
-    name or as a TOML file; "auto" takes the subject's own markers, or the set that knows most of the names. unit: of
-    length, see `load_points`. declared: axis that points up, rate, part, floor. static: files of a trial in which the
-    person stands upright, for the fit; unit, axis and rate are said of them, too.
+    paths: TRC, C3D, npz, npy or csv; several have points of the same instants. markers: the set that their names are
+    of, by name or as a TOML file; "auto" takes the subject's own markers, or the set that knows most of the names.
+    unit: of length, see `load_points`. declared: axis that points up, rate, part, floor. static: files of a trial in
+    which the person stands upright, for the fit; unit, axis and rate are said of them, too.
     """
 
     paths: tuple[PathLike, ...]

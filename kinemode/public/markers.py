@@ -17,7 +17,7 @@ def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLi
 
     Parameters
     ----------
-    points: a .trc, .c3d, .npz or .csv file; its unit and axes do not matter.
+    points: a .trc, .c3d, .npz, .npy or .csv file; its unit and axes do not matter.
     begin: the set whose places go before those of the others, a built-in one by name or a file.
     out: a file to write it to.
 

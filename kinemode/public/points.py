@@ -41,7 +41,7 @@ def point_files(given: Mapping[str, Any], declared: Declared) -> PointFiles:
     check_as("unit of length", unit=given["unit"])
     paths, static = (tuple(named_paths(kept(given[name]), _FILE).values()) for name in ("points", "static"))
     if not paths:
-        raise InputError("points", "there are none", remedy="a .trc, .c3d, .npz or .csv")
+        raise InputError("points", "there are none", remedy="a .trc, .c3d, .npz, .npy or .csv")
     if Path(given[MARKERS]).suffix == ".toml":
         check_exists(given[MARKERS])
     from kinemode.inputs.points import PointFiles

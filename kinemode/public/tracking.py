@@ -103,8 +103,8 @@ def track(
         show depth together. depth: given as the clips are, folders of depth pictures, one for every frame: 16-bit PNG
         in millimetres or .npy in metres.
     points: in place of clips, keypoints and cameras, points in space: markers of a laboratory, or keypoints that were
-        triangulated; TRC, C3D, npz or csv, several of the same instants. `up` is then the axis of the file that points
-        up, `fps` its rate and unit its unit of length (m, cm or mm), where it does not say them.
+        triangulated; TRC, C3D, npz, npy or csv, several of the same instants. `up` is then the axis of the file that
+        points up, `fps` its rate and unit its unit of length (m, cm or mm), where it does not say them.
     markers: what the points are: the name of a set of markers, or a TOML file of one (`kinemode subjects --markers`
         begins it); "auto" takes the subject's own markers, or the set that knows most of the names.
     static: files of points in which the same person stands upright, all joints about straight, with the same markers;

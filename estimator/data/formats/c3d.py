@@ -17,12 +17,11 @@ import numpy as np
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.c3d_content import Parameters, read_content
 from estimator.data.formats.marker_names import of_one_person
-from estimator.data.formats.opensim import MarkerFile, frame_rate, metres_in, upright_world
+from estimator.data.formats.opensim import MarkerFile, frame_rate, metres_in, unit_of, upright_world
 from humanoid.support.errors import InputError
 from humanoid.support.extras import optional
 
 _MILLIMETRES = 1e3
-_UNITS = {"meters": "m", "metres": "m", "meter": "m", "millimeters": "mm", "millimetres": "mm", "centimeters": "cm"}
 _CHANNELS = ("ANGLES", "SCALARS", "FORCES", "MOMENTS", "POWERS", "REACTIONS")  # lists of labels that are no points
 _MOST_LABELS = 255  # of one parameter; what follows goes to LABELS2, LABELS3, ...
 
@@ -87,11 +86,11 @@ def _as_points(channels: Channels) -> np.ndarray:
     return np.concatenate([values, np.zeros_like(values), np.zeros_like(values)], axis=2)
 
 
-def read_c3d(path: Path, up: str | None = None, unit: str | None = None) -> MarkerFile:
+def read_c3d(path: Path, up: str | None = None, unit: str | None = None, option: str = "") -> MarkerFile:
     """The points of a C3D file; those with a residual below 0 are missing, channels and unlabelled points are left out.
 
     up: the axis of its world that points up; unless given POINT:Y_SCREEN says it, else it is z. unit: instead of what
-    the file says.
+    the file says; option: by which a user gives it.
 
     Raises
     ------
@@ -104,10 +103,9 @@ def read_c3d(path: Path, up: str | None = None, unit: str | None = None) -> Mark
     kept = [i for i, label in enumerate(labels) if label and not label.startswith("*") and label not in channels]
     if not kept:
         raise InputError(path, "has no points with a name")
-    said = _word(point, "UNITS").lower()
-    said = _UNITS.get(said, said)
+    said = unit_of(_word(point, "UNITS"))
     unit = said if unit is None else unit
-    world = metres_in(unit, path, "POINT:UNITS") * points[:, kept]
+    world = metres_in(unit, path, "POINT:UNITS", option) * points[:, kept]
     axis, notes = _up(point, up)
     count = np.arange(content.first, content.first + len(world))
     time = count / content.rate if content.rate > 0.0 else np.full(len(world), np.nan)

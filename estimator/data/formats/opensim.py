@@ -20,6 +20,8 @@ from humanoid.support.errors import InputError, shown
 R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Metres in each unit of length that is read."""
+_UNIT_WORD = re.compile(r"(?P<part>milli|centi|)met(?:er|re)s?")
+_PARTS = {"milli": "mm", "centi": "cm", "": "m"}
 _HEADER_LINES = 5
 _MOST = 1e10  # millimetres, or seconds
 
@@ -66,11 +68,22 @@ class MarkerFile(NamedTuple):
     unnamed: int = 0
 
 
-def metres_in(unit: str, path: str | Path, place: str) -> float:
-    """Metres in a unit of length; raises InputError for one that is not read."""
+def unit_of(word: str) -> str:
+    """The key of `METRES` that a file's or a user's word for a unit means, as "Meters", " MM" or "[millimetres]"; any
+    other word in lower case."""
+    plain = word.strip(" \t\r\n\0[]()\"'.").lower()
+    spelled = _UNIT_WORD.fullmatch(plain)
+    return _PARTS[spelled["part"]] if spelled else plain
+
+
+def metres_in(unit: str, path: str | Path, place: str, option: str = "") -> float:
+    """Metres in a unit of length, a key of `METRES`; raises InputError for one that is not read. option: what else may
+    give the unit."""
     if unit not in METRES:
         problem = f"unknown unit {shown(unit)}" if unit else "has no unit of length"
-        raise InputError(path, problem, place=place, remedy=f"one of {', '.join(METRES)}")
+        raise InputError(
+            path, problem, place=place, remedy=f"one of {', '.join(METRES)}{option and f'; or {option} gives it'}"
+        )
     return METRES[unit]
 
 
@@ -79,8 +92,9 @@ def upright_world(up: str) -> np.ndarray:
     return world_with_up(axis_of(up))
 
 
-def read_trc(path: Path, up: str = "y", unit: str | None = None) -> MarkerFile:
-    """The markers of a TRC file, in whose world `up` points up; unit: instead of what the file says.
+def read_trc(path: Path, up: str = "y", unit: str | None = None, option: str = "") -> MarkerFile:
+    """The markers of a TRC file, in whose world `up` points up; unit: instead of what the file says; option: by which a
+    user gives it. Cells stand between tabs, in lines without any between commas.
 
     Raises
     ------
@@ -89,20 +103,20 @@ def read_trc(path: Path, up: str = "y", unit: str | None = None) -> MarkerFile:
     lines = read_text(path).splitlines()
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise InputError(path, "is no TRC file", place="line 1")
-    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    said = header.get("Units", "")
-    metres = metres_in(said if unit is None else unit, path, "line 3, Units")
-    names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    header = dict(zip(_header_cells(lines[1].lower()), _header_cells(lines[2]), strict=False))
+    said = unit_of(header.get("units", ""))
+    metres = metres_in(said if unit is None else unit, path, "line 3, Units", option)
+    names = tuple(cell.strip() for cell in _cells(lines[3])[2:] if cell.strip())
     if not names:
         raise InputError(path, "has no markers", place="line 4")
     rows = [
         _trc_row(line, 3 * len(names) + 2, path, number)
         for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
-        if line.strip()
+        if line.strip(" \t,")
     ]
     values = np.array(rows).reshape(-1, 3 * len(names) + 2)
     points = values[:, 2:].reshape(-1, len(names), 3) * metres
-    rate, frames = _said_number(header, "DataRate"), _said_number(header, "NumFrames")
+    rate, frames = _said_number(header, "datarate"), _said_number(header, "numframes")
     return MarkerFile(
         names, points @ upright_world(up).T, values[:, 1], said if unit is None else unit, said_unit=said, rate=rate,
         frames=-1 if np.isnan(frames) else int(frames),
@@ -194,8 +208,18 @@ def _said_number(header: Mapping[str, str], key: str) -> float:
     return value if 0.0 < value < _MOST else np.nan
 
 
+def _cells(line: str) -> list[str]:
+    """The cells of a line of a TRC file."""
+    return line.split("\t" if "\t" in line else ",")
+
+
+def _header_cells(line: str) -> list[str]:
+    """The words of a line of a TRC file's header, which some programs part by spaces."""
+    return [word for cell in _cells(line) for word in cell.split()]
+
+
 def _trc_row(line: str, count: int, path: Path, number: int) -> list[float]:
-    cells = line.split("\t")
+    cells = _cells(line)
     cells = [*cells, *[""] * (count - len(cells))]  # empty cells at the end are often cut off
     while len(cells) > count and not cells[-1].strip():
         cells.pop()

@@ -29,7 +29,7 @@ def with_clock(file: PointFile, said: Said) -> PointFile:
     if np.isnan(time).all():
         counted = fps or rate
         if counted is None:
-            raise InputError(path, "says neither times nor frames per second", remedy="--fps gives them")
+            raise InputError(path, "has neither times nor frames per second", remedy="--fps gives them")
         return file._replace(time=np.arange(len(time)) / counted, notes=file.notes + _taken(file, rate, fps))
     if not _rises(time):
         if fps is None:

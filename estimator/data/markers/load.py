@@ -11,11 +11,11 @@ from estimator.data.cameras.camera import UPS
 from estimator.data.formats.checked_json import LARGEST
 from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person
 from estimator.data.formats.markers import check_spread
-from estimator.data.formats.opensim import METRES, metres_in
+from estimator.data.formats.opensim import METRES, metres_in, unit_of
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
-from estimator.data.markers.readers import read_points
+from estimator.data.markers.readers import UNIT_OPTION, read_points
 from estimator.data.markers.track import MarkerTrack, PointFile, Said
 from humanoid.support.errors import InputError, first_of, shown
 
@@ -29,18 +29,18 @@ def load_points(
     unit: str | None = None,
     fps: float | None = None,
 ) -> MarkerTrack:
-    """Points from a TRC, C3D, npz or csv file, or from several files of the same instants.
+    """Points from a TRC, C3D, npz, npy or csv file, or from several files of the same instants.
 
     npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and `unit` and `up` if they are there; or a run's export.
-    csv: see `estimator.data.markers.table`. Names lose the name of whom they are of (`ann:LKNE`), points that nobody
-    has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero is missing, as many programs write
-    it; notes say so.
+    csv: see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. Names lose the name of whom they are
+    of (`ann:LKNE`), points that nobody has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero
+    is missing, as many programs write it; notes say so.
 
     Parameters
     ----------
-    up: the axis that points up, one of `UPS`; unless given what the file says, else the axis from the feet to the head by
-        the names of points, y of TRC, or what the motion of somebody upright shows; with a note.
-    unit: of length, m, cm or mm; unless given what the file says.
+    up: the axis that points up, one of `UPS`; unless given what the file says, else the axis from the feet to the head
+        by the names of points, y of TRC, or what the motion of somebody upright shows; with a note.
+    unit: of length, m, cm or mm, or their words; unless given what the file says.
     fps: frames per second, where the file says neither them nor times, or both and they differ.
 
     Raises
@@ -51,9 +51,9 @@ def load_points(
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not given:
-        raise InputError("points", "no file is given", remedy="a .trc, .c3d, .npz or .csv")
+        raise InputError("points", "no file is given", remedy="a .trc, .c3d, .npz, .npy or .csv")
     said = _checked(Said(up, unit, fps))
-    track = merged([_sound(with_clock(read_points(Path(path), unit), said), said) for path in given], said.up)
+    track = merged([_sound(with_clock(read_points(Path(path), said.unit), said), said) for path in given], said.up)
     seen = np.isfinite(track.points).all(axis=2).any(axis=0)
     never = [name for name, is_seen in zip(track.names, seen, strict=True) if not is_seen]
     notes = (f"never seen: {first_of(never, _LISTED)}",) if never else ()
@@ -72,7 +72,9 @@ def point_names(path: str | Path) -> tuple[str, ...]:
 
 
 def _checked(said: Said) -> Said:
-    """Options that can be."""
+    """Options that can be, the unit as a key of `METRES`."""
+    if said.unit is not None:
+        said = said._replace(unit=unit_of(said.unit))
     if said.up is not None and said.up not in UPS:
         raise InputError("up", f"{shown(said.up)} is no axis", remedy=f"one of {', '.join(UPS)}")
     if said.unit is not None and said.unit not in METRES:
@@ -87,9 +89,9 @@ def _sound(file: PointFile, said: Said) -> PointFile:
     path, notes = file.path, list(file.notes)
     unit = said.unit or file.unit
     if not unit:
-        raise InputError(path, "does not say its unit of length", remedy="--unit m, cm or mm says it")
+        raise InputError(path, "does not say its unit of length", remedy=f"{UNIT_OPTION} m, cm or mm gives it")
     if file.unit and unit != file.unit:
-        notes.append(f"{path.name} says {file.unit}: --unit {unit} is taken")
+        notes.append(f"{path.name} says {file.unit}: {UNIT_OPTION} {unit} is taken")
     kept = [i for i, name in enumerate(file.names) if not is_unnamed(name)]
     if len(kept) < len(file.names):
         left = [name for name in file.names if is_unnamed(name)]
@@ -103,11 +105,11 @@ def _sound(file: PointFile, said: Said) -> PointFile:
     if zero.any():
         notes.append(f"{path.name}: {zero.sum()} points at exactly zero are taken for missing")
     missing = zero | np.isnan(points).any(axis=2)
-    points = np.where(missing[..., None], np.nan, metres_in(unit, path, "unit") * points)
+    points = np.where(missing[..., None], np.nan, metres_in(unit, path, "unit", UNIT_OPTION) * points)
     _check_numbers(file, names, points)
     if missing.all():
         raise InputError(path, "has no point that is seen: all are missing")
-    check_spread(points, unit, path, "--unit")
+    check_spread(points, unit, path, UNIT_OPTION)
     return file._replace(names=names, points=points, unit=unit, notes=tuple(notes))
 
 

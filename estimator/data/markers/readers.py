@@ -10,18 +10,21 @@ import numpy as np
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.npz import read_npz
-from estimator.data.formats.opensim import METRES, read_trc
+from estimator.data.formats.opensim import METRES, read_trc, unit_of
 from estimator.data.formats.point_arrays import name_list, number_array
+from estimator.data.markers.array import read_point_array
 from estimator.data.markers.table import read_point_table
 from estimator.data.markers.track import PointFile
 from humanoid.support.errors import InputError, shown
 
+UNIT_OPTION = "--unit"
+"""By which a user gives the unit of length of a file."""
 _EXPORT = ("landmarks", "landmark_names")  # of a run: metres, z up
 _KEYS = (("points", "names"), _EXPORT)
 
 
 def read_points(path: Path, unit: str | None) -> PointFile:
-    """The points of a TRC, C3D, npz or csv file; unit: what the user says of it, for files that say nothing.
+    """The points of a TRC, C3D, npz, npy or csv file; unit: what the user says of it, for files that say nothing.
 
     Raises
     ------
@@ -36,7 +39,7 @@ def read_points(path: Path, unit: str | None) -> PointFile:
 
 
 def _trc(path: Path, unit: str | None) -> PointFile:
-    file = read_trc(path, "z", unit)
+    file = read_trc(path, "z", unit, UNIT_OPTION)
     notes: tuple[str, ...] = ()
     if file.frames >= 0 and file.frames != len(file.points):
         notes = (f"{path.name} has {len(file.points)} frames, its header says {file.frames}: is it cut short?",)
@@ -45,7 +48,7 @@ def _trc(path: Path, unit: str | None) -> PointFile:
 
 
 def _c3d(path: Path, unit: str | None) -> PointFile:
-    file = read_c3d(path, "z", unit)
+    file = read_c3d(path, "z", unit, UNIT_OPTION)
     notes = (f"{path.name}: {_counted(file.unnamed)} without a name left out",) if file.unnamed > 0 else ()
     points = file.points / METRES[file.unit]
     return PointFile(
@@ -75,7 +78,7 @@ def _npz(path: Path, unit: str | None) -> PointFile:
     if rate.size != 1:
         raise InputError(path, "one number is needed", place="fps")
     time = number_array(arrays["time"], path, "time") if "time" in arrays else np.full(len(points), np.nan)
-    said = _word(arrays, "unit", path) or ("m" if own else "")
+    said = unit_of(_word(arrays, "unit", path)) or ("m" if own else "")
     return PointFile(path, names, points, time, said, up, float(rate.reshape(())))
 
 
@@ -94,4 +97,10 @@ def _csv(path: Path, unit: str | None) -> PointFile:
     return read_point_table(path)
 
 
-_READERS: dict[str, Callable[[Path, str | None], PointFile]] = {".trc": _trc, ".c3d": _c3d, ".npz": _npz, ".csv": _csv}
+def _npy(path: Path, unit: str | None) -> PointFile:
+    return read_point_array(path)
+
+
+_READERS: dict[str, Callable[[Path, str | None], PointFile]] = {
+    ".trc": _trc, ".c3d": _c3d, ".npz": _npz, ".npy": _npy, ".csv": _csv,
+}  # fmt: skip
