@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 from benchmarks.robustness.c3d_files import c3d_file
+from estimator.data.formats.marker_names import output_kind
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
-from estimator.data.markers.load import load_points
+from estimator.data.formats.reference import load_reference
+from estimator.data.markers.load import load_points, point_names
 from estimator.data.markers.track import MarkerTrack
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
@@ -299,3 +302,64 @@ def test_what_options_say_mends_a_file(tmp_path: Path) -> None:
     ):
         np.testing.assert_allclose(track.points, points(), atol=1e-6)
         np.testing.assert_allclose(track.time, TIME, atol=1e-6)
+
+
+OUTPUTS = {
+    "angles": ("LKneeAngles", "RHipAngles", "LPelvisAngles", "RFootProgressAngles", "LAbsAnkleAngle", "R_Elbow_Angles"),
+    "forces": ("LKneeForce", "RGroundReactionForce", "LNormalisedGRF", "RNormalizedGRF", "RWaistForce"),
+    "moments": ("LKneeMoment", "RGroundReactionMoment", "left_hip_moment", "LANKLEMOMENT"),
+    "powers": ("LKneePower", "RShoulderPower", "RAnklePowers"),
+    "centres of mass": ("CentreOfMass", "CenterOfMass", "CentreOfMassFloor"),
+}
+OF_MARKERS = (  # bony landmarks and objects that markers are called after
+    "RInferiorAngle", "LAcromialAngle", "ScapulaInfAngle", "LJawAngle", "SternalAngle", "AngulusInferior",
+    "ForcePlate1", "LForceShoe", "PowerDrill", "LHeelForce", "KneeAnglesMarker", "CentreOfMassPlate", "LKnee", "LKNE",
+    "Moment1",
+)  # fmt: skip
+
+
+def test_outputs_of_a_gait_model_are_told_from_markers_by_their_names() -> None:
+    for kind, names in OUTPUTS.items():
+        assert [output_kind(name) for name in (*names, *(f"ann:{name}" for name in names))] == 2 * len(names) * [kind]
+    assert [output_kind(name) for name in OF_MARKERS] == [None] * len(OF_MARKERS)
+
+
+def write_with_outputs(path: Path, outputs: tuple[str, ...], subject: str = "") -> None:
+    """The markers with outputs of a model among them, as far from any body as moments in N mm are."""
+    far = 3e4 * np.random.default_rng(len(outputs)).normal(size=(FRAMES, len(outputs), 3))
+    names = tuple(subject + name for name in (*NAMES[:2], *outputs, *NAMES[2:]))
+    all_points = np.concatenate([points()[:, :2], far / 1e3, points()[:, 2:]], axis=1)
+    if path.suffix == ".trc":
+        write_trc(path, names, all_points, TIME)
+    elif path.suffix == ".csv":
+        path.write_text("# unit=mm\n# up=z\n" + csv_text(names, 1e3 * all_points))
+    else:
+        path.write_bytes(c3d_file(names, 1e3 * all_points, up="+Z", rate=RATE, first=1, whole=False))
+
+
+@pytest.mark.parametrize("kind", ["c3d", "trc", "csv"])
+def test_outputs_of_a_gait_model_are_left_out_with_a_note(tmp_path: Path, kind: str) -> None:
+    for outputs, subject, counts in (
+        (("LKneeAngles", "LKneeMoment", "RKneeMoment", "CentreOfMass"), "", "4 .*angles 1, moments 2, centres"),
+        (("RHipAngles", "LHipAngles", "RHipPower", "LNormalisedGRF"), "ann:", "4 .*angles 2, forces 1, powers 1"),
+    ):  # fmt: skip
+        path = tmp_path / f"a.{kind}"
+        write_with_outputs(path, outputs, subject if kind != "csv" else "")
+        track = load_points(path)
+        assert track.names == NAMES == point_names(path)
+        np.testing.assert_allclose(track.points, points(), atol=1e-5)
+        assert len(track.notes) == 1
+        assert re.search(counts, track.notes[0]), track.notes
+
+
+def test_a_file_of_outputs_alone_has_no_points(tmp_path: Path) -> None:
+    write_trc(tmp_path / "a.trc", ("LKneeAngles", "RKneeAngles"), points()[:, :2], TIME)
+    with pytest.raises(InputError, match=r"has no points .2 outputs of a gait model .angles 2. are left out"):
+        load_points(tmp_path / "a.trc")
+
+
+def test_a_reference_of_markers_leaves_outputs_of_a_model_out(tmp_path: Path) -> None:
+    write_with_outputs(tmp_path / "a.trc", ("LKneeAngles", "LKneeForce"))
+    reference = load_reference(tmp_path / "a.trc")
+    assert reference.names == NAMES
+    assert "angles 1, forces 1" in reference.notes[-1]

@@ -11,6 +11,7 @@ import numpy as np
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.angle_files import AngleFile, read_angle_csv, read_opensim_angles
 from estimator.data.formats.c3d import read_c3d
+from estimator.data.formats.marker_names import output_kind, outputs_note
 from estimator.data.formats.markers import check_spread, named_points
 from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_trc
@@ -70,6 +71,9 @@ def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
 
 
 def _markers(path: Path, file: MarkerFile) -> ReferenceFile:
+    kept = [i for i, name in enumerate(file.names) if output_kind(name) is None]
+    outputs = outputs_note(file.names)
+    file = file._replace(names=tuple(file.names[i] for i in kept), points=file.points[:, kept])
     if file.points.size == 0:
         raise InputError(path, "has no points")
     time = rising_times(path, file.time, len(file.points))
@@ -77,7 +81,8 @@ def _markers(path: Path, file: MarkerFile) -> ReferenceFile:
     points = checked_points(path, file.points)
     check_spread(points, file.unit, path)
     named = named_points(file.names, points)
-    return ReferenceFile(named.names, named.points, time, None, True, named.sources, file.notes)
+    notes = (*file.notes, f"{path.name}: {outputs}") if outputs else file.notes
+    return ReferenceFile(named.names, named.points, time, None, True, named.sources, notes)
 
 
 def _angles(path: Path, file: AngleFile) -> ReferenceFile:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.checked_json import LARGEST
-from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person
+from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person, output_kind, outputs_note
 from estimator.data.formats.markers import check_spread
 from estimator.data.formats.opensim import METRES, metres_in, unit_of
 from estimator.data.formats.point_arrays import checked_rate
@@ -34,7 +34,7 @@ def load_points(
     npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and `unit` and `up` if they are there; or a run's export.
     csv: see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. Names lose the name of whom they are
     of (`ann:LKNE`), points that nobody has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero
-    is missing, as many programs write it; notes say so.
+    is missing, as many programs write it; outputs of a gait model (`LKneeAngles`) are left out; notes say so.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def load_points(
 def point_names(path: str | Path) -> tuple[str, ...]:
     """The names of a file's points, as `load_points` has them, whatever its unit and axes are; raises InputError as
     that does."""
-    names = [name for name in read_points(Path(path), "m").names if not is_unnamed(name)]
+    names = [name for name in read_points(Path(path), "m").names if _is_marker(name)]
     if not names:
         raise InputError(path, "has no points with a name")
     own = of_one_person(path, names)
@@ -92,12 +92,15 @@ def _sound(file: PointFile, said: Said) -> PointFile:
         raise InputError(path, "does not say its unit of length", remedy=f"{UNIT_OPTION} m, cm or mm gives it")
     if file.unit and unit != file.unit:
         notes.append(f"{path.name} says {file.unit}: {UNIT_OPTION} {unit} is taken")
-    kept = [i for i, name in enumerate(file.names) if not is_unnamed(name)]
-    if len(kept) < len(file.names):
-        left = [name for name in file.names if is_unnamed(name)]
-        notes.append(f"{path.name}: points without a name left out: {first_of(left, _LISTED)}")
+    kept = [i for i, name in enumerate(file.names) if _is_marker(name)]
+    unnamed = [name for name in file.names if is_unnamed(name)]
+    if unnamed:
+        notes.append(f"{path.name}: points without a name left out: {first_of(unnamed, _LISTED)}")
+    if outputs := outputs_note(file.names):
+        notes.append(f"{path.name}: {outputs}")
     if not kept or not len(file.points):
-        raise InputError(path, "has no points" if not len(file.points) else "has no points with a name")
+        problem = "has no points" if not len(file.points) or outputs else "has no points with a name"
+        raise InputError(path, problem, remedy=outputs)
     names = of_one_person(path, [file.names[i] for i in kept])
     check_names(path, names)
     points = file.points[:, kept]
@@ -111,6 +114,10 @@ def _sound(file: PointFile, said: Said) -> PointFile:
         raise InputError(path, "has no point that is seen: all are missing")
     check_spread(points, unit, path, UNIT_OPTION)
     return file._replace(names=names, points=points, unit=unit, notes=tuple(notes))
+
+
+def _is_marker(label: str) -> bool:
+    return not is_unnamed(label) and output_kind(label) is None
 
 
 def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) -> None:
