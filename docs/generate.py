@@ -26,6 +26,7 @@ KEYPOINTS = {
     "SLEAP analysis h5": "keypoints_sleap",
     "COCO data sets": "keypoints_coco",
     "rtmlib": "keypoints_rtmlib",
+    "Ultralytics YOLO pose": "keypoints_ultralytics",
     "npy and npz": "keypoints_npy",
     "Names of keypoints": "keypoints_names",
 }

@@ -20,6 +20,7 @@ from estimator.data.media.clip import Clip, ClipReport
 from estimator.data.media.film import write_film
 from estimator.data.timing import CameraClock, at_places, clip_clock, keypoint_clock, timeline
 from estimator.vision.resolution import resized_camera, same_aspect
+from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module
 from kinemode.inputs.declared import Declared
@@ -139,6 +140,31 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
     for wrong in ("80", "80x", (80,), "0x4", "d=80x60", (float("inf"), 60), 7, ["a=80x60", "a=60x80"]):
         with pytest.raises(InputError, match="--keypoint-size"):
             load(tmp_path, SEEN, keypoint_size=wrong)
+
+
+def yolo(track: KeypointTrack, size: tuple[float, float]) -> list[Any]:
+    """COCO's points of a track in every frame, as Ultralytics writes them in fractions of a picture."""
+    kept = [track.names.index(name) for name in COCO17]
+    fractions = track.pixels[:, kept] / size
+    return [[{"keypoints": {"x": f[:, 0].tolist(), "y": f[:, 1].tolist(), "visible": [0.9] * 17}}] for f in fractions]
+
+
+def test_fractions_of_a_picture_become_pixels_of_the_camera_or_of_the_given_size(tmp_path: Path) -> None:
+    for name, size in (("pixels", (1.0, 1.0)), ("fractions", (160.0, 120.0))):
+        (tmp_path / f"{name}.json").write_text(json.dumps(yolo(SEEN["a"], size)))
+
+    def read(name: str, with_cameras: bool, size: str | None = None) -> Inputs:
+        declared = Declared(fps=RATE, keypoint_size=size)
+        keypoints = {"a": tmp_path / f"{name}.json"}
+        return load_inputs(
+            BODY, InputFiles(None, keypoints, {"a": CAMERAS["a"]} if with_cameras else None, declared=declared)
+        )
+
+    expected = stacked(read("pixels", True))
+    np.testing.assert_allclose(stacked(read("fractions", True)), expected, atol=1e-9)
+    np.testing.assert_allclose(stacked(read("fractions", False, "160x120")), expected, atol=1e-9)
+    with pytest.raises(InputError, match="keypoint-size"):
+        read("fractions", False)
 
 
 def test_the_noise_of_keypoints_is_given_in_pixels_by_camera(tmp_path: Path) -> None:

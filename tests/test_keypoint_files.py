@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
+from estimator.data.formats.people_choice import ids_of
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 
@@ -250,3 +251,131 @@ def test_members_that_were_meant_for_known_ones_are_not_left_out(tmp_path: Path)
     (tmp_path / "a.names.json").write_text('{"nose": "noze"}')
     notes = load_keypoints(tmp_path / "a.csv").notes
     assert any("nose is called 'noze', which is no landmark of people: nose?" in note for note in notes)
+
+
+def yolo(p: np.ndarray, id: int | None = None, scale: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:
+    """A person's points (17, 3) in a frame as `Results.summary()` has them; what is missing lies at (0, 0), though with
+    a confidence."""
+    there = p[:, 2] > 0.0
+    x, y = (np.where(there, p[:, axis] / scale[axis], 0.0) for axis in (0, 1))
+    keypoints = {"x": x.tolist(), "y": y.tolist(), "visible": np.where(there, p[:, 2], 0.3).tolist()}
+    box = {"x1": 1.0, "y1": 2.0, "x2": 30.0, "y2": 40.0}
+    person = {"name": "person", "class": 0, "confidence": 0.9, "box": box, "keypoints": keypoints}
+    return person if id is None else {**person, "track_id": id}
+
+
+def yolo_frames(people: dict[int | None, np.ndarray], scale: tuple[float, float] = (1.0, 1.0)) -> list[list[Any]]:
+    """Everybody's points by frame; a frame without points has nobody."""
+    return [[yolo(p[t], id, scale) for id, p in people.items() if np.any(p[t, :, 2] > 0.0)] for t in range(FRAMES)]
+
+
+def test_ultralytics_json(tmp_path: Path) -> None:
+    path, frames = tmp_path / "a.json", yolo_frames({None: points()})
+    for content in (frames, [json.dumps(frame) for frame in frames]):
+        path.write_text(json.dumps(content))
+        track = load_keypoints(path)
+        same(track, points())
+        assert (track.layout, track.frame_count) == ("coco17", FRAMES)
+        assert any("at exactly (0, 0) are missing (1 times)" in note for note in track.notes)
+    path.write_text(json.dumps(["[]", *[json.dumps(frame) for frame in frames]]))  # nobody in the first frame
+    np.testing.assert_allclose(load_keypoints(path).pixels[1:], points()[..., :2])
+    path.write_text(json.dumps(yolo_frames({4: points(), 9: points(1)})))
+    for who, id in enumerate((4, 9)):
+        same(load_keypoints(path, person=id), points(who))
+    path.write_text(json.dumps(frames[0]))
+    track = load_keypoints(path)
+    np.testing.assert_allclose(track.pixels, points()[:1, :, :2])
+    assert any("is of one picture" in note for note in track.notes)
+    (tmp_path / "frames").mkdir()
+    for t, frame in enumerate(frames):
+        (tmp_path / "frames" / f"walk_{t:04d}.json").write_text(json.dumps(frame))
+    same(load_keypoints(tmp_path / "frames"), points())
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (608, 1080)])
+def test_fractions_of_the_picture_need_its_size(tmp_path: Path, size: tuple[int, int]) -> None:
+    path, (width, height) = tmp_path / "a.json", size
+    path.write_text(json.dumps(yolo_frames({None: points()}, (float(width), float(height)))))
+    same(load_keypoints(path, image_size=size), points())
+    assert load_keypoints(path, image_size=size).image_size == size
+    with pytest.raises(InputError, match=r"fractions of a picture whose size is not known .*--keypoint-size"):
+        load_keypoints(path)
+    same(load_people(path).in_pixels(size).one(), points())
+
+
+def write_labels(
+    folder: Path,
+    people: dict[int, np.ndarray],
+    size: tuple[int, int],
+    ends: str = "",
+    stem: str = "walk_{}",
+    first: int = 1,
+) -> Path:
+    """Labels as `save_txt` writes them; ends: of a line, with the person's {id}."""
+    folder.mkdir()
+    for t, frame in enumerate(yolo_frames(dict(people), (float(size[0]), float(size[1])))):
+        lines = []
+        for person, id in zip(frame, people, strict=False):
+            columns = [person["keypoints"][key] for key in ("x", "y", "visible")]
+            values = " ".join(f"{v:.9g}" for v in np.array(columns).T.ravel())
+            lines.append(f"0 0.5 0.5 0.2 0.7 {values} {ends.format(id=id)}".rstrip())
+        if lines:
+            (folder / f"{stem.format(t + first)}.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize("ends", ["", "0.87", "{id}", "0.87 {id}"])
+def test_ultralytics_labels(tmp_path: Path, ends: str) -> None:
+    """Whatever stands behind the keypoints: nothing, a confidence, a number, or both."""
+    size = (1280, 720)
+    folder = write_labels(tmp_path / "labels", {4: points(), 9: points(1)}, size, ends)
+    people = load_people(folder).in_pixels(size)
+    if "{id}" in ends:
+        same(people.one(4), points())
+        same(people.one(9), points(1))
+    else:
+        assert ids_of(people.frames) == set()
+    assert [len(people.frames.get(t, ())) for t in range(FRAMES)] == [2, 2, 0, 2, 2]
+    assert any(
+        "whose first frame Ultralytics numbers 1" in note
+        for note in people.one(0 if not ids_of(people.frames) else 4).notes
+    )
+
+
+def test_labels_without_confidences_and_of_pictures(tmp_path: Path) -> None:
+    p = points()
+    folder = write_labels(tmp_path / "pictures", {1: p}, (640, 360), stem="img{:05d}", first=0)
+    same(load_keypoints(folder, image_size=(640, 360)), p)
+    for file in folder.iterdir():
+        words = file.read_text().split()
+        kept = words[:5] + [w for k, w in enumerate(words[5:]) if k % 3 < 2]
+        file.write_text(" ".join(kept) + "\n")
+    (folder / "img00002.txt").write_text("")  # as people who label by hand leave a picture without anybody
+    same(load_keypoints(folder, image_size=(640, 360)), p, sure=True)
+
+
+def test_faults_of_ultralytics_files(tmp_path: Path) -> None:
+    person = yolo(points()[0])
+    short = {**person, "keypoints": {**person["keypoints"], "y": [1.0] * 5}}
+    for content, said in (
+        ([[person], [short]], r"frame 1, person 0.keypoints: has 17 x, 5 y and 17 confidences"),
+        ([[person], [{"name": "person"}]], r"frame 1, person 0.keypoints: is missing"),
+        ([[person], 3], "frame 1: a list .* is needed, found a number"),
+        ([[yolo(points()[0, :5])]], "15 numbers fit no layout"),
+        ([[], []], "has no person in any frame"),
+    ):
+        (tmp_path / "a.json").write_text(json.dumps(content))
+        with pytest.raises(InputError, match=said):
+            load_keypoints(tmp_path / "a.json")
+    folder = write_labels(tmp_path / "labels", {1: points()}, (640, 360))
+    for text, said in (
+        ("0 0.5 0.5 0.1 0.1\n", "line 1: has 5 numbers, which are not a class, a box and 17 keypoints .39 or 56"),
+        ("0 a b\n", "line 1: has words among its numbers"),
+    ):
+        (folder / "walk_1.txt").write_text(text)
+        with pytest.raises(InputError, match=said):
+            load_keypoints(folder)
+    (folder / "walk_1.txt").unlink()
+    (folder / "other_2.txt").write_text("0 0.5 0.5 0.1 0.1\n")
+    with pytest.raises(InputError, match="are both frame 2"):
+        load_keypoints(folder)

@@ -249,6 +249,7 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.npz", npz(points=np.where(np.isnan(points()), np.inf, points())), "frame 2, 'RASI': is infinite, or at least"),
     ("a.npz", npz(names=np.array(["*1", "U2", "unlabeled", "Unlabeled_3"])), "has no points with a name"),
     ("a.csv", text("x\n1\n"), "line 1: has no points"),
+    ("a.csv", text("# unit=m\n# up=z\n"), "has no columns"),
     ("a.csv", text(csv_text(NAMES, points(), clock="")), "neither times nor frames per second .--fps"),
     ("a.npy", npy(points()[:, :3]), "has 3 points without names .33 or 553 .*a.names.txt"),
     ("a.npy", npy(points()[..., :2]), "has the shape .5, 4, 2. ..frames, points, 3. is needed"),

@@ -104,7 +104,7 @@ def _keypoints() -> dict[str, list[Files]]:
 
 
 def _other_programs() -> dict[str, list[Files]]:
-    """Keypoints as DeepLabCut, annotation tools, rtmlib and NumPy write them."""
+    """Keypoints as DeepLabCut, annotation tools, rtmlib, Ultralytics and NumPy write them."""
     p = np.array([points("coco17", t) for t in range(FRAMES)])
     ids = [{"id": t + 5, "file_name": f"{t:06d}.png", "width": SIZE[0], "height": SIZE[1]} for t in range(FRAMES)]
     shown = [{"image_id": t + 5, "category_id": 1, "keypoints": p[t].ravel().tolist()} for t in range(FRAMES)]
@@ -123,8 +123,28 @@ def _other_programs() -> dict[str, list[Files]]:
         "keypoint h5": [{"walk.h5": content, "walk.names.json": renamed} for content in _hdf5(p)],
         "coco": [{"coco.json": _json({"images": ids, "annotations": shown, "categories": [category]})}],
         "rtmlib": [{"people.json": _json(content)} for content in (frames, whole)],
+        **_ultralytics(p),
         "keypoint arrays": [{"points.npz": npz(arrays)}, {"points.npz": npz({"keypoints": p[:, None]})}],
         "keypoint array": [{"points.npy": alone.getvalue(), "points.names.json": _json(FORMATS["coco17"])}],
+    }
+
+
+def _ultralytics(p: np.ndarray) -> dict[str, list[Files]]:
+    """The same points (T, 17, 3) of one tracked person as JSON and as labels."""
+    head = {"name": "person", "class": 0, "confidence": 0.9, "box": {"x1": 1.0, "y1": 1.0, "x2": 9.0, "y2": 9.0}}
+    frames = [
+        [{**head, "track_id": 3, "keypoints": dict(zip(("x", "y", "visible"), xyc.T.tolist(), strict=True))}]
+        for xyc in p
+    ]
+    fractions = p / [*SIZE, 1.0]
+    labels: Files = {
+        f"walk_{t + 1}.txt": f"0 0.5 0.5 0.2 0.7 {' '.join(f'{v:.6g}' for v in xyc.ravel())} 0.9 3\n".encode()
+        for t, xyc in enumerate(fractions)
+    }
+    contents = [frames, [json.dumps(frame) for frame in frames], frames[0]]
+    return {
+        "ultralytics": [{"yolo.json": _json(content)} for content in contents],
+        "ultralytics labels": [labels],
     }
 
 

@@ -134,6 +134,10 @@ def _plate(path: Path) -> object:
         return reader.notes
 
 
+def _labels(path: Path) -> object:
+    return load_keypoints(path.parent, image_size=SIZE)
+
+
 @cache
 def _clicked() -> KeypointTrack:
     return no_clicks([mark.name for mark in load_subject("human34").landmarks], FRAMES, SIZE, 30.0)
@@ -146,6 +150,8 @@ READERS = {
     "keypoint h5": Reader("json", load_keypoints, 0.03),
     "coco": Reader("json", load_keypoints, 0.03),
     "rtmlib": Reader("json", load_keypoints, 0.02),
+    "ultralytics": Reader("json", partial(load_keypoints, image_size=SIZE), 0.03),
+    "ultralytics labels": Reader("text", _labels, 0.02, folder=True),
     "keypoint arrays": Reader("npz", load_keypoints, 0.02),
     "keypoint array": Reader("npy", load_keypoints, 0.02),
     "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.05),

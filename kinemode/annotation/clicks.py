@@ -58,7 +58,7 @@ def corrected_from(clicks: KeypointTrack, path: str | Path) -> KeypointTrack:
 
     Raises InputError where the keypoint file cannot be read, has another image size or too few of the landmarks.
     """
-    detected = load_keypoints(path)
+    detected = load_keypoints(path, image_size=clicks.image_size)
     _same_size(detected.image_size, clicks, path)
     here, there = map(np.array, common_landmarks([str(name) for name in clicks.names], detected))
     count = min(clicks.frame_count, detected.frame_count)

@@ -250,6 +250,8 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
         _, used, of_lenses, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
+    declared = told.sizes(people)
+    people = {name: file.in_pixels(declared.get(name) or used[name].image_size) for name, file in people.items()}
     detectors = _as_detected(outlines, used, told)
     rig = rig_by_person(body, people, persons, detectors, clocks, told) if known.by_person else None
     if rig is not None:

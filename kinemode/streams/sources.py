@@ -39,7 +39,7 @@ class PlayedBack:
     """
 
     def __init__(self, path: PathLike, name: str, picture: Size, rate: float) -> None:
-        track = load_keypoints(path)
+        track = load_keypoints(path, image_size=picture)
         fitted, notes = fitted_track(name, track, track.image_size, picture)
         self.names, self.notes = fitted.names, (*track.notes, *notes)
         self._rate = track.fps or rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,18 @@ class PeopleFile:
         """The people of each frame."""
         return self.reading.frames
 
+    def in_pixels(self, image_size: tuple[int, int]) -> PeopleFile:
+        """The same people where the file has fractions of a picture, whose width and height [px] it lacks; unchanged
+        where it has pixels."""
+        if not self.reading.fractions:
+            return self
+        scale = np.array([*image_size, 1.0])
+        frames = {
+            index: [replace(person, points=scale * person.points) for person in people]
+            for index, people in self.frames.items()
+        }
+        return PeopleFile(replace(self.reading, frames=frames, fractions=False, image_size=image_size))
+
     def one(self, person: str | int = AUTO, *, first: int = 0) -> KeypointTrack:
         """The keypoints of one person, chosen by this file alone; see `load_keypoints`."""
         chosen, note = select(self.frames, person, self.source)
@@ -80,8 +92,12 @@ class PeopleFile:
         return self.track_of(chosen, (note, jump_note(chosen)), first=first)
 
     def track_of(self, chosen: Mapping[int, Person], notes: Sequence[str] = (), *, first: int = 0) -> KeypointTrack:
-        """The keypoints of these detections, one in each frame they are of; with no person chosen all are missing."""
+        """The keypoints of these detections, one in each frame they are of; with no person chosen all are missing.
+        Raises InputError for fractions of a picture of unknown size."""
         reading = self.reading
+        if reading.fractions and chosen:
+            remedy = "give the clip, or --keypoint-size WxH (image_size=)"
+            raise InputError(reading.source, "has fractions of a picture whose size is not known", remedy=remedy)
         pixels, confidence = _as_arrays(reading, chosen, first)
         all_notes = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
         return KeypointTrack(
@@ -95,27 +111,35 @@ def load_people(path: str | Path, *, layout: str = "auto") -> PeopleFile:
     reading = read_layout(Path(path), layout)
     if not any(p.size > 0.0 for people in reading.frames.values() for p in people):
         raise InputError(path, "has no person in any frame")
-    _refuse_normalised(reading.frames, Path(path))
+    if not reading.fractions:
+        _refuse_normalised(reading.frames, Path(path))
     return PeopleFile(reading)
 
 
 def load_keypoints(
-    path: str | Path, *, layout: str = "auto", person: str | int = AUTO, first: int = 0
+    path: str | Path,
+    *,
+    layout: str = "auto",
+    person: str | int = AUTO,
+    first: int = 0,
+    image_size: tuple[int, int] | None = None,
 ) -> KeypointTrack:
     """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose, rtmlib, COCO data sets,
-    DeepLabCut's csv and h5, SLEAP's analysis h5, npy and npz.
+    Ultralytics' JSON and labels, DeepLabCut's csv and h5, SLEAP's analysis h5, npy and npz.
 
     Parameters
     ----------
     layout: "auto" tells the format from the count of numbers; else a key of `humanoid.subject.landmarks.FORMATS`.
     person: which of several people, see `people_choice.select`.
     first: number that the clip's first frame has in the file.
+    image_size: width and height [px] of the pictures, for a file that has fractions of them; not used by others.
 
     Raises
     ------
     InputError: with file, frame and person.
     """
-    return load_people(path, layout=layout).one(person, first=first)
+    people = load_people(path, layout=layout)
+    return (people if image_size is None else people.in_pixels(image_size)).one(person, first=first)
 
 
 def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str, ...] | None = None) -> None:

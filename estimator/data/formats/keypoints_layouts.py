@@ -16,12 +16,14 @@ from estimator.data.formats.keypoints_own import OWN
 from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.formats.keypoints_rtmlib import RTMLIB
 from estimator.data.formats.keypoints_sleap import SLEAP, refuse_hdf5
+from estimator.data.formats.keypoints_ultralytics import ULTRALYTICS
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
 
 KEYPOINT_FORMATS: Registry[KeypointFormat] = Registry(
-    "keypoint format", (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, DEEPLABCUT, DEEPLABCUT_H5, SLEAP, ARRAYS)
+    "keypoint format",
+    (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, ULTRALYTICS, DEEPLABCUT, DEEPLABCUT_H5, SLEAP, ARRAYS),
 )
 """Formats that are read, by name; those registered last are asked first."""
 register = KEYPOINT_FORMATS.register

@@ -20,7 +20,11 @@ _FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
 
 @dataclass
 class Reading:
-    """What a file says: people by frame number, and what else it knows."""
+    """What a file says: people by frame number, and what else it knows.
+
+    fractions: whether the coordinates are fractions of the picture's width and height, which a file without the
+    picture's size has; else they are pixels.
+    """
 
     source: Path
     layout: str
@@ -30,6 +34,7 @@ class Reading:
     image_size: tuple[int, int] | None = None
     fps: float | None = None
     notes: Notes = field(default_factory=Notes)
+    fractions: bool = False
 
     def person(self, flat: Any, id: Any, source: str | Path, place: str) -> Person | None:
         """One person from a flat list of x, y, confidence; None from an empty list."""

@@ -41,6 +41,8 @@ class NumberTable(NamedTuple):
         """Raise InputError for names that are missing or there twice, rows that are longer or shorter, and words among
         the numbers of a column; one of words alone, as a frame's status, may be."""
         path, names, rows = self.path, self.names, self.rows
+        if not names:
+            raise InputError(path, "has no columns", remedy="its first line names them")
         twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
         if twice is not None or not all(names):
             problem = f"the column {shown(twice)} is there twice" if twice else "a column has no name"

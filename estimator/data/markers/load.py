@@ -108,7 +108,7 @@ def _sound(file: PointFile, said: Said) -> PointFile:
     if zero.any():
         notes.append(f"{path.name}: {zero.sum()} points at exactly zero are taken for missing")
     missing = zero | np.isnan(points).any(axis=2)
-    points = np.where(missing[..., None], np.nan, metres_in(unit, path, "unit", UNIT_OPTION) * points)
+    points = metres_in(unit, path, "unit", UNIT_OPTION) * np.where(missing[..., None], np.nan, points)
     _check_numbers(file, names, points)
     if missing.all():
         raise InputError(path, "has no point that is seen: all are missing")
