@@ -104,7 +104,7 @@ def _header(subject: Subject, source: str, made: RetargetedMotion, wanted: Motio
         },
         seed=wanted.seed,
         version=__version__,
-        notes=made.notes,
+        notes=(*subject.notes, *made.notes),
         points=(source,),
         floor=0.0 if made.targets.feet else None,
     )

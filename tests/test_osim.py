@@ -77,7 +77,7 @@ def body_named(name: str, tmp_path: Path) -> Body:
         return Body(subject_from_text(text, source=name))
     if name == "joints of all kinds":
         return all_kinds(tmp_path)
-    return body_of(name) if not name.startswith("example") else Body(load_subject(name, meshes="ignore"))
+    return body_of(name) if not name.startswith("example") else Body(load_subject(name))
 
 
 def poses(body: Body) -> np.ndarray:

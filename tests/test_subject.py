@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import pinocchio as pin
 import pytest
 import yourdfpy
 
+import kinemode as km
 from humanoid import Body, InputError, Subject, load_subject
 from humanoid.kinematics.body import points_in_world
+from humanoid.shape.solids import solids_of
 from humanoid.shape.surface import surface_of
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import Marker, Zero, subject_from_text, subject_names
@@ -303,13 +306,47 @@ def test_meshes_are_kept_by_absolute_path(tmp_path: Path) -> None:
     text = CHAIN.replace('<link name="a"/>', f'<link name="a">{"".join(shapes)}</link>')
     (tmp_path / "pkg" / "urdf" / "chain.urdf").write_text(text)
     with pytest.raises(InputError, match=r"m\.stl' of link 'a' is missing"):
-        load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf")
-    bare = load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf", meshes="ignore")
+        load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf", meshes="require")
+    bare = load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf")
     assert "<visual" not in bare.urdf
-    assert "2 shapes left out" in bare.notes[0]
+    assert "2 shapes are left out, their mesh files are missing (the first is 'm.stl')" in bare.notes[0]
+    assert "nothing keeps" not in bare.notes[0]  # none of them was to collide
     mesh = tmp_path / "pkg" / "urdf" / "m.stl"
     mesh.touch()
     assert load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf").urdf.count(f'filename="{mesh.resolve()}"') == 2
+
+
+def mesh_shape(kind: str, name: str) -> str:
+    return f'<{kind}><geometry><mesh filename="{name}"/></geometry></{kind}>'
+
+
+@pytest.mark.parametrize("scheme", ["package://gone/", "http://example.org/", "meshes/", "file:///nowhere/"])
+def test_without_its_meshes_a_body_moves_alike_and_a_note_names_what_does_not_collide(
+    tmp_path: Path, scheme: str
+) -> None:
+    ball = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
+    whole = CHAIN.replace('<link name="a"/>', f'<link name="a">{ball}</link>')
+    lost = CHAIN.replace('<link name="a"/>', f'<link name="a">{ball}{mesh_shape("collision", scheme + "a.stl")}</link>')
+    for link in ("b", "c"):
+        shapes = mesh_shape("visual", f"{scheme}{link}.dae") + mesh_shape("collision", f"{scheme}{link}.stl")
+        lost = lost.replace(f'<link name="{link}"/>', f'<link name="{link}">{shapes}</link>')
+    (tmp_path / "whole.urdf").write_text(whole)
+    (tmp_path / "lost.urdf").write_text(lost)
+    expected, subject = load_subject(tmp_path / "whole.urdf"), load_subject(tmp_path / "lost.urdf")
+    body, other = Body(expected), Body(subject)
+    np.testing.assert_array_equal(body.landmarks(body.at(body.neutral)), other.landmarks(other.at(other.neutral)))
+    assert [solid.link for solid in solids_of(other)] == [solid.link for solid in solids_of(body)] == ["a"]
+    assert "5 shapes are left out" in subject.notes[0]
+    assert subject.notes[0].endswith("nothing keeps these links apart from others: 'b', 'c'")  # a has its ball
+    assert same(subject_from_text(subject.urdf, source=subject.source), subject)
+
+
+@pytest.mark.parametrize("begin", [km.landmark_start, km.match_start])
+def test_commands_go_on_without_meshes_and_say_so(tmp_path: Path, begin: Callable[..., str]) -> None:
+    lost = CHAIN.replace('<link name="b"/>', f'<link name="b">{mesh_shape("visual", "package://gone/b.stl")}</link>')
+    (tmp_path / "chain.urdf").write_text(lost)
+    with pytest.warns(km.InputWarning, match=r"1 shape is left out, .* 'package://gone/b\.stl'"):
+        assert begin(tmp_path / "chain.urdf")
 
 
 def test_markers_are_kept_in_the_text_resized_with_the_body_and_placed_by_its_kinematics() -> None:

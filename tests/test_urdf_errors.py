@@ -94,7 +94,7 @@ FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
         '<mesh filename="arm.stl"/>',
         ("'arm.stl' of link 'lower' is missing", "line 6"),
     ),
-    "missing package": ('<box size="1 1 1"/>', '<mesh filename="package://a/b.stl"/>', ("ROS_PACKAGE_PATH", "ignore")),
+    "missing package": ('<box size="1 1 1"/>', '<mesh filename="package://a/b.stl"/>', ("ROS_PACKAGE_PATH", "require")),
     "remote mesh": ('<box size="1 1 1"/>', '<mesh filename="http://a/b.stl"/>', ("nothing is fetched",)),
     "mimic": ('<axis xyz="0 1 0"/>', '<mimic joint="elbo"/>', ("'elbo'", "mean elbow")),
     "base": ("<landmark", '<subject base="flying"/><landmark', ("'flying'", "free")),
@@ -155,7 +155,7 @@ def test_every_fault_is_told(name: str, tmp_path: Path, capfd: pytest.CaptureFix
     assert old in GOOD
     count = -1 if name == "not a robot" else 1
     (tmp_path / "arm.urdf").write_text(GOOD.replace(old, new, count))
-    told = refused(tmp_path / "arm.urdf", capfd)
+    told = refused(tmp_path / "arm.urdf", capfd, meshes="require")
     for part in tells:
         assert part in told
 
@@ -189,7 +189,7 @@ def test_what_is_no_file_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[st
 def test_options_are_checked(capfd: pytest.CaptureFixture[str]) -> None:
     for options, told in [
         ({"base": "flying"}, "auto, free, fixed"),
-        ({"meshes": "some"}, "require, ignore"),
+        ({"meshes": "some"}, "ignore, require"),
         ({"lock": ["left_elbow"]}, "left_elbow_flexion"),
         ({"landmarks": "nowhere.toml"}, "no such file"),
     ]:

@@ -101,7 +101,7 @@ def deviation(body: Body, text: bytes, poses: int, rng: np.random.Generator) -> 
 def outcome(path: Path, called: str, poses: int, seed: int) -> UrdfOutcome:
     """One file, loaded as it is; `called` names it in what is printed."""
     try:
-        body = Body(load_subject(path, meshes="ignore"))
+        body = Body(load_subject(path))
     except InputError as error:
         return UrdfOutcome(called, refusal=str(error).replace(str(path), called))
     except Exception as error:  # whatever else comes out is what is looked for

@@ -165,7 +165,7 @@ class SubjectName:
 def subject_names() -> tuple[SubjectName, ...]:
     """Everything `load_subject` finds by name on this machine."""
     about = {**BUILT_IN, **{example_robots.PREFIX + n: r.about for n, r in example_robots.installed().items()}}
-    return tuple(SubjectName(name, text, load_subject(name, meshes="ignore").model.nv) for name, text in about.items())
+    return tuple(SubjectName(name, text, load_subject(name).model.nv) for name, text in about.items())
 
 
 def subject_from_text(text: str, *, source: str, base: Base = "auto", notes: tuple[str, ...] = ()) -> Subject:
@@ -246,7 +246,7 @@ def load_subject(
     base: Base = "auto",
     landmarks: str | Path | None = None,
     lock: Sequence[str] = (),
-    meshes: Meshes = "require",
+    meshes: Meshes = "ignore",
     package_dirs: Sequence[str | Path] = (),
 ) -> Subject:
     """Load a built-in subject or a robot of example-robot-data by name (`subject_names`), or any URDF by path.
@@ -265,7 +265,8 @@ def load_subject(
     lock:
         Joints to fix at their rest (the stabiliser's, else zero, moved into the limits).
     meshes:
-        "require": a missing mesh is an error; "ignore": shapes whose mesh is missing are left out.
+        "ignore": shapes whose mesh file is missing are left out, with a note, and kinematics are the same; "require": a
+        missing mesh is an error, for what draws or collides.
     package_dirs:
         Folders that package:// names start in, before those above the URDF and in ROS_PACKAGE_PATH.
 
@@ -276,7 +277,7 @@ def load_subject(
     if not isinstance(source, (str, Path)):
         raise misplaced("subject", source, "a built-in name, or the path of a URDF")
     _check_choice("base", base, ("auto", "free", "fixed"))
-    _check_choice("meshes", meshes, ("require", "ignore"))
+    _check_choice("meshes", meshes, ("ignore", "require"))
     name, packages = str(source), [Path(p) for p in package_dirs]
     if name in BUILT_IN and base == "auto" and landmarks is None and not lock:
         return _built_in(name)

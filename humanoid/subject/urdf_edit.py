@@ -15,23 +15,27 @@ import pinocchio as pin
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_mimic import read_mimics
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 from humanoid.support.near_names import nearest
 
-Meshes = Literal["require", "ignore"]
+Meshes = Literal["ignore", "require"]
+NO_LANDMARKS = "no landmarks are given: the origin of every moving link is one"
+"""The note on a subject that nobody has given landmarks."""
 
 
 def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], meshes: Meshes) -> tuple[str, ...]:
     """Write every mesh as an absolute path, so that the text loads from anywhere; returns notes.
 
     folder: where the URDF lies; relative names start there. package://name/... is looked for in `packages`, in the
-    folders above the URDF and in ROS_PACKAGE_PATH. With "ignore" the shapes whose mesh is missing are left out.
+    folders above the URDF and in ROS_PACKAGE_PATH. With "ignore" the shapes whose mesh is missing are left out, and a
+    note says how many, and which links collide with nothing for that.
 
     Raises
     ------
     InputError: a mesh is missing and `meshes` is "require".
     """
     missing: list[str] = []
+    passing: set[str] = set()
     for link in elements(document.root, "link"):
         for shape in [e for e in elements(link) if e.tag in ("visual", "collision")]:
             mesh = shape.find("geometry/mesh")
@@ -44,21 +48,29 @@ def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], m
             elif meshes == "ignore":
                 missing.append(name)
                 link.remove(shape)
+                if shape.tag == "collision" and link.find("collision") is None:
+                    passing.add(link.get("name", ""))
             else:
                 raise document.fault(
                     mesh, f"the mesh {name!r} of link {link.get('name')!r} is missing", _mesh_remedy(name)
                 )
-    if not missing:
-        return ()
-    return (f"{len(missing)} shapes left out, their meshes are missing: " + few(sorted(set(missing))),)
+    return (_missing_note(missing, sorted(passing)),) if missing else ()
+
+
+def _missing_note(missing: Sequence[str], passing: Sequence[str]) -> str:
+    """A note on meshes that are missing, and on the links that are left without any collision shape by that."""
+    shapes = "1 shape is" if len(missing) == 1 else f"{len(missing)} shapes are"
+    note = f"{shapes} left out, their mesh files are missing (the first is {shown(missing[0])}): kinematics needs none"
+    links = [shown(link, 30) for link in passing]
+    return note + (f", but nothing keeps these links apart from others: {few(links)}" if links else "")
 
 
 def _mesh_remedy(name: str) -> str:
     if urlparse(name).scheme in ("http", "https"):
-        return 'nothing is fetched from the net: store it next to the URDF, or load with meshes="ignore"'
+        return 'nothing is fetched from the net: store it next to the URDF, or load it without meshes="require"'
     if name.startswith("package://"):
-        return 'name the folder that holds the package in ROS_PACKAGE_PATH, or load with meshes="ignore"'
-    return 'put it there, or load with meshes="ignore": kinematics needs no meshes'
+        return 'name the folder that holds the package in ROS_PACKAGE_PATH, or load it without meshes="require"'
+    return 'put it there, or load it without meshes="require": kinematics needs no meshes'
 
 
 def _find(name: str, folder: Path, packages: Sequence[Path]) -> Path | None:
@@ -157,4 +169,4 @@ def add_link_landmarks(document: Document) -> tuple[str, ...]:
     moved = [ends_of(j)[1] for j in elements(document.root, "joint") if j.get("type") != "fixed"]
     for link in moved:
         ET.SubElement(document.root, "landmark", {"name": link, "link": link, "xyz": "0 0 0"})
-    return ("no landmarks are given: the origin of every moving link is one",) if moved else ()
+    return (NO_LANDMARKS,) if moved else ()

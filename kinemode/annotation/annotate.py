@@ -74,7 +74,7 @@ def _session(
     if keypoints is not None:
         start = corrected_from(start, keypoints)
     start = inside_only(start)
-    for note in (*opened.report.notes, *start.notes):
+    for note in (*loaded.notes, *opened.report.notes, *start.notes):
         warnings.warn(note, InputWarning, stacklevel=4)
     name = camera or (clip.name if clip.is_dir() else clip.stem)
     return Annotation(opened, guide, start, frame, name, out, _next(clip, camera, loaded, out))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
+from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments
 from kinemode.target import check_new
 
@@ -39,11 +41,15 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
         check_new(Path(out))
     from humanoid.shape import landmark_start as beginning
     from humanoid.subject.subject import Subject, load_subject
+    from humanoid.subject.urdf_edit import NO_LANDMARKS
     from humanoid.support.atomic import replacing
 
-    loaded = subject if isinstance(subject, Subject) else load_subject(subject, meshes="ignore")
+    loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     if not isinstance(subject, Subject):
         _check_without_landmarks(str(subject))
+    for note in loaded.notes:
+        if note != NO_LANDMARKS:
+            warnings.warn(note, InputWarning, stacklevel=2)
     text = beginning.landmark_start(loaded)
     if out is not None:
         with replacing(out) as temporary:

@@ -9,7 +9,7 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
-from kinemode.public.tracking import loaded_subject
+from kinemode.public.tracking import noted_subject
 from kinemode.target import check_new
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -100,7 +100,7 @@ def retarget(
     wanted = MotionWanted(
         fps, up, unit, match, contacts, settings, whole("modes", modes, 0), whole("seed", seed, 0), out, overwrite
     )
-    return retarget_to(loaded_subject(subject), source, wanted, progress or unreported)
+    return retarget_to(noted_subject(subject), source, wanted, progress or unreported)
 
 
 def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
@@ -120,7 +120,7 @@ def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
 
     if out is not None:
         check_new(Path(out))
-    return begun_match(loaded_subject(subject), out)
+    return begun_match(noted_subject(subject), out)
 
 
 class Retargeter:
@@ -177,7 +177,7 @@ class Retargeter:
         from estimator.retargeting.streaming import MotionStream
         from humanoid.kinematics.body import Body
 
-        self.subject = loaded_subject(subject)
+        self.subject = noted_subject(subject)
         body, own = Body(self.subject), tuple(str(name) for name in names)
         chosen = common_correspondence(body.landmark_names, own) if match is None else load_match(match)
         check_correspondence(chosen, body.landmark_names, own)

@@ -15,7 +15,7 @@ from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice
 from kinemode.public.cameras import check_png
 from kinemode.public.detection import with_detected
-from kinemode.public.tracking import loaded_subject
+from kinemode.public.tracking import noted_subject
 from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter
 
@@ -90,7 +90,7 @@ def calibrate_from_person(
         check_folder(Path(out))
     if picture is not None:
         check_png(Path(picture))
-    loaded = loaded_subject(subject)
+    loaded = noted_subject(subject)
     from kinemode.calibrating import calibrated_by_person
 
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
@@ -143,7 +143,7 @@ def check_cameras(
     spool = Spool(clips, keypoints, layout)
     told = Declared(keypoint_size, fps, offset, sync=sync, layout=spool.file_layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, person=person, declared=told).checked()
-    loaded = loaded_subject(subject)
+    loaded = noted_subject(subject)
     from humanoid.kinematics.body import Body
     from kinemode.inputs.load import checked_cameras
 

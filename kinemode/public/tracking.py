@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -11,6 +12,7 @@ from kinemode.inputs.arrays import Spool
 from kinemode.inputs.declared import AUTO, SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
+from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
 from kinemode.public.points import MARKERS, check_fit, check_no_points, check_static, point_files
@@ -391,3 +393,11 @@ def loaded_subject(subject: SubjectLike) -> Subject:
     from humanoid.subject.subject import Subject, load_subject
 
     return subject if isinstance(subject, Subject) else load_subject(subject)
+
+
+def noted_subject(subject: SubjectLike) -> Subject:
+    """As `loaded_subject`, with a warning for each of its notes, for what does not pass them on itself."""
+    loaded = loaded_subject(subject)
+    for note in loaded.notes:
+        warnings.warn(note, InputWarning, stacklevel=3)
+    return loaded

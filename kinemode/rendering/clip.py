@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
+from kinemode.notices import InputWarning
 from kinemode.rendering.files import RenderedClip, WantedFiles
 from kinemode.rendering.motions import configurations, is_authored
 from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
@@ -95,6 +97,8 @@ def _subject(
         subject = load_subject(keyed.subject if keyed else "human34")
     else:
         subject = load_subject(given)
+        for note in subject.notes:
+            warnings.warn(note, InputWarning, stacklevel=4)
     subject = subject.scaled(proportions) if proportions else subject
     return subject.reshaped(shape) if shape else subject
 
