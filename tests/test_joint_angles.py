@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -125,6 +126,19 @@ def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
     assert np.isnan(interval[5]).all()
     with pytest.raises(InputError, match="level: 90 is no probability"):
         run.interval(90)
+
+
+def test_a_joints_name_in_another_place_is_explained_with_an_example(run: Run) -> None:
+    wrong: Any
+    for wrong, example in (("bend", "bend"), ("spin", "spin"), (None, "bend"), ([0.9], "bend"), (True, "bend")):
+        said = rf"level: cannot be .*run.interval.0.9.; of one joint: run.'{example}'..low and .high"
+        with pytest.raises(InputError, match=said):
+            run.interval(wrong)
+    for wrong, ask in (("spin", run.result), ("spin", run.posterior), (1.5, run.posterior), ("bend", run.observation)):
+        with pytest.raises(InputError, match=r"frame: cannot be .*run.result.0.; a joint over time is run"):
+            ask(wrong)
+    np.testing.assert_array_equal(run.interval(np.float64(0.8)), run.interval(0.8))
+    assert run.result(np.int64(0)).index == run.result(0).index  # type: ignore[arg-type]
 
 
 def test_what_has_no_angle_is_refused_with_what_it_may_be(run: Run, tmp_path: Path) -> None:

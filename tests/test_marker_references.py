@@ -21,6 +21,7 @@ from estimator.runs.export import export
 from estimator.runs.run_file import Run, RunWriter
 from humanoid.subject.landmarks import landmark_name
 from humanoid.support.errors import InputError
+from kinemode.__main__ import main
 from tests.builders import body_of
 
 FRAMES = 6
@@ -196,3 +197,17 @@ def test_our_own_c3d_is_read_again(run: Run, tmp_path: Path) -> None:
     assert reference.names == run.body.landmark_names  # without the channels of angles
     np.testing.assert_allclose(reference.points, run.landmarks, atol=1e-6)
     np.testing.assert_allclose(reference.time, run.time, atol=1e-6)
+
+
+def test_the_command_opens_a_run_once(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_trc(tmp_path / "a.trc", MARKERS, laboratory(run), run.time)
+    opened: list[Path] = []
+    whole = Run.open
+
+    def counted(path: str | Path) -> Run:
+        opened.append(Path(path))
+        return whole(path)
+
+    monkeypatch.setattr(Run, "open", staticmethod(counted))
+    assert main(["evaluate", str(run.file), "--reference", str(tmp_path / "a.trc")]) == 0
+    assert opened == [run.file]

@@ -33,7 +33,7 @@ from estimator.runs.run_arrays import (
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
-from estimator.runs.spread import LEVEL, Spread, spread_of
+from estimator.runs.spread import LEVEL, Spread, checked_level, spread_of
 from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
@@ -41,7 +41,7 @@ from estimator.trackers.statuses import HARD, TRACKED
 from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, misplaced
 from humanoid.support.summary import Facts, Summarised
 
 if TYPE_CHECKING:
@@ -167,15 +167,16 @@ class Run(Summarised):
         return arrays
 
     def result(self, i: int) -> FrameResult:
-        """Frame `i` of the file; negative counts from the end."""
-        return frame_result(self._frames[i], self.body)
+        """Frame `i` of the file; negative counts from the end. Raises InputError for what is no whole number."""
+        return frame_result(self._frames[self._frame_number(i)], self.body)
 
     def observation(self, i: int, *, standing: bool = False) -> Observation:
-        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored.
+        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored, and
+        for what is no whole number.
 
         standing: also which points stand, for which the frames just before are read as well.
         """
-        i, times = int(i), self.header.times
+        i, times = self._frame_number(i), self.header.times
         looks_back = standing and 0 <= i < len(times)
         first = int(np.searchsorted(times, times[i] - 2.0 * HIP_SPAN)) if looks_back else i
         with run_store.reading(self.file) as connection:
@@ -186,6 +187,17 @@ class Run(Summarised):
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
         seen = [self._observed(data, k) for k, data in rows]
         return with_standing(seen, self.body.landmark_names)[-1] if standing else seen[-1]
+
+    def _frame_number(self, i: Any) -> int:
+        if isinstance(i, (int, np.integer)) and not isinstance(i, bool):
+            return int(i)
+        taken = f"its number, as run.result(0); a joint over time is run[{self._example_joint(i)!r}]"
+        raise misplaced("frame", i, taken)
+
+    def _example_joint(self, given: Any) -> str:
+        """A joint's name for an example: the given one where it is one."""
+        names = self.joint_names
+        return given if isinstance(given, str) and given in names else next(iter(names), "JOINT")
 
     def _observed(self, data: bytes, i: int) -> Observation:
         a = self._keypoints_of(data, i)
@@ -469,8 +481,9 @@ class Run(Summarised):
         """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
         [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any.
 
-        Raises InputError for a level outside 0 to 1.
+        Raises InputError for a level outside 0 to 1, or that is no number: one joint's interval is `run[joint]`.
         """
+        level = checked_level(level, self._example_joint(level))
         body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)
         single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
         in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from estimator.runs.marginals import Marginals
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, misplaced
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
@@ -31,11 +31,19 @@ class Spread(NamedTuple):
     ends: np.ndarray
 
 
-def spread_of(run: Run, level: float) -> Spread:
-    """The spread of all frames of a run, with the central intervals of this probability; raises InputError where it is
-    none."""
+def checked_level(level: Any, joint: str) -> float:
+    """A probability; raises InputError for another number, and for what is none, as the name of a joint. joint: one
+    for the example that it gives."""
+    if isinstance(level, bool) or not isinstance(level, (int, float, np.integer, np.floating)):
+        taken = f"a probability, as run.interval({LEVEL}); of one joint: run[{joint!r}].low and .high"
+        raise misplaced("level", level, taken)
     if not 0.0 <= level <= 1.0:
         raise InputError("level", f"{level:g} is no probability", remedy="0 to 1, as 0.9")
+    return float(level)
+
+
+def spread_of(run: Run, level: float) -> Spread:
+    """The spread of all frames of a run, with the central intervals of this probability, 0 to 1."""
     body, count = run.body, len(run)
     std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
     ends = np.full((count, 2, body.nv), np.nan)

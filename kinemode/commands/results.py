@@ -290,11 +290,11 @@ def evaluate(run: Path, /, *, reference: Path, up: str | None = None, offset: fl
     """
     import kinemode as km
 
-    result = km.evaluate(run, reference, up=up, offset=offset)
+    opened = km.open_run(run)
+    result = km.evaluate(opened, reference, up=up, offset=offset)
     from kinemode.terminal import report
 
     report.print_evaluation(result)
     report.print_notes(result.notes)
-    opened = km.open_run(run)
     report.print_statuses(opened.status.tolist())
     report.print_notes(opened.header.notes)
