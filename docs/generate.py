@@ -219,6 +219,7 @@ def _motions() -> list[str]:
     table, reference = (inspect.getdoc(what) or "" for what in (read_motion_table, load_reference))
     return [
         *_modules({"BVH": "bvh"}),
+        *_modules({"csv of points": "table", "npy of points": "array"}, "estimator.data.markers"),
         f"### csv and npz of joints\n\n{markdown(table.partition('Raises')[0])}",
         f"### References\n\n{markdown(reference.partition('Raises')[0])}",
     ]

@@ -1,4 +1,6 @@
-"""Points over time from a csv: a column of time or frames, and three of every point."""
+"""Points over time from a csv: three columns of every point, `NAME_x`, `NAME_y`, `NAME_z`, and one of time [s] or of
+frames, or neither; units behind the names (`NAME_x_mm`) or in a line `# unit=mm` above them, as `# up=z`.
+"""
 
 from __future__ import annotations
 
