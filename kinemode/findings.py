@@ -16,6 +16,7 @@ from estimator.search.jumps.readings import trunk_depths
 from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
+from humanoid.support.errors import first_of
 from kinemode.explain import run_settings
 
 _STEADY, _UPRIGHT = 0.8, 0.5  # length of the mean direction of a person who does not turn over; its part along z
@@ -120,6 +121,14 @@ def _raised_note(run: Run) -> str:
         f"the feet rest at {contact.raised.height:.2f} m and the body lies below, so no floor was put under them: give"
         " its height with --floor, or off"
     )
+
+
+def far_note(rows: Sequence[int]) -> str:
+    """Warning about frames whose keypoints or markers lie far from the body, empty without."""
+    if not len(rows):
+        return ""
+    count = f"{len(rows)} frame{'s' * (len(rows) != 1)} ({first_of(rows, _FIRST)})"
+    return f"keypoints or markers lie far from the body in {count}, which are marked hard: look at them in the overlay"
 
 
 def status_counts(statuses: Iterable[str]) -> str:

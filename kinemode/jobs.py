@@ -26,7 +26,7 @@ from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
 from estimator.tracking.fitting.keypoint_noise import given_noise
 from estimator.tracking.fitting.markers import fit_markers
-from estimator.tracking.leaps import leap_note, leaps
+from estimator.tracking.leaps import leap_note, leaps, limb_leaps, limb_note
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into, stored_state
 from estimator.tracking.settings import Settings
@@ -38,7 +38,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
 from kinemode.explain import run_settings
-from kinemode.findings import balance_note, diagnosed, floor_note, reading_note, upright_note
+from kinemode.findings import balance_note, diagnosed, far_note, floor_note, reading_note, upright_note
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
@@ -353,18 +353,21 @@ def run_findings(
     """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
     speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
     `upright_note`."""
-    leapt = leap_note(leaps(run.body, run.streamed()))
-    own = [note for note in (leapt, bound_note(run.subject), upright_note(run, **of_world), floor_note(run)) if note]
+    leapt, limbs = leap_note(leaps(run.body, run.streamed())), limb_leaps(run.body, run.landmarks, run.time)
+    own = [leapt, limb_note(limbs), bound_note(run.subject), upright_note(run, **of_world)]
     diagnosis, cost = diagnosed(run), run_settings(run).cost
-    falling = out_of_balance(run, cost.terms[Balance.name])
-    own += [note for note in (balance_note(run, falling) if falling else "", reading_note(run)) if note]
-    against: Sequence[int] = ()
+    falling, far = out_of_balance(run, cost.terms[Balance.name]), contradicted(run, cost)
+    own += [balance_note(run, falling) if falling else "", reading_note(run)]
+    against: Sequence[int] = far
     if diagnosis.contradicts_input:
         because = cause()
-        own = [because, *own] if because else own
-        against = range(len(run)) if because else contradicted(run, cost)
-    against = sorted({*against, *falling})
-    return (*note_on_beginning(run.header.tracker, run.paths()), *own, *diagnosis.sentences), tuple(against)
+        own.insert(0, because)
+        against = range(len(run)) if because else far
+    else:
+        own += [far_note(far), floor_note(run)]  # a body that is elsewhere says nothing of the floor
+    notes = [note for note in own if note]
+    against = sorted({*against, *falling, *limbs})
+    return (*note_on_beginning(run.header.tracker, run.paths()), *notes, *diagnosis.sentences), tuple(against)
 
 
 def _header(

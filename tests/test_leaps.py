@@ -14,7 +14,7 @@ from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
 from estimator.synthesis.crowd import placed
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.leaps import FASTEST, LastFrame, LeapCheck, leap_note, leaps
+from estimator.tracking.leaps import FASTEST, LastFrame, LeapCheck, leap_note, leaps, limb_leaps
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run
 
@@ -119,3 +119,19 @@ def test_the_limit_is_a_sprinters_and_knows_uncertainty() -> None:
     assert not check.leapt(nearer, np.stack([sure, sure]), after, sure, dt)
     arm = body_of("arm8")
     assert not LeapCheck(arm).leapt(arm.neutral[None] + 5.0, np.zeros((1, arm.nv, arm.nv)), arm.neutral, sure, dt)
+
+
+@pytest.mark.parametrize(("angle", "fps", "leaps_there"), [(2.4, 45.0, True), (2.0, 60.0, True), (0.4, 30.0, False)])
+def test_arms_that_are_elsewhere_a_frame_later_leap(angle: float, fps: float, leaps_there: bool) -> None:
+    body = body_of("human34")
+    q = authored_motion(body, 0.4 + np.arange(10) / fps)
+    first = q.copy()
+    for side in ("left", "right"):
+        column = body.q_names.index(f"{side}_shoulder_elevation")
+        first[:, column] = np.where(np.arange(10) < 4, 0.1, 0.1 + angle)
+    times = np.arange(10) / fps
+    assert limb_leaps(body, body.landmarks_of(body.placed(q)), times) == []
+    assert limb_leaps(body, body.landmarks_of(body.placed(first)), times) == ([4] if leaps_there else [])
+    moved = body.landmarks_of(body.placed(first))
+    moved[4:] = np.nan  # nothing is known of limbs that were not seen
+    assert limb_leaps(body, moved, times) == []

@@ -77,8 +77,8 @@ class Diagnosis:
 
     @property
     def contradicts_input(self) -> bool:
-        """Whether keypoints and landmarks do not belong together, in all cameras or in parts of the body."""
-        return bool(self.cameras) or len({f.landmark for f in self.far}) >= _PARTS
+        """Whether keypoints or markers do not belong to their places, in all cameras or in parts of the body."""
+        return bool(self.cameras) or max(len({f.landmark for f in self.far}), len(self.far_markers)) >= _PARTS
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -140,19 +140,24 @@ def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited:
 
 
 def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
-    """Rows of tracked frames in which a quarter of the keypoints or more lie far from their landmarks, ascending.
-
-    Where the run as a whole contradicts its input these are not what it was tracked from: the body bends until half of
-    the keypoints fit.
-    """
+    """Rows of tracked frames in which a quarter of the keypoints and markers or more lie far from their places,
+    ascending: the body bends until half of what does not belong to it fits."""
     rows = np.flatnonzero((run.status == TRACKED) & np.isfinite(run.q).all(axis=1))
-    residuals = keypoint_residuals(run, cost, rows) if len(rows) else None
-    if residuals is None:
+    if not len(rows):
         return ()
-    deviations = residuals.deviations
-    seen = np.isfinite(deviations).sum(axis=(1, 2))
-    far = (np.nan_to_num(deviations) > FAR).sum(axis=(1, 2))
-    return tuple(int(t) for t in rows[far >= np.maximum(1, _CONTRADICTED * seen)])
+    deviations = np.concatenate(_deviations(run, cost, rows), axis=1)
+    seen = np.isfinite(deviations).sum(axis=1)
+    far = (np.nan_to_num(deviations) > FAR).sum(axis=1)
+    return tuple(int(t) for t in rows[(far > 0) & (far >= _CONTRADICTED * seen)])
+
+
+def _deviations(run: Run, cost: CostSettings, rows: np.ndarray) -> list[np.ndarray]:
+    """How far keypoints and markers lie from their places on the body, in standard deviations (T, N) each, NaN where
+    nothing was seen."""
+    keypoints, markers = keypoint_residuals(run, cost, rows), marker_residuals(run, cost.markers)
+    nothing = np.full((len(rows), 1), np.nan)
+    by_keypoints = nothing if keypoints is None else keypoints.deviations.reshape(len(rows), -1)
+    return [by_keypoints, nothing if markers is None else markers.apart[rows] / markers.std]
 
 
 def sampled_residuals(run: Run, cost: CostSettings) -> KeypointResiduals | None:
