@@ -35,8 +35,9 @@ GAP = 0.5
 
 @dataclass(frozen=True)
 class MotionWanted:
-    """What is made of a source: its frame rate, axis and unit where it does not say them, the files of correspondence
-    and contacts, the settings, how many other hypotheses of a run are carried through, and where the new run goes."""
+    """What is made of a source: its frame rate, axis, unit and order of joints where it does not say them, the files of
+    correspondence and contacts, the settings, how many other hypotheses of a run are carried through, and where the
+    new run goes."""
 
     fps: float | None = None
     up: str | None = None
@@ -48,6 +49,7 @@ class MotionWanted:
     seed: int = 0
     out: PathLike | None = None
     overwrite: bool = False
+    layout: str | None = None
 
 
 def retarget_to(
@@ -57,7 +59,7 @@ def retarget_to(
     temporary = TemporaryFolder() if wanted.out is None else None
     path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, wanted.out))
     RunTarget(path, overwrite=wanted.overwrite).check()
-    motion = filled(load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit), GAP)
+    motion = filled(load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit, layout=wanted.layout), GAP)
     match = None if wanted.match is None else load_match(wanted.match)
     standing = None if wanted.contacts is None else load_standing(wanted.contacts, motion)
     others = hypotheses_of(source, wanted.modes) if wanted.modes else None

@@ -11,7 +11,7 @@ from benchmarks.robustness.c3d_files import c3d_file
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.inference.foot_contact import stances_of
 from estimator.retargeting.contacts import source_contacts
-from estimator.retargeting.smpl_joints import JOINTS
+from estimator.retargeting.joint_orders import ORDERS, SMPL
 from estimator.retargeting.source import SourceMotion, filled
 from estimator.runs.export import export
 from estimator.runs.run_file import Run
@@ -20,6 +20,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.motions import load_source
+from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.test_bvh import puppet
 
@@ -46,7 +47,7 @@ def smpl(source: SourceMotion) -> np.ndarray:
     """(T, 24, 3) [m] in SMPL's order of a motion's landmarks, the head at the top, everything else at the hips."""
     hips = 0.5 * (source.landmark("left_hip") + source.landmark("right_hip"))
     renamed = {"head": "head_top"}
-    kept = [renamed.get(name or "", name or "") for name in (*JOINTS, None, None)]
+    kept = [renamed.get(name or "", name or "") for name in (*ORDERS[SMPL], None, None)]
     return np.stack([source.landmark(name) if name in source.names else hips for name in kept], axis=1)
 
 
@@ -134,9 +135,10 @@ def test_a_frame_alone_needs_no_rate(run: Run, tmp_path: Path) -> None:
 
 def faulty(folder: Path, name: str) -> Path:
     """A file with a fault."""
-    rng, path = np.random.default_rng(0), folder / f"{name}.npz"
-    joints = np.tile(rng.normal(size=(1, 24, 3)) * 0.1, (4, 1, 1))
-    joints[:, 15, 2] += 1.6
+    body, path = body_of("human34"), folder / f"{name}.npz"
+    standing = body.landmarks(body.at(body.neutral))
+    joints = smpl(SourceMotion(body.landmark_names, np.tile(standing, (4, 1, 1)), np.arange(4) / RATE, "standing"))
+    joints[..., 0] += 0.1  # nothing is at zero
     if name == "cut":
         np.savez(path, joints=joints, fps=RATE)
         path.write_bytes(path.read_bytes()[:-300])
@@ -147,7 +149,7 @@ def faulty(folder: Path, name: str) -> Path:
     elif name == "zero_rate":
         np.savez(path, joints=joints, fps=0.0)
     elif name == "few":
-        np.savez(path, joints=joints[:, :17], fps=RATE)
+        np.savez(path, joints=joints[:, :16], fps=RATE)
     elif name == "flat":
         np.savez(path, joints=joints.reshape(4, -1), fps=RATE)
     elif name == "empty":
@@ -168,10 +170,10 @@ def faulty(folder: Path, name: str) -> Path:
     ("name", "says"),
     [
         ("cut", "cannot be read"),
-        ("nan", "all are NaN"),
+        ("nan", "all are NaN or zero"),
         ("rate", "does not say its frames per second (--fps gives them"),
         ("zero_rate", "fps: must be"),
-        ("few", "joints: is of shape (4, 17, 3)"),
+        ("few", "joints: is of shape (4, 16, 3)"),
         ("flat", "joints: is of shape (4, 72)"),
         ("empty", "has no frame"),
         ("huge", "spread over"),

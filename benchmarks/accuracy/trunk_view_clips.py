@@ -18,7 +18,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.numerics.angles import angle_between, unit
 from estimator.numerics.stretches import stretches
-from estimator.retargeting.smpl_joints import load_smpl_joints
+from estimator.retargeting.joint_arrays import load_joints
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.run_file import Run
 from estimator.synthesis.detector import correlated_noise
@@ -84,7 +84,7 @@ def seen_person(path: Path) -> Seen:
         points = np.stack([np.stack([column[f"{n}_{a}"] for a in "xyz"], axis=1) for n in names], axis=1)
         return Seen(tuple(names.values()), points, column["time"] - column["time"][0])
     if path.suffix == ".npz":
-        source = load_smpl_joints(path, up="z")
+        source = load_joints(path, up="z")
         known = [name for name in source.names if name not in ("neck", "head")]
         seen = Seen(tuple(known), source.points[:, [source.names.index(name) for name in known]], source.times)
         legs = [seen.of(f"left_{a}") - seen.of(f"left_{b}") for a, b in (("hip", "knee"), ("knee", "ankle"))]

@@ -21,6 +21,7 @@ def retarget(
     fps: float | None = None,
     up: UpOption = None,
     unit: str | None = None,
+    layout: str | None = None,
     modes: int = 0,
     seed: int = 0,
     metrics: Path | None = None,
@@ -42,7 +43,8 @@ def retarget(
     Parameters
     ----------
     source
-        A run, BVH, points with landmarks' names (TRC, C3D, npz, csv), or an npz of SMPL-ordered joints.
+        A run, BVH, points with landmarks' names (TRC, C3D, npz, csv), or an npz of joints in the order of SMPL or of
+        another program.
     match
         A TOML file that says which limbs and landmarks correspond; those whose names are alike unless given.
     contacts
@@ -59,6 +61,9 @@ def retarget(
         The axis of the source that points up, where its file does not say it.
     unit
         Of length of points, m, cm or mm, where the file does not say it.
+    layout
+        The order of joints that have no names: smpl, lafan1, kinect25, h36m17, ...; found by the limbs' lengths unless
+        given.
     modes
         How many of a run's other hypotheses in each frame are carried through, so that the motion has a spread.
     seed
@@ -82,7 +87,8 @@ def retarget(
         return
     run = km.retarget(
         source, subject, match=match, contacts=contacts, method=method, velocity=velocity, clearance=clearance,
-        fps=fps, up=up, unit=unit, modes=modes, seed=seed, out=out, overwrite=overwrite, progress=km.reported,
+        fps=fps, up=up, unit=unit, layout=layout, modes=modes, seed=seed, out=out, overwrite=overwrite,
+        progress=km.reported,
     )  # fmt: skip
     from kinemode.motion_figures import motion_figures, write_figures
     from kinemode.terminal import report

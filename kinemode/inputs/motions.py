@@ -13,7 +13,7 @@ from estimator.data.formats.opensim import METRES
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.load import load_points
 from estimator.retargeting.hypotheses import SourceHypotheses
-from estimator.retargeting.smpl_joints import ARRAYS, has_smpl_joints, load_smpl_joints
+from estimator.retargeting.joint_arrays import ARRAYS, has_joints, load_joints
 from estimator.retargeting.source import SourceMotion
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import landmark_name
@@ -26,32 +26,53 @@ if TYPE_CHECKING:
 _BVH_NAMES = {"left_toe": "left_big_toe", "right_toe": "right_big_toe", "head_base": "head"}
 _POINTS, _RUN = (".trc", ".c3d", ".csv"), ".run"
 _ARRAYS = "npz"
-_KINDS = "a run (.run), BVH (.bvh), points (.trc, .c3d, .csv, .npz) or SMPL-ordered joints (.npz)"
+_KINDS = "a run (.run), BVH (.bvh), points (.trc, .c3d, .csv, .npz) or joints in a known order (.npz)"
 _FEWEST = 6  # landmarks, where a file has points that are none
 _OWN = "of a run is known"
 
 
 def load_source(
-    source: PathLike | Run | SourceMotion, *, fps: float | None = None, up: str | None = None, unit: str | None = None
+    source: PathLike | Run | SourceMotion,
+    *,
+    fps: float | None = None,
+    up: str | None = None,
+    unit: str | None = None,
+    layout: str | None = None,
 ) -> SourceMotion:
     """The motion in a file, or in a run: its drawn trajectory, which is the smoothed one of a complete run.
 
     A motion that was read already stays as it is. The file of a run has the suffix .run. fps: frames per second, where
     a file does not say them, or instead of what it says. up: the axis that points up, one of `UPS`, where a file does
-    not say it. unit: of length, m, cm or mm.
+    not say it. unit: of length, m, cm or mm. layout: the order of joints without names, one of
+    `estimator.retargeting.joint_orders.ORDERS`.
 
     Raises
     ------
     InputError: another kind of file, no such file, a damaged one; no landmark that is known, or markers, which are to
-        be tracked first; frames per second, axis or unit that nobody says, or that are said of a run.
+        be tracked first; frames per second, axis or unit that nobody says, or that are said of a run; joints that fit
+        no known order, or several; an order of joints that have names.
     """
+    if isinstance(source, (str, Path)) and Path(source).suffix.lower() == f".{_ARRAYS}" and Path(source).is_file():
+        arrays = read_npz(Path(source))
+        if has_joints(arrays):
+            return load_joints(source, up=up, unit=unit, fps=fps, layout=layout)
+        if not {"points", "landmarks"} & set(arrays):
+            remedy = f"one of {', '.join(ARRAYS)} in a known order, or points and names; it has {', '.join(arrays)}"
+            raise InputError(source, "has no joints and no points", remedy=remedy)
+    if layout is not None:
+        remedy = f"leave it out; it is for an npz of {', '.join(ARRAYS)}"
+        raise InputError("layout", "this source has names of its own", remedy=remedy)
     if isinstance(source, SourceMotion):
         return source
     if not isinstance(source, (str, Path)):
         if not hasattr(source, "landmarks"):
             raise misplaced("source", source, _KINDS)
         return _of_run(source, fps, up, unit)
-    path = Path(source)
+    return _of_file(Path(source), fps, up, unit)
+
+
+def _of_file(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+    """The landmarks of a file that has names."""
     kind = path.suffix.lower()
     if kind not in (*_POINTS, _RUN, ".bvh", f".{_ARRAYS}"):
         raise InputError(path, "is no motion that is read", remedy=f"give {_KINDS}")
@@ -63,13 +84,6 @@ def load_source(
         return _of_run(Run.open(path), fps, up, unit)
     if kind == ".bvh":
         return _of_bvh(path, fps, up, unit)
-    if kind == f".{_ARRAYS}":
-        arrays = read_npz(path)
-        if has_smpl_joints(arrays):
-            return load_smpl_joints(path, up=up, unit=unit, fps=fps)
-        if not {"points", "landmarks"} & set(arrays):
-            remedy = f"one of {', '.join(ARRAYS)} in SMPL's order, or points and names; it has {', '.join(arrays)}"
-            raise InputError(path, "has no joints and no points", remedy=remedy)
     return _of_points(path, fps, up, unit)
 
 

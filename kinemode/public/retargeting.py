@@ -39,6 +39,7 @@ def retarget(
     fps: float | None = None,
     up: str | None = None,
     unit: str | None = None,
+    layout: str | None = None,
     modes: int = 0,
     seed: int = 0,
     out: PathLike | None = None,
@@ -55,7 +56,7 @@ def retarget(
     Parameters
     ----------
     source: a run, landmarks that a program has (`SourceMotion`), or a file: a run, BVH, points with landmarks' names
-        (TRC, C3D, npz, csv), or an npz of SMPL-ordered joints.
+        (TRC, C3D, npz, csv), or an npz of joints in the order of SMPL or of another program.
     subject: a loaded subject, a built-in name, or the path of a URDF; example-robot-data:g1 and :talos have landmarks.
     match: a TOML file that says which limbs and landmarks correspond; those whose names are alike unless given.
         `match_start` begins one.
@@ -64,7 +65,9 @@ def retarget(
     method: "windows", or "frames" for each frame from the one before alone, which is some four times as fast
         and shakes more.
     velocity: share of the URDF's velocity limits that may be used. clearance [m]: that parts keep from each other.
-    fps, up, unit: frame rate, axis that points up and unit of length of a file that does not say them.
+    fps, up, unit: frame rate, axis that points up and unit of length of a file that does not say them. layout: the
+        order of joints that have no names, such as "smpl", "lafan1" or "kinect25"; found by the limbs' lengths unless
+        given.
     modes: how many of a run's other hypotheses in each frame are carried through, the heaviest; each is searched from
         the motion, frame by frame.
     seed: of the random ones among the configurations that the first frame is searched from; equal seeds give
@@ -84,7 +87,7 @@ def retarget(
     check_arguments(subject=subject, seed=seed, out=out, overwrite=overwrite, progress=progress)
     check_as("time", velocity=velocity, clearance=clearance)
     check_as("one file", match=match, contacts=contacts)
-    check_as("unit of length", unit=unit, up=up)
+    check_as("unit of length", unit=unit, up=up, layout=layout)
     choice("format", method, METHODS)
     if fps is not None:
         check_as("time", fps=fps)
@@ -98,7 +101,17 @@ def retarget(
     if method == FRAMES:
         settings = settings.frame_by_frame
     wanted = MotionWanted(
-        fps, up, unit, match, contacts, settings, whole("modes", modes, 0), whole("seed", seed, 0), out, overwrite
+        fps,
+        up,
+        unit,
+        match,
+        contacts,
+        settings,
+        whole("modes", modes, 0),
+        whole("seed", seed, 0),
+        out,
+        overwrite,
+        layout,
     )
     return retarget_to(noted_subject(subject), source, wanted, progress or unreported)
 
