@@ -25,7 +25,8 @@ def with_origin(joints: np.ndarray, names: Sequence[str | None]) -> tuple[np.nda
     """
     zero = _at_zero(joints)
     whole = np.asarray(zero.all(axis=1))
-    origin = zero[~whole].sum(axis=0) >= _CONVENTION * max(np.sum(~whole), 1)
+    with_joints = zero[~whole]
+    origin = np.asarray(with_joints.sum(axis=0) >= _CONVENTION * max(len(with_joints), 1))
     origin[[i for i, name in enumerate(names) if name is not None and without_side(name) != name]] = False
     zero &= ~(origin & ~whole[:, None])
     return np.where(zero[..., None], np.nan, joints), _left_out(int(whole.sum()), int(zero[~whole].sum()))
