@@ -9,6 +9,7 @@ from estimator.retargeting.step import TRUST, constrained_step
 
 _SWEEPS = 40
 _HELD = 30.0  # rad/s^2 or m/s^2: standard deviation of what a frame moves away from where it is, as an acceleration
+_ALONE = 1.0 / 30.0  # s: for which a frame without neighbours moves
 
 
 def mend(problem: MotionProblem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -29,7 +30,7 @@ def _mended(problem: MotionProblem, q: np.ndarray, t: int) -> tuple[np.ndarray, 
     """Frame t after one step, and whether it still does not keep to its rows."""
     body = problem.body
     model = problem.model(t, q[t])
-    dt = float(problem.dt[min(t, len(problem.dt) - 1)])
+    dt = float(problem.dt[min(t, len(problem.dt) - 1)]) if len(problem.dt) else _ALONE
     hessian = model.hessian
     hessian[np.diag_indices(body.nv)] += 1.0 / (_HELD * problem.stiff / problem.stiff.max() * dt**2) ** 2
     box = problem.box(q[t], t, q[t - 1] if t > 0 else None, q[t + 1] if t + 1 < len(q) else None)

@@ -205,6 +205,6 @@ def _smoothness(problem: MotionProblem, q: np.ndarray, window: _Window) -> tuple
             for j in range(i, 3):
                 if 0 <= inside[j] < count:
                     bands[j - i, k] += share[i] * share[j]
-    tri = sparse.diags([bands[0], bands[1, :-1], bands[1, :-1], bands[2, :-2], bands[2, :-2]],
-                       [0, 1, -1, 2, -2], shape=(count, count))  # fmt: skip
+    offsets = [d for d in (0, 1, -1, 2, -2) if abs(d) < count]
+    tri = sparse.diags([bands[abs(d), : count - abs(d)] for d in offsets], offsets, shape=(count, count))
     return sparse.csc_matrix(sparse.kron(tri, sparse.diags(precision))), gradient.ravel()
