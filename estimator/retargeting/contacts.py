@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.inference.foot_contact import stances_of, standing_probability
 from estimator.inference.ground import STEP, Ground, fitted_ground
+from estimator.retargeting.raised_feet import lies_below
 from estimator.retargeting.source import SourceMotion
 from humanoid.subject.landmarks import without_side
 
@@ -42,15 +43,16 @@ class SourceContacts:
     note: str = ""
 
 
-def source_contacts(source: SourceMotion, floor: float | None = None) -> SourceContacts:
+def source_contacts(source: SourceMotion, floor: float | None = None, *, feet_alone: bool = False) -> SourceContacts:
     """Told by how fast points of the feet are and how high above a level floor, which is found with them: see
     `estimator.inference.foot_contact`.
 
     Heels, or ankles where there are none, and toes stand each for themselves; all may be in the air. What is faster
     than 0.35 m/s, or over 6 cm above the floor, as a raised foot, does not stand, and a stance whose places are spread
     over more than 6 cm is parted where it is fastest: small steps are steps, as what follows is to hold a foot that
-    stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. floor [m]:
-    its height, where it is known.
+    stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. A floor that
+    the body lies under, as where feet rest on a chair, is none: that of lower feet is taken, if there is one. floor
+    [m]: its height, where it is known. feet_alone: whatever the rest of the body does.
     """
     told = {
         f"{side}_{part}": name
@@ -70,12 +72,30 @@ def source_contacts(source: SourceMotion, floor: float | None = None) -> SourceC
     kind = np.array([kinds.index(part) for part in parts])
     expected = np.array([_ABOVE[name] for name in kinds])
     standing, ground = _standing(points, source.times, kind, expected, floor)
+    note = f"{source.source}: no foot stands, so that there is no floor"
+    if ground is not None and floor is None and not feet_alone and lies_below(source, ground.height):
+        where = f"feet rest at {ground.height:.2f} m and the body lies lower"
+        note = f"{source.source}: {where}: they are on no floor, and nothing is held on one"
+        standing, ground = _standing_lower(points, source, kind, expected, ground.height)
     standing &= known.any(axis=0)
     if ground is None:
-        note = f"{source.source}: no foot stands, so that there is no floor"
         return SourceContacts(tuple(told), landmarks, np.zeros_like(standing), None, expected[kind], note)
     note = "" if floor is not None else f"{source.source}: floor at {ground.height:.3f} m, found where feet stand"
     return SourceContacts(tuple(told), landmarks, standing, ground.height, ground.above[kind], note)
+
+
+def _standing_lower(
+    points: np.ndarray, source: SourceMotion, kind: np.ndarray, expected: np.ndarray, rejected: float
+) -> tuple[np.ndarray, Ground | None]:
+    """The same as `_standing` of the feet that are under a height [m] that they rest at and the body lies below."""
+    height = points[..., 2:] - expected[kind][:, None]
+    lower = np.where(height < rejected - STEP, points, np.nan)
+    if np.isfinite(lower).all(axis=2).any():
+        _, ground = _standing(lower, source.times, kind, expected, None)
+        if ground is not None and not lies_below(source, ground.height):
+            standing, _ = _standing(points, source.times, kind, expected, ground.height)
+            return standing, ground
+    return np.zeros(points.shape[:2], dtype=bool), None
 
 
 def _standing(

@@ -39,7 +39,7 @@ def carried_hypotheses(
     q: np.ndarray,
     source: SourceMotion,
     match: Correspondence,
-    floor: float,
+    floor: float | None,
     others: SourceHypotheses,
 ) -> CarriedHypotheses:
     """Each hypothesis of each frame on the body, searched from the motion q (T, nq) within limits and clear of parts

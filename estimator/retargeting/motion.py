@@ -81,7 +81,7 @@ def retarget_motion(
     if others is None:
         return made
     match = match or common_correspondence(body.landmark_names, source.names)
-    carried = carried_hypotheses(problem, made.q, source, match, made.contacts.floor or 0.0, others)
+    carried = carried_hypotheses(problem, made.q, source, match, made.contacts.floor, others)
     return replace(made, others=carried)
 
 
@@ -96,8 +96,9 @@ def _looked_at(
         if problem.collision is not None:
             overlap[t] = problem.collision.penetration(model.posed)
     targets = problem.targets
-    notes = [*source.notes, *([contacts.note] if contacts.note and targets.feet else [])]
-    if problem.body.has_free_root and not targets.feet:
+    no_floor = contacts.floor is None
+    notes = [*source.notes, *([contacts.note] if contacts.note and (targets.feet or no_floor) else [])]
+    if problem.body.has_free_root and not targets.feet and not (no_floor and contacts.names):
         notes.append("the subject or the source has no feet: nothing is held on a floor")
     return RetargetedMotion(
         q, source.times, energy, keeps, overlap, contacts, targets, problem.stances.stands, tuple(notes)
@@ -106,7 +107,7 @@ def _looked_at(
 
 def contacts_of(source: SourceMotion, standing: Mapping[str, np.ndarray] | None = None) -> SourceContacts:
     """When the source's feet stand: as found, or where it is given (T,) bool by the points' names."""
-    own = source_contacts(source)
+    own = source_contacts(source, feet_alone=standing is not None)
     return own if standing is None else with_standing(own, standing)
 
 
@@ -124,7 +125,7 @@ def problem_of(
     check_correspondence(match, body.landmark_names, source.names)
     contacts = contacts or contacts_of(source)
     stands = stands_of(contacts, len(source.times))
-    targets = targets_of(body, source, match, contacts.floor or 0.0, np.asarray(stands.all(axis=2)))
+    targets = targets_of(body, source, match, contacts.floor, np.asarray(stands.all(axis=2)))
     stances = stances_at(targets.feet, targets.place, stands[:, [foot.number for foot in targets.feet]], source.times)
     return MotionProblem(body, targets, stances, source.times, settings, obstacles)
 

@@ -84,7 +84,7 @@ class MotionStream:
             q, _, _ = follow_frame(problem, t, before, moved * dt, dt)
             moved = self.body.difference(before, q) / dt
         self._before = time, q, np.zeros(self.body.nv) if moved is None else moved
-        self._stood = problem.stances.stands[t] if len(problem.targets.feet) else self._stood
+        self._stood = problem.stances.stands[t]
         kept = problem.keeps(t, q)
         self._forget()
         return LiveFrame(time, q, kept)
@@ -101,13 +101,14 @@ class MotionStream:
             targets.feet, targets.place, stands[:, [foot.number for foot in targets.feet]], source.times
         )
         stances = self._held(targets, stances)
-        if self._obstacles is None:
-            self._obstacles = Obstacles(self.body, self._settings, floor=bool(targets.feet))
+        on_floor = bool(targets.feet)
+        if self._obstacles is None or (self._obstacles.floor is not None) != on_floor:
+            self._obstacles = Obstacles(self.body, self._settings, floor=on_floor)
         return MotionProblem(self.body, targets, stances, source.times, self._settings, self._obstacles)
 
     def _targets(self, source: SourceMotion, flat: np.ndarray) -> Targets:
         """Those of the frames that are kept; of the size of the body while nothing has told the source's."""
-        floor = self._floor or 0.0
+        floor = self._floor
         try:
             targets = targets_of(self.body, source, self._match, floor, flat)
         except InputError:
@@ -117,7 +118,7 @@ class MotionStream:
 
     def _held(self, targets: Targets, stances: FootStances) -> FootStances:
         """Stances whose points, where they stood a frame before, stay where the body has them."""
-        if self._before is None or not targets.feet:
+        if self._before is None or len(self._stood) != len(targets.feet):
             return stances
         place, t = stances.place.copy(), self._next
         posed = self.body.at(self._before[1])

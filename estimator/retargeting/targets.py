@@ -41,19 +41,19 @@ class Targets(NamedTuple):
 
 
 def targets_of(
-    body: Body, source: SourceMotion, match: Correspondence, floor: float, flat: np.ndarray | None = None
+    body: Body, source: SourceMotion, match: Correspondence, floor: float | None, flat: np.ndarray | None = None
 ) -> Targets:
-    """Of a source's frames, the floor [m] of which is moved to z = 0.
+    """Of a source's frames, the floor [m] of which is moved to z = 0; without one there are no feet among the targets.
 
     flat (T, 2) bool: when which foot of the source, left and right, stands on heel and toes, which tells how its
     landmarks lie in a foot that is level.
 
     Raises InputError where neither legs nor places tell a scale.
     """
-    own = {name: source.points[:, k] - np.array([0.0, 0.0, floor]) for k, name in enumerate(source.names)}
+    own = {name: source.points[:, k] - np.array([0.0, 0.0, floor or 0.0]) for k, name in enumerate(source.names)}
     posed = body.at(body.neutral)
     rest = dict(zip(body.landmark_names, body.landmarks(posed), strict=True))
-    feet = feet_of(body) if body.has_free_root else ()
+    feet = feet_of(body) if body.has_free_root and floor is not None else ()
     feet = tuple(foot for foot in feet if {f"{foot.side}_{p}" for p in ("hip", "knee", "ankle", "big_toe")} <= set(own))
     scale = match.scale or _scale(rest, own, feet, match)
     rows = _Rows(body, feet)
