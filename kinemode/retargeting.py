@@ -11,6 +11,8 @@ from typing import cast
 from threadpoolctl import threadpool_limits
 
 from estimator.retargeting.contact_file import load_standing
+from estimator.retargeting.doubts import doubts_of
+from estimator.retargeting.leaps import leaps_of, without_rest_pose
 from estimator.retargeting.match_file import load_match, match_start
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
@@ -59,7 +61,9 @@ def retarget_to(
     temporary = TemporaryFolder() if wanted.out is None else None
     path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, wanted.out))
     RunTarget(path, overwrite=wanted.overwrite).check()
-    motion = filled(load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit, layout=wanted.layout), GAP)
+    read = load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit, layout=wanted.layout)
+    read = without_rest_pose(read)
+    motion = filled(read, GAP)
     match = None if wanted.match is None else load_match(wanted.match)
     standing = None if wanted.contacts is None else load_standing(wanted.contacts, motion)
     others = hypotheses_of(source, wanted.modes) if wanted.modes else None
@@ -75,11 +79,11 @@ def retarget_to(
             standing=standing,
             progress=step,
         )
-    for note in made.notes:
+    doubts = doubts_of(body, made, motion, leaps_of(read))
+    for note in (*made.notes, *doubts.findings):
         warnings.warn(note, InputWarning, stacklevel=3)
-    write_motion_run(
-        path, _header(subject, _origin(source), made, wanted), body, made, motion, overwrite=wanted.overwrite
-    )
+    header = _header(subject, _origin(source), made, wanted)
+    write_motion_run(path, header, body, made, motion, doubts=doubts, overwrite=wanted.overwrite)
     return Run.open(path)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.retargeting.doubts import doubts_of
 from estimator.retargeting.feet import Foot, feet_of, foot_rotation
 from estimator.retargeting.match_file import load_match
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
@@ -192,7 +193,9 @@ def written(path: Path, motion: RetargetedMotion, source: SourceMotion) -> Run:
         image_sizes={}, times=motion.times, tracker=RETARGETED, settings={}, seed=0, version=__version__,
         points=(source.source,), floor=0.0,
     )  # fmt: skip
-    write_motion_run(path, header, body_of(HUMAN), motion, source, overwrite=False)
+    write_motion_run(
+        path, header, body_of(HUMAN), motion, source, doubts=doubts_of(body_of(HUMAN), motion, source), overwrite=False
+    )
     return Run.open(path)
 
 

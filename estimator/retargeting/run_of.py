@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.retargeting.contacts import SourceContacts
+from estimator.retargeting.doubts import Doubts
 from estimator.retargeting.motion import RetargetedMotion
 from estimator.retargeting.source import SourceMotion
 from estimator.runs.run_file import Run, RunWriter
@@ -25,22 +26,30 @@ STANDING, STANDING_NAMES = "standing", "standing_names"
 
 
 def write_motion_run(
-    path: Path, header: RunHeader, body: Body, motion: RetargetedMotion, source: SourceMotion, *, overwrite: bool
+    path: Path,
+    header: RunHeader,
+    body: Body,
+    motion: RetargetedMotion,
+    source: SourceMotion,
+    *,
+    doubts: Doubts,
+    overwrite: bool,
 ) -> None:
-    """Write a complete run of a motion, with the source beside it.
+    """Write a complete run of a motion, with the source beside it; frames that something speaks against are "hard".
 
     Raises InputError where the file exists and is not to be replaced, or cannot be written.
     """
     nowhere = np.zeros((0, len(body.landmark_names), 2)), np.zeros((0, len(body.landmark_names)))
     with RunWriter.create(path, header, overwrite) as writer:
         writer.put_observations([Observation(i, float(t), (), *nowhere) for i, t in enumerate(motion.times)])
-        for result in _frames(body, motion, source):
+        hard = ~motion.keeps | doubts.frames
+        for result in _frames(body, motion, source, hard):
             writer.append(result, {})
-        writer.put_findings((), [int(t) for t in np.flatnonzero(~motion.keeps)])
+        writer.put_findings(doubts.findings, [int(t) for t in np.flatnonzero(hard)])
         writer.finish()
 
 
-def _frames(body: Body, motion: RetargetedMotion, source: SourceMotion) -> Iterator[FrameResult]:
+def _frames(body: Body, motion: RetargetedMotion, source: SourceMotion, hard: np.ndarray) -> Iterator[FrameResult]:
     """The motion and what was carried through beside it; they were made, so that none has a covariance."""
     floor = np.array([0.0, 0.0, motion.contacts.floor or 0.0])
     points, names = motion.targets.scale * (source.points - floor), np.array(source.names)
@@ -51,7 +60,7 @@ def _frames(body: Body, motion: RetargetedMotion, source: SourceMotion) -> Itera
         q, weight, energy, overlap = _hypotheses(motion, t)
         count = len(q)
         yield FrameResult(
-            t, float(motion.times[t]), TRACKED if motion.keeps[t] else HARD, q, weight, energy,
+            t, float(motion.times[t]), HARD if hard[t] else TRACKED, q, weight, energy,
             np.zeros((count, body.nv, body.nv)), np.full(count, 0 if t else -1), np.zeros(count), overlap,
             ("",) * count, np.repeat(velocity[t : t + 1], count, axis=0),
             extra={

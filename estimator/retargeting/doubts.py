@@ -1,0 +1,111 @@
+"""What speaks against a motion that was made another body's: limbs and hips far from the source, leaps of the source.
+
+Of 32 good motions (12 of ASAP, 20 of CMU), each followed by G1 and by Talos, 62 have limbs 5 to 7 degrees off in the
+middle of all frames and 59 at most, where a joint's limits keep a trunk or a leg from more, and hips 0.20 m at most,
+0.3 of a leg. The other two lost the source, though they kept to limits and floor: limbs were 80 and 125 degrees off,
+hips 0.38 and 0.43 m. Joints read in another program's order were 104 degrees off, a robot that could not turn its feet
+out 113, legs bent to stay above a floor that was none 63.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.retargeting.leaps import Leap, leap_findings, leap_frames
+from estimator.retargeting.motion import RetargetedMotion
+from estimator.retargeting.source import SourceMotion
+from estimator.retargeting.targets import LIMB, Targets
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.support.errors import first_of
+
+_OFF = 60.0  # degrees: a limb's end is as far from where it should be as the limb is long
+_HIPS_OFF = 0.4  # of the length of thigh and shank
+_LIGHT = 0.5  # of a limb's weight: what counts less may be anywhere
+_ACROSS = ("hips", "shoulders", "head")  # lines across the trunk are short, and heads turn as they can
+_SHORTEST = 1e-9  # m
+_LISTED = 4
+_LEG = ("hip", "knee", "ankle")
+
+
+class Doubts(NamedTuple):
+    """findings: a sentence each. frames (T,) bool: those that they speak against."""
+
+    findings: tuple[str, ...]
+    frames: np.ndarray
+
+
+def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps: Sequence[Leap] = ()) -> Doubts:
+    """What speaks against a motion that follows a source, whose leaps are those before its gaps were filled."""
+    targets = motion.targets
+    own = np.array([targets.combination @ points_in_world(body.at(q), targets.joint, targets.local) for q in motion.q])
+    rows = _limbs(targets)
+    angles = _angles(own[:, rows], targets.target[:, rows])
+    unknown = np.asarray((targets.weight <= 0.0).all(axis=1))
+    doubts = [
+        (leap_findings(source, tuple(leaps)), leap_frames(source, tuple(leaps))),
+        _of_limbs(source, [targets.names[row] for row in rows], angles),
+        _of_hips(source, _hips_off(targets, own), _leg(body)),
+        (_sentence(source, unknown, "nothing of the source is known"), unknown),
+    ]
+    findings = tuple(sentence for sentences, _ in doubts for sentence in sentences)
+    return Doubts(findings, np.any([frames for _, frames in doubts], axis=0))
+
+
+def _limbs(targets: Targets) -> list[int]:
+    """Rows of the directions that count."""
+    names, shares = targets.names, targets.combination.sum(axis=1)
+    heavy = targets.weight.max(axis=0, initial=0.0) >= _LIGHT / LIMB**2
+    return [r for r, name in enumerate(names) if abs(shares[r]) < _SHORTEST and heavy[r] and name not in _ACROSS]
+
+
+def _angles(own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Angles (T, B) [deg] between directions (T, B, 3), NaN where the source has none."""
+    across = np.linalg.norm(np.cross(own, wanted), axis=2)
+    return np.asarray(np.degrees(np.arctan2(across, (own * wanted).sum(axis=2))))
+
+
+def _hips_off(targets: Targets, own: np.ndarray) -> np.ndarray:
+    """Distances (T,) [m] of the middle of the hips from where they are to be, 0 where that is not known."""
+    rows = [r for r, name in enumerate(targets.names) if name == "hips" and targets.combination[r].sum() > _LIGHT]
+    off = np.linalg.norm(own[:, rows] - targets.target[:, rows], axis=2)
+    return np.asarray(np.nan_to_num(off).max(axis=1, initial=0.0))
+
+
+def _leg(body: Body) -> float:
+    """Length of thigh and shank [m] of a body at rest, infinite without them."""
+    places = dict(zip(body.landmark_names, body.landmarks(body.at(body.neutral)), strict=True))
+    for side in ("left", "right"):
+        if {f"{side}_{part}" for part in _LEG} <= places.keys():
+            hip, knee, ankle = (places[f"{side}_{part}"] for part in _LEG)
+            return float(np.linalg.norm(hip - knee) + np.linalg.norm(knee - ankle))
+    return float("inf")
+
+
+def _of_limbs(source: SourceMotion, names: Sequence[str], angles: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+    """What speaks against directions, angles (T, B) [deg]."""
+    far = np.nan_to_num(angles) > _OFF
+    worst = np.nan_to_num(angles).max(axis=0, initial=0.0)
+    listed = [f"{names[k].replace('_', ' ')} by up to {worst[k]:.0f}" for k in np.argsort(-worst) if worst[k] > _OFF]
+    frames = np.asarray(far.any(axis=1))
+    what = f"limbs are off the source's directions ({first_of(listed, _LISTED)} degrees)"
+    remedy = "the subject cannot follow there, or joints are not what their names say"
+    return _sentence(source, frames, what, remedy), frames
+
+
+def _of_hips(source: SourceMotion, off: np.ndarray, leg: float) -> tuple[tuple[str, ...], np.ndarray]:
+    """What speaks against the path, off it by (T,) [m], of a body whose legs are so long [m]."""
+    frames = np.asarray(off > _HIPS_OFF * leg)
+    return _sentence(source, frames, f"the hips are up to {off.max(initial=0.0):.1f} m off the source's path"), frames
+
+
+def _sentence(source: SourceMotion, frames: np.ndarray, what: str, remedy: str = "") -> tuple[str, ...]:
+    """What holds in frames (T,) bool; nothing where it does in none."""
+    at = np.flatnonzero(frames)
+    if not len(at):
+        return ()
+    number = f"{len(at)} frame{'s' if len(at) > 1 else ''}"
+    when = f"from {source.times[at[0]]:.2f} to {source.times[at[-1]]:.2f} s"
+    return (f"{source.source}: {what} in {number} {when}{': ' if remedy else ''}{remedy}",)

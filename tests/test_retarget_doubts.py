@@ -1,0 +1,130 @@
+"""Frames in which a motion is not its source's are hard: where the source leaps, and where the body is elsewhere."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.retargeting.doubts import doubts_of
+from estimator.retargeting.leaps import leaps_of, without_rest_pose
+from estimator.retargeting.motion import RetargetedMotion, retarget_motion
+from estimator.retargeting.problem import RetargetSettings
+from estimator.retargeting.source import SourceMotion, filled
+from tests.builders import body_of
+from tests.test_retargeting import HUMAN, part_of, steps
+
+QUICK = RetargetSettings(starts=1).frame_by_frame
+
+
+def posed_apart(rate: float, frames: int, away: float) -> SourceMotion:
+    """Steps whose first frames are a person at rest, so many metres away; at a rate [1/s]."""
+    body = body_of(HUMAN)
+    rest = body.landmarks(body.at(body.neutral))
+    hips = [steps().names.index(f"{side}_hip") for side in ("left", "right")]
+    rest = rest + (steps().points[0, hips] - rest[hips]).mean(axis=0) + np.array([away, 0.0, 0.0])
+    points = np.concatenate([np.repeat(rest[None], frames, axis=0), steps().points])
+    return SourceMotion(steps().names, points, np.arange(len(points)) / rate, "walk.npz")
+
+
+@pytest.mark.parametrize(("rate", "frames", "away"), [(30.0, 1, 1.5), (60.0, 2, 0.7), (25.0, 3, -4.0)])
+def test_a_rest_pose_before_the_motion_is_left_out(rate: float, frames: int, away: float) -> None:
+    read = without_rest_pose(posed_apart(rate, frames, away))
+    assert np.isnan(read.points[:frames]).all()
+    assert np.isfinite(read.points[frames:]).all()
+    assert f"leaps {abs(away):.1f} m between frames {frames - 1} and {frames}" in read.notes[0]
+    assert leaps_of(read) == ()
+    assert filled(read, 0.5).points[0] == pytest.approx(steps().points[0])
+
+
+def test_arms_alone_are_a_rest_pose_too() -> None:
+    points = steps().points.copy()
+    for name, y in (("left_wrist", 0.9), ("right_wrist", -0.9)):
+        points[0, steps().names.index(name), 1:] = y, 1.4
+    read = without_rest_pose(replace(steps(), points=points))
+    assert np.isnan(read.points[0]).all()
+
+
+def test_what_people_do_is_no_leap() -> None:
+    """A sprint, an arm that throws, noise of triangulated joints."""
+    rng = np.random.default_rng(0)
+    for rate in (15.0, 30.0, 120.0):
+        times = np.arange(60) / rate
+        sprint = steps().points[:60] + np.stack([11.0 * times, 0.0 * times, 0.0 * times], axis=1)[:, None]
+        throw = steps().points[:60].copy()
+        angle = np.pi * np.clip((times - times[30]) / 0.15 + 0.5, 0.0, 1.0)
+        arm = 0.6 * np.stack([np.sin(0.5 * np.pi - angle), 0.0 * angle, np.cos(0.5 * np.pi - angle)], axis=1)
+        throw[:, steps().names.index("right_wrist")] = throw[:, steps().names.index("right_shoulder")] + arm
+        noisy = np.repeat(steps().points[:1], 60, axis=0) + 0.02 * rng.normal(size=steps().points[:60].shape)
+        for points in (sprint, throw, noisy):
+            source = SourceMotion(steps().names, points, times, "run.npz")
+            assert leaps_of(source) == ()
+            assert without_rest_pose(source) is source
+
+
+@pytest.mark.parametrize(("at", "away"), [(20, 2.5), (40, 4.0)])
+def test_a_leap_inside_a_motion_makes_its_frames_hard(tmp_path: Path, at: int, away: float) -> None:
+    points = steps().points[:50].copy()
+    points[at:] += [away, 0.0, 0.0]
+    points[at - 4 : at] = np.nan
+    source = SourceMotion(steps().names, points, steps().times[:50], "cut.npz")
+    with pytest.warns(km.InputWarning, match=rf"leaps {away:.1f} m between frames {at - 5} and {at}"):
+        run = km.retarget(source, HUMAN, method="frames", out=tmp_path / "a.run")
+    assert (run.status[at - 5 : at + 1] == "hard").all()
+    assert (run.status[: at - 15] == "tracked").all()
+    assert "faster than anybody moves" in run.header.findings[0]
+
+
+@cache
+def followed() -> tuple[RetargetedMotion, SourceMotion]:
+    source = part_of(steps(), 10, 25)
+    return retarget_motion(body_of(HUMAN), source, settings=QUICK), source
+
+
+def test_nothing_speaks_against_a_good_motion(tmp_path: Path) -> None:
+    doubts = doubts_of(body_of(HUMAN), *followed())
+    assert doubts.findings == ()
+    assert not doubts.frames.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", km.InputWarning)
+        run = km.retarget(followed()[1], HUMAN, method="frames", out=tmp_path / "a.run")
+    assert run.header.findings == ()
+    assert (run.status == "tracked").all()
+
+
+@pytest.mark.parametrize(
+    ("joint", "limb", "frames"), [("left_hip_flexion", "left thigh", 4), ("right_elbow_flexion", "right forearm", 1)]
+)
+def test_a_limb_that_points_elsewhere(joint: str, limb: str, frames: int) -> None:
+    motion, source = followed()
+    q = motion.q.copy()
+    q[3 : 3 + frames, body_of(HUMAN).q_names.index(joint)] += np.radians(90.0)
+    doubts = doubts_of(body_of(HUMAN), replace(motion, q=q), source)
+    assert np.flatnonzero(doubts.frames).tolist() == list(range(3, 3 + frames))
+    assert limb in doubts.findings[0]
+    assert f"in {frames} frame" in doubts.findings[0]
+
+
+@pytest.mark.parametrize("away", [0.5, 2.0])
+def test_a_body_off_the_path(away: float) -> None:
+    motion, source = followed()
+    q = motion.q.copy()
+    q[5:, 0] += away
+    doubts = doubts_of(body_of(HUMAN), replace(motion, q=q), source)
+    assert np.flatnonzero(doubts.frames).tolist() == list(range(5, len(q)))
+    assert f"the hips are up to {away:.1f} m off" in doubts.findings[0]
+
+
+def test_frames_of_which_nothing_is_known() -> None:
+    points = part_of(steps(), 0, 60).points.copy()
+    points[20:50] = np.nan
+    source = SourceMotion(steps().names, points, steps().times[:60], "gap.npz")
+    motion = retarget_motion(body_of(HUMAN), source, settings=QUICK)
+    doubts = doubts_of(body_of(HUMAN), motion, source)
+    assert doubts.frames[20:50].all()
+    assert "nothing of the source is known in 30 frames" in doubts.findings[-1]
