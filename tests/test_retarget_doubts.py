@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from estimator.retargeting.doubts import doubts_of
+from estimator.retargeting.handedness import is_mirrored
 from estimator.retargeting.leaps import leaps_of, without_rest_pose
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
@@ -128,3 +130,29 @@ def test_frames_of_which_nothing_is_known() -> None:
     doubts = doubts_of(body_of(HUMAN), motion, source)
     assert doubts.frames[20:50].all()
     assert "nothing of the source is known in 30 frames" in doubts.findings[-1]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_source_is_hard(axis: int) -> None:
+    """One whose left and right are exchanged is, too."""
+    motion, source = followed()
+    points = source.points.copy()
+    points[..., axis] *= -1.0
+    exchanged = tuple(_other_side(name) for name in source.names)
+    for other in (replace(source, points=points), replace(source, names=exchanged)):
+        doubts = doubts_of(body_of(HUMAN), motion, other)
+        assert doubts.frames.all()
+        assert "toes point backwards" in doubts.findings[-1]
+    assert not is_mirrored(replace(source, points=points, names=exchanged))
+
+
+@pytest.mark.parametrize("angles", [(0.0, 100.0, 0.0), (90.0, 0.0, 0.0), (180.0, 30.0, 70.0)])
+def test_who_bends_or_lies_is_not_mirrored(angles: tuple[float, float, float]) -> None:
+    source = part_of(steps(), 0, 30)
+    R = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    assert not is_mirrored(replace(source, points=source.points @ R.T))
+
+
+def _other_side(name: str) -> str:
+    side, _, part = name.partition("_")
+    return {"left": "right_", "right": "left_"}[side] + part if side in ("left", "right") else name

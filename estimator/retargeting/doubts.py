@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.retargeting.handedness import is_mirrored
 from estimator.retargeting.leaps import Leap, leap_findings, leap_frames
 from estimator.retargeting.motion import RetargetedMotion
 from estimator.retargeting.source import SourceMotion
@@ -26,6 +27,7 @@ _HIPS_OFF = 0.4  # of the length of thigh and shank
 _LIGHT = 0.5  # of a limb's weight: what counts less may be anywhere
 _ACROSS = ("hips", "shoulders", "head")  # lines across the trunk are short, and heads turn as they can
 _SHORTEST = 1e-9  # m
+_MIRRORED = "the toes point backwards, as left and right are exchanged or the axes are left-handed,"
 _LISTED = 4
 _LEG = ("hip", "knee", "ankle")
 
@@ -43,12 +45,14 @@ def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps:
     own = np.array([targets.combination @ points_in_world(body.at(q), targets.joint, targets.local) for q in motion.q])
     rows = _limbs(targets)
     angles = _angles(own[:, rows], targets.target[:, rows])
+    mirrored = np.full(len(own), is_mirrored(source))
     unknown = np.asarray((targets.weight <= 0.0).all(axis=1))
     doubts = [
         (leap_findings(source, tuple(leaps)), leap_frames(source, tuple(leaps))),
         _of_limbs(source, [targets.names[row] for row in rows], angles),
         _of_hips(source, _hips_off(targets, own), _leg(body)),
         (_sentence(source, unknown, "nothing of the source is known"), unknown),
+        (_sentence(source, mirrored, _MIRRORED, "names and axes of the file are to be checked"), mirrored),
     ]
     findings = tuple(sentence for sentences, _ in doubts for sentence in sentences)
     return Doubts(findings, np.any([frames for _, frames in doubts], axis=0))
