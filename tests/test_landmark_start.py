@@ -11,7 +11,8 @@ import kinemode as km
 from humanoid import Body, load_subject
 from humanoid.shape.landmark_start import body_part, landmark_start
 from humanoid.subject.example_robots import PREFIX, find, installed
-from humanoid.subject.subject import Subject
+from humanoid.subject.subject import Subject, subject_from_text
+from humanoid.support.files import read_toml
 from kinemode.__main__ import main
 
 ARM = """<robot name="arm"><link name="world"/>
@@ -105,3 +106,34 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 )  # fmt: skip
 def test_words_tell_joints_of_the_body(name: str, part: str | None) -> None:
     assert body_part(name) == part
+
+
+BIPED = """<robot name="biped"><link name="pelvis"/>{legs}</robot>"""
+LEG = """<link name="{s}_hip"/><link name="{s}_knee"/><link name="{s}_ankle"><collision>
+    <origin xyz="{ahead}" rpy="0 0 {yaw}"/><geometry><box size="0.24 0.08 0.06"/></geometry></collision></link>
+  <joint name="{s}_hip_pitch" type="revolute"><parent link="pelvis"/><child link="{s}_hip"/><origin xyz="{aside}"/>
+    <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="{s}_knee_pitch" type="revolute"><parent link="{s}_hip"/><child link="{s}_knee"/>
+    <origin xyz="0 0 -0.4"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="{s}_ankle_pitch" type="revolute"><parent link="{s}_knee"/><child link="{s}_ankle"/>
+    <origin xyz="0 0 -0.4"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0, 30.0])
+def test_toes_are_on_the_side_of_the_front(yaw: float, tmp_path: Path) -> None:
+    """Whichever axis of its URDF a robot looks along; its feet are longer ahead of the ankle."""
+    turn = np.radians(yaw)
+    front, left = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
+    legs = "".join(
+        LEG.format(
+            s=side, yaw=turn, ahead=" ".join(map(str, 0.05 * front - [0.0, 0.0, 0.03])), aside=" ".join(map(str, at))
+        )
+        for side, at in (("left", 0.1 * left), ("right", -0.1 * left))
+    )
+    text = landmark_start(subject_from_text(BIPED.format(legs=legs), source="biped.urdf"))
+    (tmp_path / "biped.toml").write_text(text)
+    marks = read_toml(tmp_path / "biped.toml", remedy="")["landmarks"]
+    places = {name: entry["xyz"] for name, entry in marks.items()}
+    for side in ("left", "right"):
+        assert places[f"{side}_big_toe"] == pytest.approx(0.146 * front - [0.0, 0.0, 0.06], abs=2e-4)
+        assert places[f"{side}_heel"] == pytest.approx(-0.046 * front - [0.0, 0.0, 0.06], abs=2e-4)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -156,3 +158,15 @@ def test_who_bends_or_lies_is_not_mirrored(angles: tuple[float, float, float]) -
 def _other_side(name: str) -> str:
     side, _, part = name.partition("_")
     return {"left": "right_", "right": "left_"}[side] + part if side in ("left", "right") else name
+
+
+def test_a_subject_whose_toes_are_behind_its_heels() -> None:
+    body, (motion, source) = body_of(HUMAN), followed()
+    exchanged = {"heel": "big_toe", "big_toe": "heel"}
+    other = copy(body)
+    other.landmark_names = tuple(
+        re.sub("heel|big_toe", lambda match: exchanged[match[0]], name) for name in body.landmark_names
+    )
+    doubts = doubts_of(other, motion, source)
+    assert doubts.frames.all()
+    assert "the subject's toes point backwards" in doubts.findings[-1]

@@ -30,6 +30,7 @@ _SHORTEST = 1e-9  # m
 _MIRRORED = "the toes point backwards, as left and right are exchanged or the axes are left-handed,"
 _LISTED = 4
 _LEG = ("hip", "knee", "ankle")
+_REVERSED = "the subject's toes point backwards, as its heels and toes, or left and right, are exchanged,"
 
 
 class Doubts(NamedTuple):
@@ -45,7 +46,7 @@ def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps:
     own = np.array([targets.combination @ points_in_world(body.at(q), targets.joint, targets.local) for q in motion.q])
     rows = _limbs(targets)
     angles = _angles(own[:, rows], targets.target[:, rows])
-    mirrored = np.full(len(own), is_mirrored(source))
+    mirrored, reversed_feet = (np.full(len(own), is_mirrored(each)) for each in (source, _at_rest(body)))
     unknown = np.asarray((targets.weight <= 0.0).all(axis=1))
     doubts = [
         (leap_findings(source, tuple(leaps)), leap_frames(source, tuple(leaps))),
@@ -53,9 +54,15 @@ def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps:
         _of_hips(source, _hips_off(targets, own), _leg(body)),
         (_sentence(source, unknown, "nothing of the source is known"), unknown),
         (_sentence(source, mirrored, _MIRRORED, "names and axes of the file are to be checked"), mirrored),
+        (_sentence(source, reversed_feet, _REVERSED, "its landmarks are to be checked"), reversed_feet),
     ]
     findings = tuple(sentence for sentences, _ in doubts for sentence in sentences)
     return Doubts(findings, np.any([frames for _, frames in doubts], axis=0))
+
+
+def _at_rest(body: Body) -> SourceMotion:
+    """A body's landmarks in one frame."""
+    return SourceMotion(body.landmark_names, body.landmarks(body.at(body.neutral))[None], np.zeros(1), "subject")
 
 
 def _limbs(targets: Targets) -> list[int]:

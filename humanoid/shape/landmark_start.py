@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.solids import ConvexSolid, Geometry, farthest, solids_of
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import Subject
@@ -31,6 +31,8 @@ _FROM_END = 0.1
 _SOLES = "soles: under the ends of what hangs on an ankle"
 _DEVIATIONS = 4.0  # standard deviations that a joint's range is taken for
 _TIPS = "tips of the last links: where the line from their joint through their middle leaves them"
+_NO_WIDTH = 1e-3  # m: of parts that are on no side
+_ALONG_AXIS = 0.98  # cosine from which left is along an axis: about 10 degrees
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -118,14 +120,16 @@ def _of_a_person(links: list[tuple[str, str]]) -> dict[str, str]:
 
 def _soles(body: Body, named: dict[str, str]) -> Iterator[LandmarkCandidate]:
     """Heels and toes of a person whose ankles are named: on the middle line of what hangs on an ankle's joint, as low
-    as that reaches with all joints at zero, z up and x ahead, a tenth of its length from its ends."""
+    as that reaches with all joints at zero, z up, a tenth of its length from its ends; ahead is as left and right say.
+    """
     model, posed = body.model, body.at(pin.neutral(body.model))
+    R_front_world = _front(body, named)
     for side in ("left", "right"):
         link = named.get(f"{side}_ankle")
         if link is None:
             continue
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-        R_world_joint = posed.rotations[frame.parentJoint]
+        R_front_joint = R_front_world @ posed.rotations[frame.parentJoint]
         shapes, _ = _geometry(body.subject, {frame.parentJoint})
         solids = next(
             (own for every in reversed(shapes) if (own := [s for s in every if s.joint == frame.parentJoint])), []
@@ -133,13 +137,40 @@ def _soles(body: Body, named: dict[str, str]) -> Iterator[LandmarkCandidate]:
         if not solids:
             continue
         high, low = (
-            sign * np.array([max(farthest(s, sign * axis) for s in solids) for axis in R_world_joint])
+            sign * np.array([max(farthest(s, sign * axis) for s in solids) for axis in R_front_joint])
             for sign in (1, -1)
         )
         margin = _FROM_END * (high[0] - low[0])
         for part, along in (("heel", low[0] + margin), ("big_toe", high[0] - margin)):
-            place = frame.placement.actInv(R_world_joint.T @ np.array([along, 0.5 * (high[1] + low[1]), low[2]]))
+            place = frame.placement.actInv(R_front_joint.T @ np.array([along, 0.5 * (high[1] + low[1]), low[2]]))
             yield LandmarkCandidate(f"{side}_{part}", link, tuple(place.round(4).tolist()), True, "", _SOLES)
+
+
+def _front(body: Body, named: dict[str, str]) -> np.ndarray:
+    """R_front_world (3, 3), whose rows are ahead, left and up [z] with all joints at zero: left is where most of a
+    person's left parts are beside the right ones, x is ahead where nobody can know."""
+    posed, across = body.at(pin.neutral(body.model)), np.zeros(3)
+    for part in _PARTS:
+        ends = [named.get(f"{side}_{part}") for side in ("left", "right")]
+        if None not in ends:
+            left, right = (_place(body, posed, str(link)) for link in ends)
+            across += (left - right) * [1.0, 1.0, 0.0]
+    length = float(np.linalg.norm(across))
+    if length < _NO_WIDTH:
+        return np.eye(3)
+    left = across / length
+    if np.abs(left).max() > _ALONG_AXIS:
+        left = np.round(left)
+    up = np.array([0.0, 0.0, 1.0])
+    return np.stack([np.cross(left, up), left, up])
+
+
+def _place(body: Body, posed: PosedBody, link: str) -> np.ndarray:
+    """Where a link is (3,) [m], in the world."""
+    frame = body.model.frames[body.model.getFrameId(link, pin.FrameType.BODY)]
+    return np.asarray(
+        posed.translations[frame.parentJoint] + posed.rotations[frame.parentJoint] @ frame.placement.translation
+    )
 
 
 def body_part(name: str) -> str | None:
