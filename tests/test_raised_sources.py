@@ -119,3 +119,14 @@ def test_a_frame_alone_is_mended(sunk: float) -> None:
     mended, keeps = mend(problem, q)
     assert keeps.all()
     assert problem.keeps(0, mended[0])
+
+
+@pytest.mark.parametrize(("noise", "origin"), [(0.04, 0.0), (0.05, -0.9)])
+def test_feet_that_never_stand_are_above_a_floor(noise: float, origin: float) -> None:
+    """Wherever the file has its origin: in noise no foot is ever still."""
+    source = posed(0.0, 20.0, 30.0, noise=noise)
+    source.points[..., 2] += origin
+    contacts = source_contacts(source)
+    assert not contacts.standing.any()
+    assert contacts.floor == pytest.approx(origin, abs=0.12)
+    assert "as none stands" in contacts.note

@@ -22,6 +22,7 @@ _SURE = 0.5
 _SLOW = 0.35  # m/s: what is faster is landing, leaving or shuffling, not held by the floor
 _SPREAD = 0.06  # m: of the places of a stance, in which ankles roll over feet; what moves farther has made a step
 _FEWEST = 2  # frames of a stance
+_LOWEST = 20.0  # percentile of the frames, of feet that never stand
 _ROUNDS = 3
 
 
@@ -31,8 +32,9 @@ class SourceContacts:
 
     names (P): points of the soles, left_heel and left_big_toe, then those of the right foot, as far as they are told.
     landmarks (P): those of the motion that tell of each, as left_ankle of left_heel where the motion has no heels.
-    standing (T, P) bool. floor [m]: height of the level floor, None where nothing stands. above (P,) [m]: how high each
-    landmark is above the floor while it stands. note: what is worth knowing; empty where nothing is.
+    standing (T, P) bool. floor [m]: height of the level floor, None without feet, or where the body lies lower. above
+    (P,) [m]: how high each landmark is above the floor while it stands. note: what is worth knowing; empty
+    where nothing is.
     """
 
     names: tuple[str, ...]
@@ -50,8 +52,9 @@ def source_contacts(source: SourceMotion, floor: float | None = None, *, feet_al
     Heels, or ankles where there are none, and toes stand each for themselves; all may be in the air. What is faster
     than 0.35 m/s, or over 6 cm above the floor, as a raised foot, does not stand, and a stance whose places are spread
     over more than 6 cm is parted where it is fastest: small steps are steps, as what follows is to hold a foot that
-    stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. A floor that
-    the body lies under, as where feet rest on a chair, is none: that of lower feet is taken, if there is one. floor
+    stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. Where
+    nothing stands the floor is under the lowest feet. One that the body lies under, as where feet rest on a chair, is
+    none: that of lower feet is taken, if there is one. floor
     [m]: its height, where it is known. feet_alone: whatever the rest of the body does.
     """
     told = {
@@ -71,17 +74,28 @@ def source_contacts(source: SourceMotion, floor: float | None = None, *, feet_al
     kinds = sorted(set(parts))
     kind = np.array([kinds.index(part) for part in parts])
     expected = np.array([_ABOVE[name] for name in kinds])
-    standing, ground = _standing(points, source.times, kind, expected, floor)
-    note = f"{source.source}: no foot stands, so that there is no floor"
-    if ground is not None and floor is None and not feet_alone and lies_below(source, ground.height):
-        where = f"feet rest at {ground.height:.2f} m and the body lies lower"
-        note = f"{source.source}: {where}: they are on no floor, and nothing is held on one"
-        standing, ground = _standing_lower(points, source, kind, expected, ground.height)
+    standing, stood_on = _standing(points, source.times, kind, expected, floor)
+    ground = stood_on or _under_lowest(points, kind, expected)
+    where = "found where feet stand" if stood_on else "under the lowest feet, as none stands"
+    note = "" if floor is not None else f"{source.source}: floor at {ground.height:.3f} m, {where}"
+    if floor is None and not feet_alone and lies_below(source, ground.height):
+        raised = ground.height
+        standing, lower = _standing_lower(points, source, kind, expected, raised)
+        if lower is None:
+            why = (
+                f"feet are at {raised:.2f} m and the body lies lower: they are on no floor, and nothing is held on one"
+            )
+            return SourceContacts(tuple(told), landmarks, standing, None, expected[kind], f"{source.source}: {why}")
+        ground, note = lower, f"{source.source}: floor at {lower.height:.3f} m, found where lower feet stand"
     standing &= known.any(axis=0)
-    if ground is None:
-        return SourceContacts(tuple(told), landmarks, np.zeros_like(standing), None, expected[kind], note)
-    note = "" if floor is not None else f"{source.source}: floor at {ground.height:.3f} m, found where feet stand"
     return SourceContacts(tuple(told), landmarks, standing, ground.height, ground.above[kind], note)
+
+
+def _under_lowest(points: np.ndarray, kind: np.ndarray, expected: np.ndarray) -> Ground:
+    """A level floor under most of the lowest places of feet (T, P, 3) that never stand."""
+    heights = points[..., 2] - expected[kind]
+    lowest = np.nanmin(heights[np.isfinite(heights).any(axis=1)], axis=1)
+    return Ground(_UP, float(np.percentile(lowest, _LOWEST)), 0.0, expected)
 
 
 def _standing_lower(
