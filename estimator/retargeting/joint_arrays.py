@@ -31,8 +31,7 @@ NAMES = ("joint_names", "names", "landmarks", "keypoint_names", "joints_names", 
 LAYOUTS = ("layout", "order", "skeleton", "joint_order", "skeleton_type")
 _CLEAR = 0.7  # length of the mean of directions from which somebody stands most of the time
 _HEADS = ("head", "head_top", "nose", "neck")
-_FEWEST = 15  # joints of the smallest known order
-_NEEDED = f"an array {', '.join(ARRAYS)} of (frames, {_FEWEST} or more joints, 3) is needed"
+_NEEDED = f"an array {', '.join(ARRAYS)} of (frames, joints, 3) is needed"
 
 
 class _Order(NamedTuple):

@@ -2,7 +2,7 @@
 
 An order is accepted by evidence. Under the right one limbs keep their lengths and are as long on the left as on the
 right; under a wrong one a "thigh" leads from hip to toe on one side, or from hip to hip. The limits stand between the
-two as measured on 53 captured motions (CMU) written in each of 13 orders and read in all others of as many joints,
+two as measured on 53 captured motions (CMU) written in each of 14 orders and read in all others of as many joints,
 exact or with 20 and 30 mm of noise along each axis; the wrong column has a limit exceeded in each of them:
 
     figure                                  right order         wrong orders, smallest to largest of all motions
