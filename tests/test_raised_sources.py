@@ -74,7 +74,7 @@ def test_feet_on_the_ground_are(pitch: float, hips: float, knees: float, arms: f
 def test_who_stands_at_first_and_lies_then_has_the_first_floor() -> None:
     up, down = posed(0.0, 0.0, 5.0), posed(90.0, 90.0, 90.0)
     on_its_back = down.points + np.array([0.0, 0.0, 0.1])
-    points = np.concatenate([up.points, *[on_its_back] * 3])
+    points = np.concatenate([up.points, *[on_its_back] * 12])
     source = SourceMotion(up.names, points, np.arange(len(points)) / RATE, "falls.trc")
     contacts = source_contacts(source)
     assert contacts.floor == pytest.approx(0.0, abs=0.03)

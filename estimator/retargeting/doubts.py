@@ -1,10 +1,11 @@
 """What speaks against a motion that was made another body's: limbs and hips far from the source, leaps of the source.
 
-Of 32 good motions (12 of ASAP, 20 of CMU), each followed by G1 and by Talos, 62 have limbs 5 to 7 degrees off in the
-middle of all frames and 59 at most, where a joint's limits keep a trunk or a leg from more, and hips 0.20 m at most,
-0.3 of a leg. The other two lost the source, though they kept to limits and floor: limbs were 80 and 125 degrees off,
-hips 0.38 and 0.43 m. Joints read in another program's order were 104 degrees off, a robot that could not turn its feet
-out 113, legs bent to stay above a floor that was none 63.
+Of the first 3 s or less of 32 good motions (12 of ASAP, 20 others, nearly all CMU's), each followed by G1 and by Talos,
+62 have limbs 5 to 7 degrees off in the middle of all frames and 59 at most, where a joint's limits keep a trunk or a
+leg from more, and hips 0.20 m at most, 0.3 of a leg. The other two, Talos frame by frame, lost the source though nearly
+all frames kept to limits and floor: limbs were 80 and 125 degrees off, hips 0.38 and 0.43 m. Joints read in another
+program's order were 104 degrees off, a robot that could not turn its feet out 113, legs bent to stay above a floor that
+was none 63.
 """
 
 from __future__ import annotations
