@@ -364,10 +364,10 @@ def run_findings(
         own.insert(0, because)
         against = range(len(run)) if because else far
     else:
-        own += [far_note(far), floor_note(run)]  # a body that is elsewhere says nothing of the floor
-    notes = [note for note in own if note]
+        own.append(far_note(far))
+    notes = [note for note in (*own, *diagnosis.sentences, floor_note(run)) if note]
     against = sorted({*against, *falling, *limbs})
-    return (*note_on_beginning(run.header.tracker, run.paths()), *notes, *diagnosis.sentences), tuple(against)
+    return (*note_on_beginning(run.header.tracker, run.paths()), *notes), tuple(against)
 
 
 def _header(
