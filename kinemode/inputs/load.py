@@ -23,6 +23,7 @@ from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.data.people.everybody import everybody
+from estimator.data.repeats import measured_keypoints
 from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, at_places, timeline
 from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
@@ -276,6 +277,7 @@ def _inputs(
 ) -> Inputs:
     """What there is to track of one person, whose keypoints were chosen; part [s]: the user's unless given."""
     told, clocks, pairs = read.told, read.clocks, read.pairs
+    chosen = {name: measured_keypoints(track, clocks[name].keypoints) for name, track in chosen.items()}
     tracks, used, *size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
     line = timeline(clocks).cut(*(told.part() if part is None else part))
     notes = [*read.notes, *([] if read.rig is None else rig_notes(read.rig)), *choice_notes]

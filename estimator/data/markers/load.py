@@ -17,6 +17,7 @@ from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
 from estimator.data.markers.readers import UNIT_OPTION, read_points
 from estimator.data.markers.track import MarkerTrack, PointFile, Said
+from estimator.data.repeats import filled_places, repeated_frames
 from humanoid.support.errors import InputError, first_of, shown
 
 _LISTED = 6  # names in a note
@@ -53,7 +54,8 @@ def load_points(
     if not given:
         raise InputError("points", "no file is given", remedy="a .trc, .c3d, .npz, .npy or .csv")
     said = _checked(Said(up, unit, fps))
-    track = merged([_sound(with_clock(read_points(Path(path), said.unit), said), said) for path in given], said.up)
+    files = [_measured(_sound(with_clock(read_points(Path(path), said.unit), said), said)) for path in given]
+    track = merged(files, said.up)
     seen = np.isfinite(track.points).all(axis=2).any(axis=0)
     never = [name for name, is_seen in zip(track.names, seen, strict=True) if not is_seen]
     notes = (f"never seen: {first_of(never, _LISTED)}",) if never else ()
@@ -118,6 +120,20 @@ def _sound(file: PointFile, said: Said) -> PointFile:
 
 def _is_marker(label: str) -> bool:
     return not is_unnamed(label) and output_kind(label) is None
+
+
+def _measured(file: PointFile) -> PointFile:
+    """The points of a file without those that only repeat the one before, which is how some programs fill gaps."""
+    repeated = repeated_frames(file.points)
+    points = np.where(repeated[:, None, None], np.nan, file.points)
+    filled = filled_places(points, file.time)
+    if not (repeated.any() or filled.any()):
+        return file
+    what = "repeat to the last digit while the body moves and are taken for missing"
+    names = first_of([name for name, own in zip(file.names, filled.T, strict=True) if own.any()], _LISTED)
+    notes = [f"{file.path.name}: {repeated.sum()} frames {what}"] if repeated.any() else []
+    notes += [f"{file.path.name}: {filled.sum()} places {what}: {names}"] if filled.any() else []
+    return file._replace(points=np.where(filled[..., None], np.nan, points), notes=(*file.notes, *notes))
 
 
 def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) -> None:

@@ -1,0 +1,100 @@
+"""Values that were not measured: places that repeat to the last digit while everything else moves.
+
+Programs fill a gap with the last place that was known, and a film that was copied to another rate has pictures twice.
+What truly rests comes to rest and leaves it smoothly, or trembles by the noise of what measures it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.sequence import GIVEN
+from estimator.numerics.stretches import stretches
+
+_FEWEST = 4  # points of a frame that say that all of it is repeated
+_LEAST = 3  # frames of a place that was filled in; two alike may be chance where places are whole pixels
+_ABRUPT = 1.0
+"""Extents of the body a second (root mean square distance of its points from their middle, some 0.5 m) from which a
+point that stops dead or starts so was not at rest: fewer than a hundredth of what stands in captured motion does."""
+_FAR = 0.02  # extents: of the leap itself, 1 cm of a person
+
+
+def repeated_frames(places: np.ndarray) -> np.ndarray:
+    """Which frames (T,) have all places (T, N, D) of the frame before, and are followed or preceded by motion.
+
+    NaN where missing; frames of fewer than four places are never called repeated.
+    """
+    known = np.isfinite(places).all(axis=2)
+    both = known[1:] & known[:-1]
+    same = (places[1:] == places[:-1]).all(axis=2) & both
+    equal = (known[1:] == known[:-1]).all(axis=1) & (same == both).all(axis=1) & (both.sum(axis=1) >= _FEWEST)
+    moving = (both & ~same).sum(axis=1) > 0.5 * np.maximum(both.sum(axis=1), 1)
+    repeated = np.zeros(len(places), dtype=bool)
+    for first, after in stretches(equal):
+        around = (*moving[max(0, first - 1) : first], *moving[after : after + 1])
+        repeated[first + 1 : after + 1] = len(around) > 0 and all(around)
+    return repeated
+
+
+def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Which places (T, N, D) at times (T,) [s] were filled in rather than measured (T, N): the same to the last digit
+    in three frames or more, which the point reaches or leaves with a leap, while most others move.
+
+    The first place of such a stretch was measured.
+    """
+    filled = np.zeros(places.shape[:2], dtype=bool)
+    if len(places) < _LEAST:
+        return filled
+    step = np.linalg.norm(np.diff(places, axis=0), axis=2) / _extent(places)
+    still = step == 0.0
+    others = (step > 0.0).sum(axis=1) > still.sum(axis=1)
+    abrupt = (step > _FAR) & (step > _ABRUPT * np.diff(times)[:, None])
+    for k in np.flatnonzero(still.any(axis=0)):
+        for first, after in stretches(still[:, k] & others):
+            ends = (*abrupt[max(0, first - 1) : first, k], *abrupt[after : after + 1, k])
+            if after - first + 1 >= _LEAST and any(ends):
+                filled[first + 1 : after + 1, k] = True
+    return filled
+
+
+def _extent(places: np.ndarray) -> float:
+    """Root mean square distance of a frame's points from their middle, the median of the frames."""
+    seen = np.isfinite(places).all(axis=2)
+    enough = seen.sum(axis=1) >= 2
+    if not enough.any():
+        return 1.0
+    points = np.where(seen[..., None], places, 0.0)[enough]
+    count = seen[enough].sum(axis=1)
+    middle = points.sum(axis=1) / count[:, None]
+    apart = np.where(seen[enough], np.square(points - middle[:, None]).sum(axis=2), 0.0).sum(axis=1) / count
+    return max(float(np.sqrt(np.median(apart))), 1e-12)
+
+
+def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
+    """The keypoints without those that were not measured, with notes on what was taken for missing: at exactly zero,
+    in repeated pictures, and filled in. times (N,): of the track's first frames [s]. What a person clicked is kept."""
+    if track.layout == GIVEN or not track.names:
+        return track
+    count = min(len(times), track.frame_count)
+    seen = track.confidence > 0.0
+    zero = seen & (track.pixels == 0.0).all(axis=2)
+    places = np.where((seen & ~zero)[..., None], track.pixels, np.nan)[:count]
+    repeated = repeated_frames(places)
+    places[repeated] = np.nan
+    filled = filled_places(places, times[:count])
+    wrong = zero.copy()
+    wrong[:count] |= filled | (repeated[:, None] & seen[:count])
+    if not wrong.any():
+        return track
+    notes = (
+        (int(zero.sum()), "keypoints at exactly zero are taken for missing"),
+        (int(repeated.sum()), "frames that repeat the one before while the person moves are taken for missing"),
+        (int(filled.sum()), "keypoints that repeat to the last digit while the person moves are taken for missing"),
+    )
+    pixels, confidence = track.pixels.copy(), track.confidence.copy()
+    pixels[wrong], confidence[wrong] = np.nan, 0.0
+    own = tuple(f"{number} {text}" for number, text in notes if number)
+    return replace(track, pixels=pixels, confidence=confidence, notes=(*track.notes, *own))

@@ -1,0 +1,94 @@
+"""Values that were not measured are missing: zeros, pictures twice, gaps filled with the last place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import body_of
+
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.markers.load import load_points
+from estimator.data.repeats import filled_places, measured_keypoints, repeated_frames
+from estimator.synthesis.motion import authored_motion
+
+COUNT = 40
+
+
+def walk(fps: float) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Landmarks (T, L, 3) of somebody who moves, and times."""
+    body, times = body_of("human34"), np.arange(COUNT) / fps
+    points = body.landmarks_of(body.placed(authored_motion(body, 0.3 + times)))
+    return body.landmark_names, points, times
+
+
+def marked(frames: slice, k: int, points: np.ndarray) -> np.ndarray:
+    expected = np.zeros(points.shape[:2], dtype=bool)
+    expected[frames, k] = True
+    return expected
+
+
+@pytest.mark.parametrize(("first", "after", "fps"), [(6, 26, 30.0), (12, 20, 50.0), (20, COUNT, 25.0), (0, 15, 30.0)])
+def test_a_gap_filled_with_a_neighbour_is_missing(first: int, after: int, fps: float) -> None:
+    names, points, times = walk(fps)
+    wrist = names.index("left_wrist")
+    points[first:after, wrist] = points[first, wrist]
+    points[first:after, wrist, 0] += 0.1 * (first == 0)  # that of before the file begins
+    found = filled_places(points, times)
+    np.testing.assert_array_equal(found, marked(slice(first + 1, after), wrist, points))
+
+
+def test_what_rests_is_kept() -> None:
+    """Feet of exact stances, and whoever does not move at all, repeat to the last digit, too."""
+    names, points, times = walk(30.0)
+    heel, arm = names.index("left_heel"), names.index("right_wrist")
+    share = np.clip((times - 0.8) / 0.4, 0.0, 1.0) ** 2  # it leaves its place smoothly
+    points[:, heel] = points[0, heel] + share[:, None] * [0.3, 0.0, 0.1]
+    assert not filled_places(points, times).any()
+    still = np.repeat(points[:1], COUNT, axis=0)
+    still[:, arm] = points[:, arm]
+    assert not filled_places(still, times).any()
+    assert not repeated_frames(still).any()
+    rounded = np.round(points, 2)  # to a centimetre
+    assert filled_places(rounded, times).mean() < 0.01
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_pictures_twice_are_missing_once(every: int) -> None:
+    _, points, _ = walk(30.0)
+    twice = points[np.repeat(np.arange(COUNT), np.where(np.arange(COUNT) % every == every - 1, 2, 1))]
+    expected = np.zeros(len(twice), dtype=bool)
+    expected[1:] = (twice[1:] == twice[:-1]).all(axis=(1, 2))
+    np.testing.assert_array_equal(repeated_frames(twice)[1:-1], expected[1:-1])
+
+
+def test_points_at_zero_and_held_keypoints_are_missing() -> None:
+    names, points, times = walk(30.0)
+    pixels, sure = 600.0 + 300.0 * points[..., :2], np.ones(points.shape[:2])
+    track = KeypointTrack("coco17", names, pixels, sure, (1920, 1080), 30.0)
+    assert measured_keypoints(track, times) is track
+    wrong = pixels.copy()
+    wrong[7:9] = 0.0
+    knee = names.index("right_knee")
+    wrong[15:25, knee] = wrong[15, knee]
+    wrong[30] = wrong[29]
+    seen = measured_keypoints(KeypointTrack("coco17", names, wrong, sure, (1920, 1080), 30.0), times)
+    expected = np.zeros(sure.shape, dtype=bool)
+    expected[7:9] = expected[30] = expected[16:25, knee] = True
+    np.testing.assert_array_equal(seen.confidence == 0.0, expected)
+    np.testing.assert_array_equal(np.isnan(seen.pixels).all(axis=2), expected)
+    assert [note.split()[0] for note in seen.notes] == [str(2 * len(names)), "1", "9"]
+    clicked = KeypointTrack("landmarks", names, wrong, sure, (1920, 1080), 30.0)
+    assert measured_keypoints(clicked, times) is clicked
+
+
+def test_a_file_of_points_says_what_was_filled(tmp_path: Path) -> None:
+    names, points, _ = walk(30.0)
+    points += np.array([0.4, 0.7, 1.0])
+    points[6:26, names.index("left_wrist")] = points[6, names.index("left_wrist")]
+    np.savez(tmp_path / "a.npz", points=points, names=np.array(names), fps=30.0, unit="m", up="z")
+    track = load_points(tmp_path / "a.npz")
+    assert np.isnan(track.points).all(axis=2).sum() == 19
+    assert "19 places repeat to the last digit" in track.notes[0]
+    assert "left_wrist" in track.notes[0]
