@@ -21,6 +21,7 @@ from estimator.runs.diagnosis import contradicted
 from estimator.runs.out_of_balance import out_of_balance
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
+from estimator.runs.unobserved import unseen_by, unseen_joints_note
 from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
@@ -155,6 +156,8 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         notes += tuple(notes_on_fit(inputs.observations) if job.fits(subject) else ())
         if cues is not None and chosen is not None:
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
+        unseen = unseen_joints_note(unseen_by(body, inputs.observations)) if chosen is None else ""
+        notes += (unseen,) if unseen else ()
         for note in notes:
             warnings.warn(job.told(note), InputWarning, stacklevel=4)
         expected, clip = job.settings.cost.keypoint_noise, inputs.observations

@@ -35,8 +35,8 @@ def test_a_gap_filled_with_a_neighbour_is_missing(first: int, after: int, fps: f
     wrist = names.index("left_wrist")
     points[first:after, wrist] = points[first, wrist]
     points[first:after, wrist, 0] += 0.1 * (first == 0)  # that of before the file begins
-    found = filled_places(points, times)
-    np.testing.assert_array_equal(found, marked(slice(first + 1, after), wrist, points))
+    filled = filled_places(points, times)
+    np.testing.assert_array_equal(filled, marked(slice(first + 1, after), wrist, points))
 
 
 def test_what_rests_is_kept() -> None:

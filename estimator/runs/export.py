@@ -94,8 +94,9 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
     time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
     mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
     hypotheses together; energy (T,); status (T,) text;
-    q_names, v_names, joint_names, landmark_names text; extra_NAME (T, ...), what the tracker told beside its
-    hypotheses, see `Run.extra`. Of a body with feet also contact_names text; contact (T, P), probabilities that its
+    q_names, v_names, joint_names, landmark_names text; unseen_joint_names text, of joints that nothing shows;
+    extra_NAME (T, ...), what the tracker reported beside its hypotheses, see `Run.extra`. Of a body with feet also
+    contact_names text; contact (T, P), probabilities that its
     heels and toes stand, and contact_height (T, P) [m] above the floor, NaN without one (`estimator.runs.contact`).
     """
     return {
@@ -104,6 +105,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "q_names": np.array(run.body.q_names, dtype=np.str_),
         "v_names": np.array(run.body.v_names, dtype=np.str_),
         "joint_names": np.array(joint_names(run.body.model), dtype=np.str_),
+        "unseen_joint_names": np.array(run.unseen_joints, dtype=np.str_),
         "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
         "landmarks": run.landmarks,
         "mode_q": run.mode_q,
@@ -134,9 +136,11 @@ def _npz(run: Run, path: Path, name: str) -> None:
 
 def _csv(run: Run, path: Path, name: str) -> None:
     """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
-    status; then, so that these stay in their places, the joints' standard deviations."""
+    status; then, so that these stay in their places, the joints' standard deviations. A joint that nothing shows is
+    empty."""
     followers, following = follower_columns(run.body, run.q)
-    joints = dict(zip((*q_columns(run.body), *followers), (*run.q.T, *following.T), strict=True))
+    measured = np.where(np.isin(run.body.q_names, run.unseen_joints), np.nan, run.q)
+    joints = dict(zip((*q_columns(run.body), *followers), (*measured.T, *following.T), strict=True))
     _write_csv(run, path, joints, std_columns(run))
 
 
@@ -187,6 +191,7 @@ def _c3d(run: Run, path: Path, name: str) -> None:
     names, values = opensim_coordinates(run.body, motion.q)
     kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
     seen = motion.seen[:, None]
+    values[:, np.isin(names, run.unseen_joints)] = np.nan
     turns = [i for i, n in enumerate(names) if n in ROOT_TURNS or kinds.get(n) in ("turn", "endless")]
     slides = [i for i, n in enumerate(names) if kinds.get(n) == "slide"]
     angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")

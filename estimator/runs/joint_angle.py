@@ -33,7 +33,8 @@ class JointAngle(Summarised):
         together. Where the run is smoothed they are around the smoothed trajectory, with all frames in mind; a value
         that was filtered afterwards can lie outside.
     hypotheses, weights (T, K): every hypothesis and its weight, NaN where a frame has fewer.
-    lower, upper: the joint's limits, infinite where it has none.
+    lower, upper: the joint's limits, infinite where it has none. seen: whether anything shows the joint in the run;
+        else its value is the prior's, and the interval holds nearly all of its limits.
 
     All are NaN in frames without a pose.
     """
@@ -49,6 +50,7 @@ class JointAngle(Summarised):
     weights: np.ndarray
     lower: float = -np.inf
     upper: float = np.inf
+    seen: bool = True
 
     @property
     def slides(self) -> bool:
@@ -78,7 +80,8 @@ class JointAngle(Summarised):
             least, greatest = self.value[known].min(), self.value[known].max()
             facts.append(("value", f"{least:.4g} to {greatest:.4g} {self.unit}"))
             facts.append(("median std", f"{np.median(self.std[known]):.3g} {self.unit}"))
-        return [*facts, ("hypotheses", f"up to {self.weights.shape[1]}")]
+        facts.append(("hypotheses", f"up to {self.weights.shape[1]}"))
+        return facts if self.seen else [*facts, ("but", "nothing shows it: its value is the prior's")]
 
 
 def joint_entry(body: Body, name: str) -> JointEntry:
@@ -128,7 +131,7 @@ def joint_angle(run: Run, entry: JointEntry) -> JointAngle:
     return JointAngle(
         entry.name, "m" if entry.kind == "slide" else "rad", run.time, value,
         abs(entry.multiplier) * spread.std[:, in_v], low, high, hypotheses, run.mode_weight,
-        float(limits[0]), float(limits[1]),
+        float(limits[0]), float(limits[1]), seen=body.v_names[in_v] not in run.unseen_joints,
     )  # fmt: skip
 
 

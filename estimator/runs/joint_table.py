@@ -39,8 +39,9 @@ def std_columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _of(angle: JointAngle) -> dict[str, np.ndarray]:
-    """The value, then its standard deviation."""
-    return {f"{angle.name}_{angle.unit}": angle.value, f"{angle.name}_std_{angle.unit}": angle.std}
+    """The value, NaN of a joint that nothing shows, then its standard deviation."""
+    value = angle.value if angle.seen else np.full_like(angle.value, np.nan)
+    return {f"{angle.name}_{angle.unit}": value, f"{angle.name}_std_{angle.unit}": angle.std}
 
 
 def data_frame(run: Run, degrees: bool) -> Any:

@@ -22,7 +22,8 @@ class Extreme:
 
 @dataclass(frozen=True)
 class RangeOfMotion:
-    """A joint's extremes over a run, and their difference with its 90 % interval [rad, or m where it slides]."""
+    """A joint's extremes over a run, and their difference with its 90 % interval [rad, or m where it slides]. seen:
+    whether anything shows the joint."""
 
     joint: str
     slides: bool
@@ -31,6 +32,7 @@ class RangeOfMotion:
     range: float
     range_low: float
     range_high: float
+    seen: bool = True
 
 
 def ranges_of_motion(run: Run) -> tuple[RangeOfMotion, ...]:
@@ -56,7 +58,7 @@ def _range(curve: JointAngle, seen: np.ndarray) -> RangeOfMotion | None:
     more = float(np.hypot(top.high - top.value, bottom.value - bottom.low)) if moves else 0.0
     return RangeOfMotion(
         curve.name, curve.slides, bottom, top,
-        span, max(span - less, 0.0), min(span + more, max(curve.upper - curve.lower, span)),
+        span, max(span - less, 0.0), min(span + more, max(curve.upper - curve.lower, span)), curve.seen,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, checked_level, spread_of
+from estimator.runs.unobserved import unseen_in
 from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
@@ -495,6 +496,12 @@ class Run(Summarised):
     def joint_names(self) -> tuple[str, ...]:
         """The joints that have an angle, or a length: what `run[name]` and `angle` take."""
         return tuple(entry.name for entry in joint_entries(self.body) if entry.kind in ONE_NUMBER)
+
+    @cached_property
+    def unseen_joints(self) -> tuple[str, ...]:
+        """The joints that nothing shows in the whole run, see `estimator.runs.unobserved.unseen_joints`: their angles
+        are the prior's, and their intervals hold nearly all of their limits."""
+        return unseen_in(self)
 
     def __getitem__(self, joint: str) -> JointAngle:
         """A joint by its name: its value, standard deviation, 90 % interval and hypotheses over time.

@@ -23,7 +23,8 @@ class Spread(NamedTuple):
 
     std (T, nv): standard deviations over all hypotheses [rad, m]. best (T, nq): the configuration that `ends` counts
     from. ends (T, 2, nv): where the central interval of a level begins and ends, in the tangent space at `best`, within
-    the joint limits: quantiles of the mixture, which with several hypotheses is no Gaussian.
+    the joint limits: quantiles of the mixture, which with several hypotheses is no Gaussian. Joints that nothing shows
+    may be anywhere within their limits.
     """
 
     std: np.ndarray
@@ -63,4 +64,14 @@ def spread_of(run: Run, level: float) -> Spread:
             quantiles = marginals.quantiles(0.5 - 0.5 * level, 0.5 + 0.5 * level)
             ends[rows] = quantiles.reshape(2, -1, body.nv).transpose(1, 0, 2)
             rows, parts = [], []
+    for joint in run.unseen_joints:
+        v, i = body.v_names.index(joint), body.q_names.index(joint)
+        std[known, v], ends[known, :, v] = _anywhere(body.lower[i], body.upper[i], best[known, i], level)
     return Spread(std, best, ends)
+
+
+def _anywhere(lower: float, upper: float, best: np.ndarray, level: float) -> tuple[float, np.ndarray]:
+    """Standard deviation, and ends (T, 2) of the central interval of a level beside the best (T,), of a joint that may
+    be anywhere within its limits alike."""
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    return half / np.sqrt(3.0), middle + level * half * np.array([-1.0, 1.0]) - best[:, None]

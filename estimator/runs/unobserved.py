@@ -1,12 +1,81 @@
-"""Stretches of a run that nobody saw: poses there are carried on, and exports say so."""
+"""What nobody saw: stretches of a run whose poses are carried on, and joints that nothing moves which was seen."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from estimator.runs.run_reader import Run
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import first_of
+
+if TYPE_CHECKING:
+    from estimator.data.observation import Observation
+    from estimator.runs.run_reader import Run
 
 _NAMED = 8  # stretches that a note names
+_JOINTS = 12  # joints that a note names
+_SEEN = 0.05
+"""Share of the frames in which something has to be seen: a detector that guesses a leg behind a desk does so now and
+then."""
+_MOVES = 1e-3  # m per rad, or m
+_STEP = 1e-4  # rad or m
+
+
+def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tuple[str, ...]:
+    """Names of the joints with limits that move nothing which was seen, so that their angles are the prior's.
+
+    landmarks (L,), markers (M,): which were seen. Joints are tried in the middle of their limits, where limbs are bent.
+    """
+    q = body.neutral.copy()
+    q[body.bounded_q] = 0.5 * (body.lower[body.bounded_q] + body.upper[body.bounded_q])
+    points = _points(body, q, landmarks, markers)
+    unseen = []
+    for v, i in zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True):
+        tangent = np.zeros(body.nv)
+        tangent[v] = _STEP
+        moved = np.linalg.norm(_points(body, body.integrate(q, tangent), landmarks, markers) - points, axis=1)
+        if moved.max(initial=0.0) < _MOVES * _STEP and body.upper[i] - body.lower[i] > _STEP:
+            unseen.append(body.q_names[i])
+    return tuple(unseen)
+
+
+def unseen_by(body: Body, observations: Iterable[Observation]) -> tuple[str, ...]:
+    """The same of what a clip shows by keypoints or markers; none where it has neither."""
+    shown = list(observations)
+    confidence = np.array([o.confidence for o in shown]).reshape(len(shown), -1, len(body.landmark_names))
+    markers = [o.markers for o in shown if o.markers is not None]
+    return _unseen(body, confidence, np.array(markers) if markers else None)
+
+
+def unseen_in(run: Run) -> tuple[str, ...]:
+    """The same of a run; none of one that took its pose from pictures, or from another motion."""
+    if run.header.cues or run.header.retargeted:
+        return ()
+    return _unseen(run.body, run.confidence, run.markers)
+
+
+def _unseen(body: Body, confidence: np.ndarray, markers: np.ndarray | None) -> tuple[str, ...]:
+    """confidence (T, C, L), markers (T, M, 3)."""
+    landmarks, measured = np.zeros(len(body.landmark_names), dtype=bool), np.zeros(len(body.marker_names), dtype=bool)
+    if confidence.size:
+        landmarks = (confidence > 0.0).any(axis=1).mean(axis=0) >= _SEEN
+    if markers is not None and len(markers):
+        measured = np.isfinite(markers).all(axis=2).mean(axis=0) >= _SEEN
+    return unseen_joints(body, landmarks, measured) if landmarks.any() or measured.any() else ()
+
+
+def _points(body: Body, q: np.ndarray, landmarks: np.ndarray, markers: np.ndarray) -> np.ndarray:
+    placed = body.placed(q[None])
+    return np.concatenate([body.landmarks_of(placed)[0, landmarks], body.markers_of(placed)[0, markers]])
+
+
+def unseen_joints_note(joints: tuple[str, ...]) -> str:
+    """A line that names the joints, empty without any."""
+    if not joints:
+        return ""
+    return f"nothing shows {first_of(joints, _JOINTS)}: their angles are the prior's, anywhere within their limits"
 
 
 def unobserved_stretches(run: Run) -> tuple[tuple[float, float], ...]:
@@ -18,10 +87,11 @@ def unobserved_stretches(run: Run) -> tuple[tuple[float, float], ...]:
 
 
 def unobserved_note(run: Run) -> str:
-    """A line that names the stretches; empty where there is none."""
-    stretches = unobserved_stretches(run)
+    """A line that names the stretches, and the joints that nothing shows; empty where there are none."""
+    of_joints, stretches = unseen_joints_note(run.unseen_joints), unobserved_stretches(run)
     if not stretches:
-        return ""
+        return of_joints
     named = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b in stretches[:_NAMED])
     more = f" and {len(stretches) - _NAMED} more" if len(stretches) > _NAMED else ""
-    return f"nothing was seen, and poses are carried on: {named}{more}"
+    of_stretches = f"nothing was seen, and poses are carried on: {named}{more}"
+    return f"{of_stretches}; {of_joints}" if of_joints else of_stretches

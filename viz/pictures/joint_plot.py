@@ -91,15 +91,16 @@ def drawn(run: Run, panels: Sequence[JointPanel]) -> Figure:
 
 def draw_panel(axes: Axes, run: Run, panel: JointPanel) -> None:
     """The curves of a panel with their 90 % bands, other hypotheses, limits, and the frames that are not to be trusted;
-    angles are in degrees."""
+    angles are in degrees. A joint that nothing shows is dotted."""
     _mark_flagged(axes, run)
     for side, curve in panel.curves:
         colour = web(ON_PAPER[side])
         _draw_hypotheses(axes, run, curve, colour)
         axes.fill_between(curve.time, curve.low, curve.high, color=colour, alpha=0.18, linewidth=0.0)
-        axes.plot(
-            curve.time, curve.value, color=colour, linewidth=1.5, marker="." if len(curve.time) == 1 else "", zorder=3
-        )
+        marker, line = "." if len(curve.time) == 1 else "", "-" if curve.seen else ":"
+        axes.plot(curve.time, curve.value, color=colour, linewidth=1.5, linestyle=line, marker=marker, zorder=3)
+    if not all(curve.seen for _, curve in panel.curves):
+        axes.text(0.02, 0.95, "not seen (dotted)", transform=axes.transAxes, va="top", fontsize="small")
     _dress(axes, panel)
 
 

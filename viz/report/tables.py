@@ -25,13 +25,13 @@ def ranges_table(ranges: Sequence[RangeOfMotion], *, intervals: bool = True) -> 
     slides."""
     if not intervals:
         rows = [
-            (r.joint, *(_united(value, r.slides) for value in (r.least.value, r.greatest.value, r.range)))
+            (_shown(r), *(_united(value, r.slides) for value in (r.least.value, r.greatest.value, r.range)))
             for r in ranges
         ]
         return table(("joint", "least", "greatest", "range"), rows, numbers=3)
     head = "".join(f'<th class="n">{name}</th><th class="i">90 %</th>' for name in ("least", "greatest", "range"))
     lines = (
-        f"<tr><td>{escape(r.joint)}</td>"
+        f"<tr><td>{escape(_shown(r))}</td>"
         + _valued(r.least.value, r.least.low, r.least.high, r.slides)
         + _valued(r.greatest.value, r.greatest.low, r.greatest.high, r.slides)
         + _valued(r.range, r.range_low, r.range_high, r.slides)
@@ -39,6 +39,10 @@ def ranges_table(ranges: Sequence[RangeOfMotion], *, intervals: bool = True) -> 
         for r in ranges
     )
     return f'<table class="full"><thead><tr><th>joint</th>{head}</tr></thead><tbody>\n{_lines(lines)}\n</tbody></table>'
+
+
+def _shown(r: RangeOfMotion) -> str:
+    return r.joint if r.seen else f"{r.joint} (not seen)"
 
 
 def _lines(rows: Iterable[str]) -> str:
