@@ -505,6 +505,13 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.robustness.silent_faults",
+        "Faults of files of points, drawn at random: angles that stay right, frames that are hard, files refused.",
+        "none silent",
+        (NOTHING,),
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.robustness.boards",
         "Rigs placed by a small, far board whose mirrored solutions fit nearly as well: wrong placements, and doubts.",
         "no wrong placement without a doubt",

@@ -10,7 +10,7 @@ from builders import body_of
 
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.markers.load import load_points
-from estimator.data.repeats import filled_places, measured_keypoints, repeated_frames
+from estimator.data.repeats import filled_places, frames_elsewhere, measured_keypoints, repeated_frames
 from estimator.synthesis.motion import authored_motion
 
 COUNT = 40
@@ -92,3 +92,19 @@ def test_a_file_of_points_says_what_was_filled(tmp_path: Path) -> None:
     assert np.isnan(track.points).all(axis=2).sum() == 19
     assert "19 places repeat to the last digit" in track.notes[0]
     assert "left_wrist" in track.notes[0]
+
+
+@pytest.mark.parametrize(("first", "away"), [(1, 1.5), (2, 0.9), (3, 4.0), (1, 0.3)])
+def test_a_rest_pose_before_the_motion_is_missing(first: int, away: float, tmp_path: Path) -> None:
+    names, points, times = walk(30.0)
+    points += np.array([0.4, 0.7, 1.0])
+    points[:first] = points[0] + np.array([away, 0.0, 0.0])
+    leapt = away > 0.5  # 9 m/s is within what people run
+    assert frames_elsewhere(points, times) == (first if leapt else 0)
+    np.savez(tmp_path / "a.npz", points=points, names=np.array(names), fps=30.0, unit="m", up="z")
+    track = load_points(tmp_path / "a.npz")
+    assert np.isnan(track.points[:first]).all() == leapt
+    assert np.isfinite(track.points[3:]).all()
+    assert any("at the beginning are elsewhere" in note for note in track.notes) == leapt
+    later = np.concatenate([points[5:], points[:first]])
+    assert frames_elsewhere(later, times[: len(later)]) == 0  # what leaps later is no rest pose

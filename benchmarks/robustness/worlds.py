@@ -1,5 +1,6 @@
 """Captured motions seen by three cameras in worlds turned anyhow: whether what is exported stands upright, or a line
-asks which way is up; and strides beside those of the same clip in a world whose z points up.
+asks which way is up; and strides beside those of the same clip in a world whose z points up. The same of people who
+walk on a treadmill, lie, sit and hang, by three cameras and by points whose file does not say which axis points up.
 
 Rotations are uniform over all; some worlds are turned so that an axis points up exactly, as calibrations have it.
 """
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from benchmarks.accuracy.sizes import cameras_for
+from benchmarks.robustness.floor_scenes import made_scenes
 from benchmarks.support.common import Json, captured_folder, save
 from benchmarks.support.mocap_person import DETECTOR, FPS
 from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, world_with_up
@@ -27,12 +29,14 @@ from estimator.synthesis.retarget import retarget
 from estimator.vision.resolution import resized_camera
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
 CLIPS = ("walk_straight_07_01", "walk_turn_26_01", "bend_scoop_lift_02_06", "dance_05_10", "jump_16_01")
 HEIGHT, SECONDS = 2.8, 5.0  # m: that the cameras see well; s: of each clip at most
 SIZE = (1920, 1440)
 UPRIGHT = 2.0  # degrees
+STILL = ("treadmill", "supine", "prone", "on one side", "on a chair", "on the floor", "from a bar", "handstand")
 
 
 class World(NamedTuple):
@@ -74,19 +78,36 @@ def tracked(points: np.ndarray, names: tuple[str, ...], cameras: tuple[Camera, .
     return World(off, notes, float(np.median(lengths)) if lengths else float("nan"))
 
 
+def tracked_points(points: np.ndarray, names: tuple[str, ...], up: str) -> World:
+    """By points (T, L, 3) of a world of z up, in a file along whose `up` they stand, which does not say so."""
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        path = Path(folder) / "points.npz"
+        turned = (points + axis_of("z")) @ world_with_up(axis_of(up))
+        np.savez(path, points=turned, names=np.array(names), fps=FPS, unit="m")
+        try:
+            run = km.track("human34", points=path, fit="off")
+        except InputError as error:  # a refusal asks, too
+            return World(180.0, (str(error),) if "--up" in str(error) else (), float("nan"))
+        off = float(np.degrees(np.arccos(np.clip(_turn(points, run.landmarks)[2, 2], -1.0, 1.0))))
+    return World(off, tuple(str(w.message) for w in said if "--up" in str(w.message)), float("nan"))
+
+
 def _turn(points: np.ndarray, run: np.ndarray) -> np.ndarray:
     """R_run_true (3, 3): the least-squares turn of a whole clip's points onto a run's."""
     known = np.isfinite(run).all(axis=2)
     return rotation_onto(points[known] - points[known].mean(axis=0), run[known] - run[known].mean(axis=0))
 
 
-def main(*, worlds: int = 100, data: Path | None = None, seed: int = 0, out: Json = None) -> None:
+def main(*, worlds: int = 100, turned: int = 100, data: Path | None = None, seed: int = 0, out: Json = None) -> None:
     """Print how upright exports are in worlds turned anyhow.
 
     Parameters
     ----------
     worlds
         How many rotations, over all clips.
+    turned
+        How many of the people who do not stand on a floor are filmed, too.
     data
         The evaluation data with `mocap`.
     seed
@@ -120,4 +141,27 @@ def main(*, worlds: int = 100, data: Path | None = None, seed: int = 0, out: Jso
         )  # fmt: skip
         figures[clip] = [r._asdict() for r in results]
     report.console().print(made)
+    figures |= _made_people(body, turned, seed)
     save(out, figures)
+
+
+def _made_people(body: Body, count: int, seed: int) -> dict[str, Any]:
+    """People who do not stand on a floor, in worlds with each axis up; of `count` of them by cameras too."""
+    figures, axes = dict[str, Any](), [up for up in UPS if up != "z"]
+    table = report.table("people who do not stand on a floor", "scene", "kind", "worlds", "upright", "asked", "neither")
+    for k, scene in enumerate(s for s in made_scenes(body) if any(word in s.name for word in STILL)):
+        points = body.landmarks_of(body.placed(scene.q))
+        points[..., :2] -= points[..., :2].reshape(-1, 2).mean(axis=0)
+        worlds = {"points": [tracked_points(points, body.landmark_names, up) for up in UPS]}
+        if k < count:
+            turns = [np.eye(3), *(world_with_up(axis_of(up)).T for up in axes)]
+            seen = [tuple(in_world(c, R) for c in filmed()) for R in turns]
+            worlds["cameras"] = [tracked(points, body.landmark_names, cameras, seed) for cameras in seen]
+        for kind, results in worlds.items():
+            upright = [r.off <= UPRIGHT for r in results]
+            asked = [not u and bool(r.notes) for u, r in zip(upright, results, strict=True)]
+            neither = len(results) - sum(upright) - sum(asked)
+            table.add_row(scene.name, kind, *map(str, (len(results), sum(upright), sum(asked), neither)))
+            figures[f"{scene.name}, {kind}"] = [r._asdict() for r in results]
+    report.console().print(table)
+    return figures

@@ -1,4 +1,4 @@
-"""Values that were not measured: places that repeat to the last digit while everything else moves.
+"""Values that were not measured: places that repeat to the last digit while everything else moves, and rest poses.
 
 Programs fill a gap with the last place that was known, and a film that was copied to another rate has pictures twice.
 What truly rests comes to rest and leaves it smoothly, or trembles by the noise of what measures it.
@@ -20,6 +20,8 @@ _ABRUPT = 1.0
 """Extents of the body a second (root mean square distance of its points from their middle, some 0.5 m) from which a
 point that stops dead or starts so was not at rest: fewer than a hundredth of what stands in captured motion does."""
 _FAR = 0.02  # extents: of the leap itself, 1 cm of a person
+_FASTEST = 25.0  # extents a second, 12 m/s: the fastest sprinter
+_FIRST = 3  # frames before the motion, at most
 
 
 def repeated_frames(places: np.ndarray) -> np.ndarray:
@@ -60,6 +62,16 @@ def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
     return filled
 
 
+def frames_elsewhere(places: np.ndarray, times: np.ndarray) -> int:
+    """How many of the first frames of places (T, N, D) at times (T,) [s] lie where nobody gets from in time: exporters
+    write a rest pose at the origin before the motion. 0 to 3."""
+    step = np.linalg.norm(np.diff(places[: _FIRST + 2], axis=0), axis=2)
+    known = np.isfinite(step).sum(axis=1) >= _FEWEST
+    moved = np.array([np.median(s[np.isfinite(s)]) if k else 0.0 for s, k in zip(step, known, strict=True)])
+    leaps = np.flatnonzero(moved > _FASTEST * _extent(places) * np.diff(times[: _FIRST + 2]))
+    return int(leaps[-1]) + 1 if len(leaps) and leaps[-1] < _FIRST and len(places) > 2 * _FIRST else 0
+
+
 def _extent(places: np.ndarray) -> float:
     """Root mean square distance of a frame's points from their middle, the median of the frames."""
     seen = np.isfinite(places).all(axis=2)
@@ -82,14 +94,19 @@ def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack
     seen = track.confidence > 0.0
     zero = seen & (track.pixels == 0.0).all(axis=2)
     places = np.where((seen & ~zero)[..., None], track.pixels, np.nan)[:count]
+    first = frames_elsewhere(places, times[:count])
     repeated = repeated_frames(places)
+    repeated[:first] = False
+    places[:first] = np.nan
     places[repeated] = np.nan
     filled = filled_places(places, times[:count])
     wrong = zero.copy()
     wrong[:count] |= filled | (repeated[:, None] & seen[:count])
+    wrong[:first] |= seen[:first]
     if not wrong.any():
         return track
     notes = (
+        (first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
         (int(zero.sum()), "keypoints at exactly zero are taken for missing"),
         (int(repeated.sum()), "frames that repeat the one before while the person moves are taken for missing"),
         (int(filled.sum()), "keypoints that repeat to the last digit while the person moves are taken for missing"),
