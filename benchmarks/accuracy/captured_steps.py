@@ -58,7 +58,7 @@ def _events(body: Body, time: np.ndarray, points: np.ndarray) -> dict[str, list[
     feet = FootPoints.of(body)
     assert feet is not None  # human34 has them
     own = points[:, feet.landmark]
-    standing, floor = feet.contact(own, time, _UP, None)
+    standing, floor, _ = feet.contact(own, time, _UP, None)
     contact = Contact(time, feet.names, own, standing, floor, np.ones(len(feet.names)))
     return events_by(contact, points[:, body.landmark_names.index("mid_hip")])
 

@@ -8,7 +8,7 @@ markers where any of its three stands with a probability above a half. Sitting u
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -30,6 +30,8 @@ from kinemode.terminal import report
 
 TRIALS = ("walking1", "walkingTS1", "STS1", "squats1")
 MARKERS = {"left": ("L_calc", "L_toe", "L_5meta"), "right": ("r_calc", "r_toe", "r_5meta")}
+RUNNER_MARKERS = {"left": ("LCAL", "LTOE", "LMT5"), "right": ("RCAL", "RTOE", "RMT5")}
+"""Of who runs on a treadmill, forces/runner."""
 PELVIS = ("L.ASIS", "L.PSIS", "r.ASIS", "r.PSIS")
 WALKS = TRIALS[:2]
 FLOOR_COLUMNS = ("film, seed", "frames below the floor", "deepest [mm]", "skating", "contact kept")
@@ -52,10 +54,10 @@ class PlateAgreement(NamedTuple):
     off: np.ndarray
 
 
-def agreements(folder: Path, trial: str) -> dict[str, PlateAgreement]:
-    """Of both feet of a trial, by side."""
+def agreements(folder: Path, trial: str, names: Mapping[str, tuple[str, ...]] = MARKERS) -> dict[str, PlateAgreement]:
+    """Of both feet of a trial, by side; names: of a foot's heel, toe and fifth metatarsal."""
     markers = read_trc(folder / f"{trial}.trc")
-    sides = {side: _points(markers, names) for side, names in MARKERS.items()}
+    sides = {side: _points(markers, own) for side, own in names.items()}
     loaded = _loaded(folder / f"{trial}_grf.mot", markers.time, sides)
     points = _under_shoes(sides)
     kind = np.tile(np.arange(3), 2)

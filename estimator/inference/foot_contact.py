@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.floor import KnownFloor
+from estimator.inference.belt import Belt, belt_under, ways
 from estimator.inference.ground import Ground, fitted_ground
 from estimator.numerics.stretches import stretches
 
@@ -17,15 +18,16 @@ _ELSEWHERE, _REACH = 0.05, 0.5  # share of standing on something else, within so
 _MOVING, _STANDING = 0.4, 0.6  # s: how long either lasts in the mean
 _CORRELATION = 0.05  # s: frames nearer than that say the same
 _HALF = 0.034  # s, to either side, over which a speed is told
-_TINY = 1e-9  # s
 _ROUNDS = 2
 
 
 class FootContact(NamedTuple):
-    """standing (T, P): probability that each point stands. floor: None where nothing stands."""
+    """standing (T, P): probability that each point stands, NaN on a belt of unknown speed. floor: None where nothing
+    stands. belt: of a treadmill, None without one."""
 
     standing: np.ndarray
     floor: Ground | None
+    belt: Belt | None = None
 
 
 def foot_contact(
@@ -44,22 +46,43 @@ def foot_contact(
     (3,): unit vector in their world. At first speeds alone tell, then heights above the floor that follows from them as
     well, or that is known ("off": speeds alone). What rests elsewhere, as on a box or a stair, may stand. seen (T, P):
     which points were observed, all unless given; a floor is found by those alone, and lies under nine tenths of what
-    stands on it.
+    stands on it. What moves with the belt of a treadmill, which is found by both feet, stands.
     """
-    standing = standing_probability(points, time)
+    shown = points if seen is None else np.where(seen[..., None], points, np.nan)
+    belt = belt_under(shown, time, kind, up)
+    if belt is None:
+        return _contact_of_places(points, points, time, kind, up, above, floor, seen)
+    places = belt.places(points) if belt.known else points
+    contact = _contact_of_places(points, places, time, kind, up, above, floor, seen)
+    standing = contact.standing if belt.known else np.full_like(contact.standing, np.nan)
+    return contact._replace(standing=standing, belt=belt)
+
+
+def _contact_of_places(
+    points: np.ndarray,
+    places: np.ndarray,
+    time: np.ndarray,
+    kind: np.ndarray,
+    up: np.ndarray,
+    above: np.ndarray | None,
+    floor: KnownFloor | Ground,
+    seen: np.ndarray | None,
+) -> FootContact:
+    """The same of points whose places (T, P, 3) [m] on what they stand on are known, which moves or not."""
+    standing = standing_probability(places, time)
     if isinstance(floor, str):
         return FootContact(standing, None)
     if floor is not None:
         soles = np.zeros(int(kind.max()) + 1) if above is None else above
         known = floor if isinstance(floor, Ground) else Ground(up, float(floor), 0.0, soles)
-        return FootContact(standing_probability(points, time, known.heights(points, kind)), known)
+        return FootContact(standing_probability(places, time, known.heights(points, kind)), known)
     shown = True if seen is None else seen
     ground = None
     for _ in range(_ROUNDS):
         ground = fitted_ground(points, standing * shown, kind, up, above=above)
         if ground is None:
             return FootContact(standing, None)
-        standing = standing_probability(points, time, ground.heights(points, kind))
+        standing = standing_probability(places, time, ground.heights(points, kind))
     return FootContact(standing, None if ground is None else ground.under(points, standing * shown, kind))
 
 
@@ -81,11 +104,8 @@ def stances_of(standing: np.ndarray) -> list[tuple[int, int, int]]:
 
 def _speeds(points: np.ndarray, time: np.ndarray) -> np.ndarray:
     """(T, P) [m/s], by central differences over at least a frame to either side."""
-    frames, last = np.arange(len(time)), len(time) - 1
-    first = np.minimum(np.searchsorted(time, time - _HALF - _TINY), np.maximum(frames - 1, 0))
-    end = np.maximum(np.searchsorted(time, time + _HALF + _TINY, side="right") - 1, np.minimum(frames + 1, last))
-    away = np.linalg.norm(points[end] - points[first], axis=2)
-    return np.asarray(away / (time[end] - time[first])[:, None])
+    way, seconds = ways(points, time, _HALF)
+    return np.asarray(np.linalg.norm(way, axis=2) / seconds[:, None])
 
 
 def _log_likelihood(speed: np.ndarray, height: np.ndarray | None) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from estimator.data.floor import KnownFloor
+from estimator.inference.belt import Belt
 from estimator.inference.foot_contact import foot_contact, stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
@@ -25,12 +26,13 @@ from humanoid.support.summary import Facts, Summarised
 _UP = np.array([0.0, 0.0, 1.0])
 _SURE = 0.5
 _SEEN = 0.05  # share of the frames
+UNKNOWN_SPEED = "the feet move as on a treadmill, whose speed is not found: when they stand is not known"
 
 
 @dataclass(frozen=True)
 class Stance:
     """A point of a foot that stands from `begin` until `end` [s], both frames included. slide [m]: its largest distance
-    along the floor from the middle of its places."""
+    along the floor, or the belt, from the middle of its places."""
 
     point: str
     begin: float
@@ -48,7 +50,8 @@ class Contact(Summarised):
     stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that nobody sees lie as the pose
     prior has them. hand_names (H), hands (T, H): wrists, and probabilities that these hands stand on the floor, where
     that was asked for. raised: what the feet rest on, as a stool or a wall, where most of the body is below it, so that
-    it is no floor.
+    it is no floor. belt: of a treadmill, on which feet stand that move with it; where its speed is not known, standing
+    is NaN.
     """
 
     time: np.ndarray
@@ -60,6 +63,12 @@ class Contact(Summarised):
     hand_names: tuple[str, ...] = ()
     hands: np.ndarray | None = None
     raised: Ground | None = None
+    belt: Belt | None = None
+
+    @property
+    def places(self) -> np.ndarray:
+        """The points (T, P, 3) [m] on what they stand on: in the world, or from a belt of known speed."""
+        return self.points if self.belt is None or not self.belt.known else self.belt.places(self.points)
 
     @property
     def heights(self) -> np.ndarray:
@@ -89,8 +98,9 @@ class Contact(Summarised):
     def stances(self) -> list[Stance]:
         """Of all points, one after the other."""
         stances: list[Stance] = []
+        places = self.places
         for k, first, after in stances_of(self.standing):
-            flat = self.points[first:after, k, :2]
+            flat = places[first:after, k, :2]
             flat = flat[np.isfinite(flat).all(axis=1)]
             slide = np.linalg.norm(flat - np.median(flat, axis=0), axis=1).max() if len(flat) else np.nan
             begin, end = float(self.time[first]), float(self.time[after - 1])
@@ -111,7 +121,8 @@ class Contact(Summarised):
         stands = [
             (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
         ]
-        facts = [("frames", f"{len(self.time)}"), ("floor", floor), *stands]
+        belt = [("belt", f"{self.belt.speed:.2f} m/s")] if self.belt is not None and self.belt.known else []
+        facts = [("frames", f"{len(self.time)}"), ("floor", floor), *belt, *stands]
         if self.hands is not None:
             shares = np.mean(self.hands > _SURE, axis=0)
             facts += [(f"{n} stands", f"{share:.0%}") for n, share in zip(self.hand_names, shares, strict=True)]
@@ -122,6 +133,8 @@ class Contact(Summarised):
         """What keeps this from being trusted; empty where nothing does."""
         if self.raised is not None:
             return f"feet rest at {self.raised.height:.2f} m, and the body lies below: that is not taken for a floor"
+        if self.belt is not None and not self.belt.known:
+            return UNKNOWN_SPEED
         if not len(self.seen) or self.seen.max() >= _SEEN:
             return ""
         return "the keypoints have no heels and toes: when these stand is told from ankles and the pose prior alone"
@@ -130,8 +143,14 @@ class Contact(Summarised):
         """Whether a foot is among the points."""
         return any(name.startswith(side) for name in self.names)
 
+    def _belt_speed(self) -> np.ndarray:
+        """(T, 1) [m/s], (T, 0) without a belt of known speed."""
+        known = self.belt is not None and self.belt.known
+        return np.full((len(self.time), int(known)), self.belt.speed if self.belt is not None else np.nan)
+
     def write(self, path: str | Path) -> Path:
-        """Write a csv, one row a frame: the probabilities, then the heights [m], then those of hands; returns its path.
+        """Write a csv, one row a frame: the probabilities, then the heights [m], then those of hands, then the speed of
+        a belt [m/s] where there is one; returns its path.
 
         Raises
         ------
@@ -142,8 +161,10 @@ class Contact(Summarised):
             rows = csv.writer(file, lineterminator="\n")
             hands = np.zeros((len(self.time), 0)) if self.hands is None else self.hands
             heads = [f"{n} stands" for n in self.names], [f"{n} height [m]" for n in self.names]
-            rows.writerow(["time [s]", *heads[0], *heads[1], *(f"{n} stands" for n in self.hand_names)])
-            values = np.column_stack([self.time, self.standing, self.heights, hands])
+            belt = self._belt_speed()
+            ends = [*(f"{n} stands" for n in self.hand_names), *belt.shape[1] * ["belt [m/s]"]]
+            rows.writerow(["time [s]", *heads[0], *heads[1], *ends])
+            values = np.column_stack([self.time, self.standing, self.heights, hands, belt])
             rows.writerows([["" if np.isnan(v) else f"{v:.6g}" for v in row] for row in values])
         return path
 
@@ -162,9 +183,11 @@ def contact_of_run(run: Run, *, hands: bool = False) -> Contact | None:
         seen |= run.body.landmarks_beside(np.isfinite(run.markers[run.index]).all(axis=2))[:, feet.landmark]
     shares = seen.mean(axis=0) if len(seen) else np.zeros(len(feet.names))
     shown = seen if shares.max(initial=0.0) >= _SEEN else None
-    standing, floor, raised = feet_on_floor(run.body, feet, run.q, points, run.time, _UP, _known_floor(run), shown)
+    standing, floor, raised, belt = feet_on_floor(
+        run.body, feet, run.q, points, run.time, _UP, _known_floor(run), shown
+    )
     standing[:, ~np.isfinite(points).all(axis=2).any(axis=0)] = 0.0
-    contact = Contact(run.time, feet.names, points, standing, floor, shares, raised=raised)
+    contact = Contact(run.time, feet.names, points, standing, floor, shares, raised=raised, belt=belt)
     palms = HandPoints.of(run.body) if hands else None
     if palms is None:
         return contact
@@ -182,7 +205,7 @@ def _known_floor(run: Run) -> KnownFloor | Ground:
 def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray) -> Contact:
     """Contact of points of the feet (T, P, 3) [m], z up, NaN where missing, at times (T,) [s], rising; by names as
     left_heel, see `foot_landmarks`."""
-    standing, floor = foot_contact(points, time, foot_parts(names), _UP)
+    standing, floor, belt = foot_contact(points, time, foot_parts(names), _UP)
     known = np.isfinite(points).all(axis=2)
     standing[:, ~known.any(axis=0)] = 0.0  # of what is never seen nothing is known
-    return Contact(time, tuple(names), points, standing, floor, known.mean(axis=0))
+    return Contact(time, tuple(names), points, standing, floor, known.mean(axis=0), belt=belt)

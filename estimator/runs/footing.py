@@ -59,7 +59,8 @@ def _moved(contact: Contact) -> np.ndarray:
     """How far each point that stands, and stood `PER` before or in the last older frame, is from there along the
     floor [m], (T, P); NaN of others."""
     before = np.searchsorted(contact.time, contact.time - PER + _TINY, side="right") - 1
-    way = contact.points - contact.points[before]
+    places = contact.places
+    way = places - places[before]
     up = np.array([0.0, 0.0, 1.0]) if contact.floor is None else contact.floor.normal
     moved = np.linalg.norm(way - (way @ up)[..., None] * up, axis=2)
     return np.where((contact.standing[before] > 0.5) & (before >= 0)[:, None], moved, np.nan)

@@ -3,18 +3,20 @@
 A foot strikes when it begins to stand. In walking its toes leave the ground when they are farthest behind the pelvis,
 which is nearer to what force plates say than when they cease to stand, by their own speed; where the other foot does
 not stand, as in running, they leave when they cease to stand. Feet whose contact is not to be trusted have both events
-by where they are relative to the pelvis alone, see `estimator.runs.events`.
+by where they are relative to the pelvis alone, see `estimator.runs.events`. Who walks on a treadmill is seen from its
+belt, where everything is as on a floor at rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from estimator.inference.belt import Belt
 from estimator.runs.contact import Contact, contact_of_run
 from estimator.runs.events import SIDES, SLOWEST, Event, Feet, filtered, gait_events, walking_direction
 from estimator.runs.run_reader import Run
@@ -34,17 +36,20 @@ _LEAST_SECONDS, _LEAST_FRAMES = 1.0, 15
 _PARTS = ("heel", "big_toe")
 _WANTED = (*(f"{side}_{part}" for side in SIDES for part in _PARTS), "mid_hip")
 _RUNNING = 2.3  # m/s; people walk more slowly
+_UNKNOWN_SPEED = "the feet move as on a treadmill, whose speed is not found: strides have no length"
 
 
 @dataclass(frozen=True)
 class Gait:
     """events and strides in order of time; remark: why there are no strides, or what to know of them; may be empty.
-    method: one of `METHODS`."""
+    method: one of `METHODS`. belt [m/s]: speed of a treadmill, None without one; lengths and speeds are along it, and
+    NaN where it is not known."""
 
     events: tuple[Event, ...]
     strides: tuple[Stride, ...]
     remark: str = ""
     method: Method = "contact"
+    belt: float | None = None
 
     def write(self, path: str | Path) -> Path:
         """Write the strides as csv, and return its path; raises InputError where it cannot be written."""
@@ -86,6 +91,9 @@ def gait_of_landmarks(
     index = {name: i for i, name in enumerate(names)}
     heel, toe = ({side: points[:, index[f"{side}_{part}"]] for side in SIDES} for part in _PARTS)
     feet = Feet(time, points[:, index["mid_hip"]], heel, toe)
+    belt = None if contact is None else contact.belt
+    if belt is not None:
+        feet = _from_belt(feet, belt)
     known = feet.known
     seconds = float(time[known][-1] - time[known][0]) if known.any() else 0.0
     if known.sum() < _LEAST_FRAMES or seconds < _LEAST_SECONDS:
@@ -102,7 +110,22 @@ def gait_of_landmarks(
         if any(s.start - _NEAR <= event.time <= s.end + _NEAR for s in strides)
         or (trusted is not None and speed[event.frame] >= SLOWEST)
     ]
-    return Gait(tuple(kept), tuple(strides), _remark(smooth, events, strides, method), method)
+    gait = Gait(tuple(kept), tuple(strides), _remark(smooth, events, strides, method), method)
+    return gait if belt is None else _on_belt(gait, belt)
+
+
+def _from_belt(feet: Feet, belt: Belt) -> Feet:
+    """Feet and pelvis as they are seen from a belt."""
+    heel, toe = ({side: points - belt.way for side, points in of.items()} for of in (feet.heel, feet.toe))
+    return Feet(feet.time, feet.pelvis - belt.way, heel, toe)
+
+
+def _on_belt(gait: Gait, belt: Belt) -> Gait:
+    """The same with the belt's speed, or without what follows from a speed that is not known."""
+    if belt.known:
+        return replace(gait, belt=belt.speed)
+    strides = tuple(replace(stride, length=np.nan, speed=np.nan) for stride in gait.strides)
+    return replace(gait, strides=strides, remark=_UNKNOWN_SPEED if strides else gait.remark, belt=np.nan)
 
 
 def events_by_contact(contact: Contact, by_pelvis: Sequence[Event]) -> list[Event]:

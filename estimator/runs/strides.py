@@ -25,7 +25,8 @@ _MIDDLE = (0.25, 0.6)  # of the stance, in which all of the foot is on the groun
 class Stride:
     """side: the foot. start, off, end [s]: it strikes, leaves the ground, strikes again. seconds: how long that takes.
 
-    length [m]: from the heel's place at the first strike to that at the second, level. width [m]: how far the other
+    length [m]: from the heel's place at the first strike to that at the second, level, on a treadmill along its belt:
+    NaN where its speed is not known, as then is the speed. width [m]: how far the other
     heel is from the line between them when it strikes, to its own side; negative where the feet cross. speed [m/s]:
     length by seconds. cadence [steps/min]: two steps a stride. stance, swing [%]: of the stride. flight [%]: of the
     stride, in which neither foot stands; none in walking. unsure: frames in it that the tracker was not sure of.
@@ -130,5 +131,11 @@ def write_strides(strides: Sequence[Stride], path: str | Path) -> Path:
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow([f"{f.name} [{_UNITS[f.name]}]" if f.name in _UNITS else f.name for f in fields(Stride)])
-        rows.writerows([[f"{v:.6g}" if isinstance(v, float) else v for v in asdict(s).values()] for s in strides])
+        rows.writerows([[_cell(v) for v in asdict(s).values()] for s in strides])
     return path
+
+
+def _cell(value: float | int | str) -> float | int | str:
+    if not isinstance(value, float):
+        return value
+    return "" if np.isnan(value) else f"{value:.6g}"

@@ -237,7 +237,8 @@ def contact(run: RunLike, *, hands: bool = False, plot: PathLike | None = None) 
 
     From how fast and how high they are in the world, z up; see `estimator.inference.foot_contact` for the method. A
     probability for each point and frame, the floor with its uncertainty, stances with how far the point slides, and
-    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide says so.
+    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide says so. On a treadmill, which
+    is found by the velocity that both feet share, feet that move with the belt stand, and `belt` has its velocity.
 
     Parameters
     ----------
@@ -273,7 +274,8 @@ def gait(run: RunLike) -> Gait:
     pelvis (Zeni et al., Gait & Posture 27(4), 2008) if the other foot stands, when it ceases to stand if not, as in
     running. Where keypoints have no feet, so that contact is not to be trusted, both events are by the pelvis, and
     `method` says "pelvis" rather than "contact". World z is up. See `estimator.runs.strides.Stride` for what a stride
-    has. Where nobody walks there are no strides, and `remark` says why.
+    has. Where nobody walks there are no strides, and `remark` says why. On a treadmill lengths and speeds are along the
+    belt, whose speed is `belt`.
 
     Parameters
     ----------

@@ -146,6 +146,10 @@ def print_contact(contact: Contact) -> None:
         out.print(f"floor at z = {floor.height:.3f} +- {floor.std:.3f} m, {tilt:.1f} degrees off level", soft_wrap=True)
         below = max(0.0, -float(np.nanmin(contact.heights)))
         out.print(f"the lowest point is {1e3 * below:.0f} mm below it", soft_wrap=True)
+    if contact.belt is not None:
+        if not contact.belt.known:
+            return
+        out.print(f"treadmill: the feet stand on a belt that moves at {contact.belt.speed:.2f} m/s", soft_wrap=True)
     made = table("while they stand", "point", "of the time", "stances", "slide [mm], median", "largest")
     stances = contact.stances
     for k, name in enumerate(contact.names):
@@ -174,11 +178,13 @@ def print_gait(gait: Gait) -> None:
         for s in gait.strides:
             row = (s.start, s.off, s.end, s.seconds, s.length, s.width, s.speed)
             rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", f"{s.flight:.0f}", str(s.unsure))
-            made.add_row(s.side, *(f"{value:.2f}" for value in row), *rest)
+            made.add_row(s.side, *(f"{value:.2f}" if np.isfinite(value) else "-" for value in row), *rest)
         out.print(made)
     if gait.events:
         _print_events(gait.events, (("strike", "heel strikes"), ("off", "toe-offs")), out)
         out.print(f"events by {METHODS[gait.method]}", soft_wrap=True)
+    if gait.belt is not None and np.isfinite(gait.belt):
+        out.print(f"treadmill: lengths and speeds are along a belt that moves at {gait.belt:.2f} m/s", soft_wrap=True)
     if gait.remark:
         out.print(gait.remark, soft_wrap=True)
 

@@ -100,19 +100,26 @@ _STRIDE_HEAD = (
 )  # fmt: skip
 
 
+def _known(value: float) -> str:
+    """Dash: the speed of a treadmill is not known."""
+    return "-" if np.isnan(value) else f"{value:.2f}"
+
+
 def gait_part(gait: Gait) -> str:
     """Strides, one row each, and what they are told by; or why there are none."""
     parts = ["<h3>Strides</h3>"]
     rows = [
         (
-            s.side, f"{s.start:.2f}", f"{s.off:.2f}", f"{s.end:.2f}", f"{s.length:.2f}", f"{s.width:.2f}",
-            f"{s.speed:.2f}", f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.flight:.0f}",
+            s.side, f"{s.start:.2f}", f"{s.off:.2f}", f"{s.end:.2f}", _known(s.length), f"{s.width:.2f}",
+            _known(s.speed), f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.flight:.0f}",
         )
         for s in gait.strides
     ]  # fmt: skip
     if rows:
         parts.append(f'<div class="scroll">{table(_STRIDE_HEAD, rows, numbers=len(_STRIDE_HEAD) - 1)}</div>')
         parts.append(f"<p class='muted'>From a strike of the foot to its next, by {escape(METHODS[gait.method])}.</p>")
+    if gait.belt is not None and np.isfinite(gait.belt):
+        parts.append(f"<p>Treadmill: lengths and speeds are along a belt that moves at {gait.belt:.2f} m/s.</p>")
     if gait.remark:
         parts.append(f"<p>{text(_sentence(gait.remark if rows else 'none: ' + gait.remark))}</p>")
     return "\n".join(parts)

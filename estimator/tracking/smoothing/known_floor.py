@@ -11,6 +11,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.floor import OFF, KnownFloor
 from estimator.energy.gravity_prior import world_up
+from estimator.inference.belt import Belt
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
 from humanoid.collision.floor import FloorDistances
@@ -51,11 +52,13 @@ def believed_floor(body: Body, cameras: Sequence[Camera], known: KnownFloor, q: 
 
 class FeetOnFloor(NamedTuple):
     """standing (T, P): probability that each point of the feet stands. floor: what they stand on, None without one.
-    raised: what they rest on while the body lies deep below it, which is no floor; None where they do not."""
+    raised: what they rest on while the body lies deep below it, which is no floor; None where they do not. belt: of a
+    treadmill, None without one."""
 
     standing: np.ndarray
     floor: Ground | None
     raised: Ground | None = None
+    belt: Belt | None = None
 
 
 def feet_on_floor(
@@ -72,13 +75,13 @@ def feet_on_floor(
 
     q (T, nq): poses that were found without it; points (T, P, 3) [m]: of the feet there.
     """
-    standing, floor = feet.contact(points, times, up, known, seen)
+    standing, floor, belt = feet.contact(points, times, up, known, seen)
     if known is not None or floor is None:
-        return FeetOnFloor(standing, floor)
+        return FeetOnFloor(standing, floor, belt=belt)
     lower = _supporting(body, floor, q)
     if lower is not None:
-        return FeetOnFloor(standing, lower)
-    return FeetOnFloor(feet.contact(points, times, up, OFF, seen).standing, None, floor)
+        return FeetOnFloor(standing, lower, belt=belt)
+    return FeetOnFloor(feet.contact(points, times, up, OFF, seen).standing, None, floor, belt)
 
 
 def _supporting(body: Body, ground: Ground, q: np.ndarray) -> Ground | None:

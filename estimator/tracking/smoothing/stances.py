@@ -50,8 +50,9 @@ class Stances(NamedTuple):
         """As a trajectory q (T, nq) tells; None of a body without heels and toes.
 
         observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that nobody
-        sees lies as the prior has it. What stands on a floor is held at its height; one that is found is none where
-        something stands on a lower one, as on stairs. hands: as well; they stand on a floor alone.
+        sees lies as the prior has it. What stands on a floor is held at its height, and moves with a belt; a floor that
+        is found is none where something stands on a lower one, as on stairs. hands: as well; they stand on a floor
+        alone.
         """
         feet = FootPoints.of(body)
         if feet is None or len(q) < 2:
@@ -61,8 +62,8 @@ class Stances(NamedTuple):
         times, up = np.array([o.time for o in observations]), world_up(observations[0].cameras)
         every = np.array([_seen(body, o) for o in observations])
         seen = every[:, feet.landmark]
-        standing, floor, _ = feet_on_floor(body, feet, q, points, times, up, known, seen)
-        places, weight = held_places(points, standing, seen, times)
+        standing, floor, _, belt = feet_on_floor(body, feet, q, points, times, up, known, seen)
+        places, weight = held_places(points, standing, seen, times, None if belt is None else belt.way)
         palms = HandPoints.of(body) if hands else None
         palm_floor = floor
         if floor is not None:
@@ -110,13 +111,15 @@ def _seen(body: Body, observation: Observation) -> np.ndarray:
 
 
 def held_places(
-    points: np.ndarray, standing: np.ndarray, seen: np.ndarray, times: np.ndarray
+    points: np.ndarray, standing: np.ndarray, seen: np.ndarray, times: np.ndarray, way: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where points (T, P, 3) are held that stand with probabilities (T, P) at times (T,) [s], and how much each counts,
-    (T, P): 0 outside stances, and in those that are too short to be any or not seen (T, P)."""
+    (T, P): 0 outside stances, and in those that are too short to be any or not seen (T, P). way (T, 3) [m]: of the belt
+    they stand on, None of a floor at rest."""
     places, weight = points.copy(), np.zeros(standing.shape)
     for k, first, after in stances_of(standing):
         if times[after - 1] - times[first] >= _LEAST:
-            places[first:after, k] = np.median(points[first:after, k], axis=0)
+            moved = 0.0 if way is None else way[first:after]
+            places[first:after, k] = np.median(points[first:after, k] - moved, axis=0) + moved
             weight[first:after, k] = seen[first:after, k].mean() * standing[first:after, k]
     return places, weight
