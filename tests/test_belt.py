@@ -12,6 +12,7 @@ import pytest
 from test_gait import NAMES, stepping
 
 from benchmarks.accuracy.foot_contact import RUNNER_MARKERS, agreements
+from estimator.inference import foot_contact as foot_contact_module
 from estimator.inference.belt import belt_under
 from estimator.runs.contact import Contact, contact_of_points
 from estimator.runs.footing import footing_by_depth
@@ -107,6 +108,44 @@ def test_a_belt_may_slope(steps: tuple[float, float, float], slope: float) -> No
     np.testing.assert_allclose([e.time for e in belt.events], [e.time for e in level.events], atol=0.02)
 
 
+def paced(steps: tuple[float, float, float], pace: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Landmarks of who walks on a floor with a share `pace` (T,) of the full pace, and the ways (T, 3) of a belt that
+    keeps them in place."""
+    fine, points = stepping(*steps, 240.0)
+    elapsed = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) / fps)])
+    columns = [np.interp(elapsed, fine, column) for column in points.reshape(len(fine), -1).T]
+    return np.stack(columns, axis=1).reshape(len(pace), 5, 3), -steps[2] * elapsed[:, None] * np.array([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("steps", [WALK, RUN])
+@pytest.mark.parametrize(("starts", "ramp", "stops"), [(1.0, 1.0, 9.0), (0.0, 2.5, 9.0), (-2.0, 1.0, 4.0)])
+def test_a_belt_may_start_and_stop(steps: tuple[float, float, float], starts: float, ramp: float, stops: float) -> None:
+    """Who waits for it stands."""
+    fps = 60.0
+    time = np.arange(330) / fps
+    pace = np.clip(np.minimum((time - starts) / ramp, stops + ramp - time), 0.0, 1.0)
+    walks, way = paced(steps, pace, fps)
+    floor, belt = (contact_of_points(time, NAMES[1:], p[:, 1:]) for p in (walks, walks + way[:, None]))
+    assert floor.belt is None
+    assert belt.belt is not None
+    np.testing.assert_allclose(belt.belt.speeds, steps[2] * pace, atol=0.15 * steps[2])
+    assert [(e.side, e.kind) for e in belt.events] == [(e.side, e.kind) for e in floor.events]
+    np.testing.assert_allclose([e.time for e in belt.events], [e.time for e in floor.events], atol=0.033)
+    assert f"to {belt.belt.speeds.max():.2f} m/s" in repr(belt)
+
+
+def test_an_even_belt_has_one_speed() -> None:
+    """To the bit, whatever noise there is, and though its speed is not quite constant."""
+    fps = 60.0
+    time = np.arange(290) / fps
+    walks, way = paced(WALK, 1.0 + 0.04 * np.sin(time), fps)
+    treads = walks + way[:, None] + np.random.default_rng(2).normal(scale=0.004, size=walks.shape)
+    belt = belt_under(treads[:, 1:], time, KIND, UP)
+    assert belt is not None
+    assert len(np.unique(belt.speeds)) == 1
+    assert belt.described == f"{belt.speed:.2f} m/s"
+
+
 def test_noise_hides_no_belt() -> None:
     time, points = stepping(*WALK)
     treads = on_belt(time, points, np.array([-1.3, 0.0, 0.0]))
@@ -116,6 +155,17 @@ def test_noise_hides_no_belt() -> None:
     assert belt is not None
     assert belt.known
     assert belt.speed == pytest.approx(1.3, abs=0.05)
+
+
+def test_without_a_belt_every_bit_is_as_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    clips = [stepping(*WALK), stepping(*RUN), cranks(0.17, 0.17, 1.3)]
+    found = [contact_of_points(time, NAMES[1:], points[:, 1:]) for time, points in clips]
+    monkeypatch.setattr(foot_contact_module, "belt_under", lambda *_: None)
+    for ours, (time, points) in zip(found, clips, strict=True):
+        plain = contact_of_points(time, NAMES[1:], points[:, 1:])
+        assert ours.standing.tobytes() == plain.standing.tobytes()
+        assert ours.heights.tobytes() == plain.heights.tobytes()
+        assert repr(ours) == repr(plain)
 
 
 def test_no_belt() -> None:

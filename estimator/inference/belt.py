@@ -8,8 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.inference.belt_speed import speeds_over_time
+
 _HALF = 0.06  # s to either side over which a velocity is measured: less than half a stance, long against noise
 _TINY = 1e-9  # s
+_EVEN = 0.05  # m/s: speeds that differ less are one
 _SLOWEST = 0.3  # m/s of a belt; less is a foot that rolls, or a trajectory that drifts
 _STEEPEST = 0.25  # rise over run of a belt
 _WIDTH, _SPREAD = 0.15, 0.1  # m/s, and of the belt's speed: standard deviation of the velocity of what stands
@@ -33,13 +36,27 @@ _TURNS = -0.5  # correlation of the velocities of feet that go forward by turns,
 
 @dataclass(frozen=True)
 class Belt:
-    """velocity (3,) [m/s]: of a belt, horizontal. way (T, 3) [m]: how far it has moved since the first frame. known:
-    whether feet move with it; where they go back along a level floor without a common speed, the velocity has the
-    direction of a belt, and a speed in the middle of theirs."""
+    """velocity (3,) [m/s]: of a belt, horizontal, while it runs steadily. speeds (T,) [m/s]: along it, which are less
+    where it starts or stops. way (T, 3) [m]: how far it has moved since the first frame. known: whether feet move with
+    it; where they go back along a level floor without a common speed, the velocity has the direction of a belt, and a
+    speed in the middle of theirs."""
 
     velocity: np.ndarray
+    speeds: np.ndarray
     way: np.ndarray
     known: bool = True
+
+    @staticmethod
+    def of(velocity: np.ndarray, speeds: np.ndarray, time: np.ndarray, *, known: bool = True) -> Belt:
+        """With the way that follows from speeds (T,) at times (T,) [s]."""
+        metres = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))])
+        return Belt(velocity, speeds, metres[:, None] * (velocity / np.linalg.norm(velocity)), known)
+
+    @property
+    def described(self) -> str:
+        """Its speed in words, as "1.20 m/s" or "0.00 to 1.20 m/s"."""
+        least, most = self.speeds.min(), self.speeds.max()
+        return f"{least:.2f} to {most:.2f} m/s" if most - least > _EVEN else f"{self.speed:.2f} m/s"
 
     @property
     def speed(self) -> float:
@@ -70,9 +87,11 @@ def belt_under(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.nd
     if speed >= _SLOWEST and abs(rise) <= _STEEPEST * speed and motion.walks_on(velocity, level, up):
         flat = motion.of_flat_feet(velocity)
         level = flat - (flat @ up) * up
-        return Belt(level, (time - time[0])[:, None] * level)
+        return Belt.of(level, speeds_over_time(velocities(points[:, feet], time), time, level), time)
     back = motion.level_way_back(up)
-    return None if back is None else Belt(back, (time - time[0])[:, None] * back, known=False)
+    if back is None:
+        return None
+    return Belt.of(back, np.full(len(time), float(np.linalg.norm(back))), time, known=False)
 
 
 def ways(points: np.ndarray, time: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
@@ -82,6 +101,12 @@ def ways(points: np.ndarray, time: np.ndarray, half: float) -> tuple[np.ndarray,
     first = np.minimum(np.searchsorted(time, time - half - _TINY), np.maximum(frames - 1, 0))
     end = np.maximum(np.searchsorted(time, time + half + _TINY, side="right") - 1, np.minimum(frames + 1, last))
     return points[end] - points[first], time[end] - time[first]
+
+
+def velocities(points: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Velocities (T, 2, K, 3) [m/s] of points of both feet (T, 2, K, 3) [m] at times (T,) [s]."""
+    way, seconds = ways(points.reshape(len(time), -1, 3), time, _HALF)
+    return np.asarray((way / seconds[:, None, None]).reshape(points.shape))
 
 
 def _both_feet(kind: np.ndarray) -> np.ndarray | None:
@@ -101,8 +126,7 @@ class _Motion(NamedTuple):
     @staticmethod
     def of(points: np.ndarray, time: np.ndarray) -> _Motion | None:
         """None where feet hardly move, or are hardly known."""
-        way, seconds = ways(points.reshape(len(time), -1, 3), time, _HALF)
-        velocity = (way / seconds[:, None, None]).reshape(points.shape)
+        velocity = velocities(points, time)
         speed = np.linalg.norm(velocity, axis=3)
         known = np.isfinite(speed) & np.isfinite(points).all(axis=3)
         velocity = np.where(known[..., None], velocity, np.nan)

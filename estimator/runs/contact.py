@@ -121,7 +121,7 @@ class Contact(Summarised):
         stands = [
             (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
         ]
-        belt = [("belt", f"{self.belt.speed:.2f} m/s")] if self.belt is not None and self.belt.known else []
+        belt = [("belt", self.belt.described)] if self.belt is not None and self.belt.known else []
         facts = [("frames", f"{len(self.time)}"), ("floor", floor), *belt, *stands]
         if self.hands is not None:
             shares = np.mean(self.hands > _SURE, axis=0)
@@ -145,8 +145,9 @@ class Contact(Summarised):
 
     def _belt_speed(self) -> np.ndarray:
         """(T, 1) [m/s], (T, 0) without a belt of known speed."""
-        known = self.belt is not None and self.belt.known
-        return np.full((len(self.time), int(known)), self.belt.speed if self.belt is not None else np.nan)
+        if self.belt is None or not self.belt.known:
+            return np.zeros((len(self.time), 0))
+        return self.belt.speeds[:, None]
 
     def write(self, path: str | Path) -> Path:
         """Write a csv, one row a frame: the probabilities, then the heights [m], then those of hands, then the speed of

@@ -149,7 +149,7 @@ def print_contact(contact: Contact) -> None:
     if contact.belt is not None:
         if not contact.belt.known:
             return
-        out.print(f"treadmill: the feet stand on a belt that moves at {contact.belt.speed:.2f} m/s", soft_wrap=True)
+        out.print(f"treadmill: the feet stand on a belt that moves at {contact.belt.described}", soft_wrap=True)
     made = table("while they stand", "point", "of the time", "stances", "slide [mm], median", "largest")
     stances = contact.stances
     for k, name in enumerate(contact.names):

@@ -64,7 +64,7 @@ def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
     doubt = f"\n{contact.remark}" if contact.remark else ""
     marks = "; a mark down: the foot strikes, up: it leaves the ground" if events else ""
     known = contact.belt is not None and contact.belt.known
-    belt = f" on a belt of {contact.belt.speed:.2f} m/s" if contact.belt is not None and known else ""
+    belt = f" on a belt of {contact.belt.described}" if contact.belt is not None and known else ""
     bands.set_title(f"probability of standing{belt}{marks}{doubt}")
     heights.axhline(0.0, color="black", linewidth=0.6)
     heights.set_ylabel("height above the floor [mm]")
