@@ -134,6 +134,19 @@ def test_a_belt_may_start_and_stop(steps: tuple[float, float, float], starts: fl
     assert f"to {belt.belt.speeds.max():.2f} m/s" in repr(belt)
 
 
+@pytest.mark.parametrize(("steps", "starts"), [(WALK, 2.0), (RUN, 1.0)])
+def test_a_belt_may_start_below_who_walks(steps: tuple[float, float, float], starts: float) -> None:
+    """As after stepping onto it: the floor was at rest for up to two fifths of the clip."""
+    time, points = stepping(*steps)
+    way = -steps[2] * np.maximum(time - starts, 0.0)
+    treads = points + way[:, None, None] * np.array([1.0, 0.0, 0.0])
+    floor, belt = (contact_of_points(time, NAMES[1:], each[:, 1:]) for each in (points, treads))
+    assert belt.belt is not None
+    assert belt.belt.speeds[time < starts - 0.5] == pytest.approx(0.0, abs=0.1)
+    assert belt.belt.speeds[time > starts + 0.5] == pytest.approx(steps[2], rel=0.05)
+    assert [(e.side, e.kind) for e in belt.events] == [(e.side, e.kind) for e in floor.events]
+
+
 def test_an_even_belt_has_one_speed() -> None:
     """To the bit, whatever noise there is, and though its speed is not quite constant."""
     fps = 60.0
@@ -159,9 +172,9 @@ def test_noise_hides_no_belt() -> None:
 
 def test_without_a_belt_every_bit_is_as_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
     clips = [stepping(*WALK), stepping(*RUN), cranks(0.17, 0.17, 1.3)]
-    found = [contact_of_points(time, NAMES[1:], points[:, 1:]) for time, points in clips]
+    searched = [contact_of_points(time, NAMES[1:], points[:, 1:]) for time, points in clips]
     monkeypatch.setattr(foot_contact_module, "belt_under", lambda *_: None)
-    for ours, (time, points) in zip(found, clips, strict=True):
+    for ours, (time, points) in zip(searched, clips, strict=True):
         plain = contact_of_points(time, NAMES[1:], points[:, 1:])
         assert ours.standing.tobytes() == plain.standing.tobytes()
         assert ours.heights.tobytes() == plain.heights.tobytes()

@@ -18,7 +18,7 @@ _STEEPEST = 0.25  # rise over run of a belt
 _WIDTH, _SPREAD = 0.15, 0.1  # m/s, and of the belt's speed: standard deviation of the velocity of what stands
 _WITH = 1.5  # standard deviations within which a foot moves with the belt
 _SHARE, _BOTH = 0.2, 0.5  # of the frames with motion in which a foot moves with the belt, and both feet's together
-_REST = 0.2  # of these frames in which a foot rests: those that rest more need no belt
+_REST = 0.2  # of these frames in which a foot rests: those that rest more are not on one whose speed is unknown
 _FLAT = 0.02  # of these frames in which feet are flat, at least, where they give the speed
 _FORWARD = 1.15  # of the belt's speed: feet on cranks, and swinging legs, come forward as fast as they go back
 _CRANKS = 2.3  # m/s: feet on cranks are hardly faster; 0.17 m at two turns a second are 2.1
@@ -78,7 +78,7 @@ def belt_under(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.nd
     if feet is None or len(time) < _FRAMES:
         return None
     motion = _Motion.of(points[:, feet], time)
-    if motion is None or motion.moved_with(np.zeros(3)).min() >= _REST:
+    if motion is None:
         return None
     velocity = motion.common_velocity()
     rise = float(velocity @ up)
@@ -88,7 +88,8 @@ def belt_under(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.nd
         flat = motion.of_flat_feet(velocity)
         level = flat - (flat @ up) * up
         return Belt.of(level, speeds_over_time(velocities(points[:, feet], time), time, level), time)
-    back = motion.level_way_back(up)
+    rests = motion.moved_with(np.zeros(3)).min() >= _REST
+    back = None if rests else motion.level_way_back(up)
     if back is None:
         return None
     return Belt.of(back, np.full(len(time), float(np.linalg.norm(back))), time, known=False)
