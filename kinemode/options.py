@@ -98,7 +98,8 @@ class InputOptions:
         person is as large as in the middle of it. Unless given it is what detectors of people err, measured anew where
         a person is fitted.
     fps
-        [NAME=]RATE in frames per second, of folders of pictures, and of keypoint files that declare none.
+        [NAME=]RATE in frames per second of the pictures: of folders, of keypoint files that declare none, and of films
+        taken at another rate than they are played at, as slow motion.
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
@@ -235,7 +236,7 @@ class FromPersonOptions:
     keypoint_size
         [NAME=]WxH: size of the pictures that the detector saw, where the files do not say it.
     fps
-        [NAME=]RATE: frames per second of keypoint files that declare none.
+        [NAME=]RATE: frames per second of the pictures, see `track`.
     """
 
     keypoints: Files = None

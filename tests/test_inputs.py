@@ -401,5 +401,17 @@ def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stacked(inputs)[::2, 0], SEEN["a"].pixels[::2])
     thirds = {"a": replace(later(SEEN["a"], 5), fps=None)}  # cut short, but no fraction of the clip
     assert load(tmp_path, thirds, {"a": video}).notes == ("a: keypoints end after 55 of 60 frames",)
-    with pytest.raises(InputError, match="declare their frame rates"):
-        load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE)
+    assert load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE).notes == ()  # as the film and the keypoints say
+
+
+@pytest.mark.parametrize(("declared", "rate"), [(None, 120.0), (RATE, 240.0), (None, 12.0)])
+def test_slow_motion_has_the_rate_that_is_given(tmp_path: Path, declared: float | None, rate: float) -> None:
+    """A film saved at another rate than it was taken at, its keypoints without a rate or with the film's."""
+    video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
+    inputs = load(tmp_path, {"a": replace(SEEN["a"], fps=declared)}, {"a": video}, fps=f"a={rate:g}")
+    np.testing.assert_allclose(inputs.times, np.arange(COUNT) / rate)
+    np.testing.assert_array_equal(stacked(inputs)[:, 0], SEEN["a"].pixels)
+    assert inputs.notes == (f"a: the film has 30 frames per second: {rate:g} is used instead, as --fps says",)
+    half = load(tmp_path, {"a": every(SEEN["a"], 2, RATE / 2.0)}, {"a": video}, fps=4.0 * RATE)
+    np.testing.assert_allclose(half.times, np.arange(COUNT) / (4.0 * RATE))
+    np.testing.assert_array_equal(stacked(half)[::2, 0], SEEN["a"].pixels[::2])  # 15 a second of the film's

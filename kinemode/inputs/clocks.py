@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.media.clip import DEFAULT_FPS, Clip
+from estimator.data.given_rates import keypoint_rate, of_keypoints, report_at
+from estimator.data.media.clip import DEFAULT_FPS, Clip, ClipReport
 from estimator.data.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import OFF, Declared
@@ -21,33 +23,48 @@ def clocks_of(
 
     Raises
     ------
-    InputError: offsets or rates of unknown cameras; a rate for files that have one.
+    InputError: offsets or rates of unknown cameras; a rate for keypoint files that have one, without clips; one rate
+    for a film whose frames' times have several.
     """
     offsets, rates = told.offsets(tracks), told.rates(tracks)
     if not clips:
         return _without_clips(tracks, offsets, rates, told)
     clocks: dict[str, CameraClock] = {}
     notes: list[str] = []
-    used = set()
     for name, track in tracks.items():
-        clip, rate = clips[name], track.fps
-        remedy = "correct fps in the keypoint file" if rate else "write their fps into the keypoint file"
-        if not clip.rate_known and (rates.get(name) or rate):
-            clip = Clip.open(clip.path, fps=rates.get(name) or rate)
-            clip.close()  # its report opens it again
-            used.add(name)
-            if name not in rates:
-                remedy = f"say the pictures' rate: --fps {name}=RATE"
-                notes.append(f"{name}: the pictures have no frame rate: {rate:g}, as {track.source} declares")
-        elif clip.rate_known and rate is None:
-            rate = rates.get(name)
-            remedy = f"say the keypoints' rate: --fps {name}=RATE"
-            used.add(name)
-        notes += [f"{name}: {note}" for note in clip.report.notes]
-        clocks[name], of_lengths = clip_clock(name, track, clip.report, rate, offsets[name], remedy)
-        notes += of_lengths
-    _refuse_unused(rates, used, told)
+        clocks[name], of_clip = _with_clip(name, track, clips[name], rates.get(name), offsets[name])
+        notes += of_clip
     return clocks, notes
+
+
+def _with_clip(
+    name: str, track: KeypointTrack, clip: Clip, given: float | None, offset: float
+) -> tuple[CameraClock, list[str]]:
+    """The clock of a camera with a clip, and notes. given: by --fps, the pictures' rate unless the keypoints' number
+    shows that it is theirs."""
+    notes, rate, report = list[str](), track.fps, clip.report
+    remedy = "correct fps in the keypoint file" if rate else "write their fps into the keypoint file"
+    if not clip.rate_known and (given or rate):
+        report = _at_rate(clip, given or rate)
+        if given is None:
+            remedy = f"say the pictures' rate: --fps {name}=RATE"
+            notes.append(f"{name}: the pictures have no frame rate: {rate:g}, as {track.source} declares")
+    elif given is not None and rate is None and of_keypoints(track.frame_count, report, given):
+        rate = given
+    elif given is not None:
+        report, note = report_at(clip.path, report, given)
+        rate = keypoint_rate(track, clip.report, report)
+        notes += [f"{name}: {note}"] if note else []
+    elif rate is None:
+        remedy = f"say the keypoints' rate: --fps {name}=RATE"
+    clock, of_lengths = clip_clock(name, track, report, rate, offset, remedy)
+    return clock, [*notes, *(f"{name}: {note}" for note in report.notes), *of_lengths]
+
+
+def _at_rate(clip: Clip, rate: float | None) -> ClipReport:
+    """What a clip without a rate has at this one."""
+    with closing(Clip.open(clip.path, fps=rate)) as again:
+        return again.report
 
 
 def _without_clips(
@@ -81,7 +98,7 @@ def _refuse_unused(rates: Mapping[str, float], used: set[str], told: Declared) -
     unused = [name for name in rates if name not in used]
     if unused and (by_name(told.fps) or len(unused) == len(rates)):
         problem = f"the files of {', '.join(unused)} declare their frame rates"
-        remedy = "--fps is for folders of pictures, and for keypoint files that declare none; correct fps in the file"
+        remedy = "--fps is for clips, and for keypoint files that declare none; correct fps in the file"
         raise InputError("--fps", problem, remedy=remedy)
 
 

@@ -33,7 +33,8 @@ class Declared:
     """What the user says of the files of `track`, `fit` and `compare`, as it is written.
 
     keypoint_size: width and height [px] of the pictures that the detector saw, as (540, 960) or "540x960".
-    fps: frames per second of the pictures of a folder, and of keypoint files that declare none beside a video.
+    fps: frames per second of the pictures of a folder, of a film that was taken at another rate than it declares, and
+    of keypoint files that declare none.
     offset: by camera, seconds that its first frame was taken after the moment 0 of the common clock.
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].

@@ -136,7 +136,8 @@ def track(
     keypoint_noise: standard deviation of keypoints about their places on the body, in pixels of the clip where the
         person is as large as in the middle of it; one for all cameras, or by name. Unless given it is what detectors
         of people err (`cost.keypoint_noise`), measured anew where the person is fitted.
-    fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
+    fps: frames per second of the pictures: of folders, of keypoint files that declare none, and of films taken at
+        another rate than they declare, as slow motion; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
     sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
