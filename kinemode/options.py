@@ -125,7 +125,7 @@ class InputOptions:
         or any other known layout. auto takes the more common one, and says so where another fits much better.
     sync
         auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
-        says how sure they are; what is not sure is refused.
+        their rates where these differ from what is declared, and says how sure they are; what is not sure is refused.
     start
         Begin here, in seconds; frames before it are left out. Or `index`: the first pose comes from an index of
         examples, without keypoints; that takes depth.

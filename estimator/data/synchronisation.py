@@ -10,14 +10,14 @@ tails, and of one that is normal, each with its variance at its best; they add u
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.data.agreement import Pair, pairs_of
 from estimator.data.cameras.camera import Camera
+from estimator.data.clock_rates import ClockRates, clock_rates
 from estimator.data.lags import Lags
-from estimator.data.moving_rays import MovingRays, speed_disagreement
+from estimator.data.pair_courses import PairCourse, pair_courses
 
 LONGEST = 10.0  # offsets looked for [s]
 _FINEST = 1.0 / 120.0  # instants are not closer than this [s]
@@ -27,7 +27,6 @@ _PARTS = 4  # a step between instants is divided so finely at the end
 _NEAR = 3  # steps around the best lag in which the end is looked for
 _SHORTEST = 0.15  # time that two cameras must have in common at a lag [s]
 _TRUSTED = 0.5  # time in common at which half of what a lag says is believed [s]
-_FLOOR = 0.003  # of the picture's longer side: keypoints are not better than this
 PEAK = 0.15  # other clocks are those that are further off [s]
 _BLOCKS = 8  # parts of the clip, and of the body, that are left out in turn
 _INDEPENDENT = 30.0  # observations in a second whose errors have nothing to do with each other
@@ -46,7 +45,8 @@ class Synchrony:
     whether that can be relied on. errors (C,): standard errors [s], from leaving out parts of the clip in turn. margin
     (C,): how much better they are than any other clock: the logarithm of the ratio of squared distances, of the weakest
     link between a camera and those that are held. distance: how far the moving rays of a pair pass each other at these
-    clocks [px], the geometric mean.
+    clocks [px], the geometric mean. rates: how fast each runs; offsets are of times that are scaled by them about each
+    camera's first. None where nobody was seen.
     """
 
     offsets: np.ndarray
@@ -54,29 +54,45 @@ class Synchrony:
     errors: np.ndarray
     margin: np.ndarray
     distance: float
+    rates: ClockRates | None = None
 
 
 def synchronised(
     cameras: Sequence[Camera], pixels: Sequence[np.ndarray], times: Sequence[np.ndarray], held: Sequence[int] = (0,)
 ) -> Synchrony:
-    """When each camera's clock began, up to 10 s from the times given.
+    """When each camera's clock began, up to 10 s from the times given, and how fast it runs where that differs.
 
     pixels (C): of each camera (N, L, 2) [px], NaN where missing, the same landmarks in all. times (C): of its frames
     (N,) [s], rising. held: cameras whose times are right as they are, at least one.
 
-    Nothing is sure where nobody moves, where two moments look alike, or where cameras have too little in common.
+    Nothing is sure where nobody moves, where two moments look alike, where cameras have too little in common, or where
+    parts of the clip tell different offsets and no one rate explains them.
     """
+    rates = clock_rates(cameras, pixels, times, held, LONGEST)
+    scaled = times
+    if rates.differ:
+        scaled = [of[:1] + scale * (of - of[:1]) for of, scale in zip(times, rates.scales, strict=True)]
+    result = _at_rates(cameras, pixels, scaled, held)
+    first = np.array([of[0] if len(of) else np.nan for of in times]) + result.offsets
+    elsewhere = (rates.scales != 1.0) & (np.abs(first - rates.first) > PEAK)
+    return replace(result, sure=result.sure & ~rates.doubtful & ~elsewhere, rates=rates)
+
+
+def _at_rates(
+    cameras: Sequence[Camera], pixels: Sequence[np.ndarray], times: Sequence[np.ndarray], held: Sequence[int]
+) -> Synchrony:  # fmt: skip
+    """When clocks of these rates began."""
     steps = [float(np.median(np.diff(of))) if len(of) > 1 else np.inf for of in times]
     step = max(_FINEST, min(steps))
     if not np.isfinite(step):
         return _nothing(len(cameras), held)
-    courses = _courses(cameras, pixels, times, step)
+    courses = pair_courses(cameras, pixels, times, step)
     coarse = _coarse(courses)
     if coarse is None:
         return _nothing(len(cameras), held)
     lags = coarse.lags.best(len(cameras), held)
     nearer = [of - step * lag for of, lag in zip(times, lags.tolist(), strict=True)]
-    more, errors = _refined(_courses(cameras, pixels, nearer, step / _PARTS), len(cameras), held)
+    more, errors = _refined(pair_courses(cameras, pixels, nearer, step / _PARTS), len(cameras), held)
     margins, distances = coarse.assess(lags)
     far = distances > SURE_DISTANCE * max(max(camera.image_size) for camera in cameras)
     margin = _weakest_links(coarse.lags, np.where(far, 0.0, margins), len(cameras), held)
@@ -92,47 +108,6 @@ def _nothing(count: int, held: Sequence[int]) -> Synchrony:
     known = np.isin(np.arange(count), list(held))
     nan = np.where(known, 0.0, np.nan)
     return Synchrony(nan, known, np.where(known, 0.0, np.inf), np.where(known, np.inf, 0.0), float("nan"))
-
-
-def _courses(
-    cameras: Sequence[Camera], pixels: Sequence[np.ndarray], times: Sequence[np.ndarray], step: float
-) -> list[_Course]:
-    """All pairs of cameras that stand apart, on one grid of instants."""
-    start, end = min(float(of[0]) for of in times if len(of)), max(float(of[-1]) for of in times if len(of))
-    grid = np.arange(start, end + 1.5 * step, step)
-    views = [MovingRays.of(*of, grid) for of in zip(cameras, pixels, times, strict=True)]
-    floor = _FLOOR * max(max(camera.image_size) for camera in cameras)
-    return [_Course(p, views[p.a], views[p.b], step, floor) for p in pairs_of(cameras) if p.usable]
-
-
-class _Course:
-    """What speaks against each lag of a pair: the second camera's rays are taken so many instants later."""
-
-    def __init__(self, pair: Pair, first: MovingRays, second: MovingRays, step: float, floor: float) -> None:
-        self.pair, self.step, self.count, self._floor = pair, step, len(first.rays), floor
-        self._line, back, self._ray = first.rays @ pair.E.T, second.rays @ pair.E, second.rays
-        self._slopes = tuple(np.square(line[..., :2]).sum(axis=-1) for line in (self._line, back))
-        self._speeds = first.speed, second.speed
-        self._logs = first.log_speed, second.log_speed
-
-    def instants(self, lag: int, stride: int) -> np.ndarray:
-        """The first camera's instants that have a partner."""
-        return np.arange(max(0, -lag), self.count - max(0, lag), stride)
-
-    def rays(self, lag: int, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of instants i (I,): the logarithms of the squared distances times their weights, and the weights (I, L)."""
-        j = i + lag
-        weight = np.sqrt(self._speeds[0][i] * self._speeds[1][j])
-        across = self.pair.focal * (self._ray[j] * self._line[i]).sum(axis=-1)
-        squared = np.square(across) / np.maximum(self._slopes[0][i] + self._slopes[1][j], 1e-20)
-        seen = np.isfinite(weight) & np.isfinite(squared)
-        weight = np.where(seen, weight, 0.0)
-        return weight * np.log(np.where(seen, squared, 0.0) + self._floor**2), weight
-
-    def speeds(self, lag: int, i: np.ndarray, seen: np.ndarray) -> float:
-        """Half the logarithm of what the one's speeds leave of the variance of the other's; 0 where they disagree."""
-        first, second = self._logs
-        return speed_disagreement(first[i], second[i + lag], seen)
 
 
 @dataclass(frozen=True)
@@ -159,7 +134,7 @@ class _Coarse:
         return margins, distances
 
 
-def _coarse(courses: Sequence[_Course]) -> _Coarse | None:
+def _coarse(courses: Sequence[PairCourse]) -> _Coarse | None:
     """Every lag of the pairs that have something in common at some; None without any."""
     if not courses:
         return None
@@ -180,7 +155,7 @@ def _coarse(courses: Sequence[_Course]) -> _Coarse | None:
     return _Coarse(Lags(np.array(a), np.array(b), np.array(tables), most), np.array(rays), step) if a else None
 
 
-def _at_lag(course: _Course, lag: int, stride: int) -> tuple[float, float, float]:
+def _at_lag(course: PairCourse, lag: int, stride: int) -> tuple[float, float, float]:
     """What rays and speeds say against a lag, and the time in common [s]."""
     i = course.instants(lag, stride)
     sums, weights = course.rays(lag, i)
@@ -191,7 +166,7 @@ def _at_lag(course: _Course, lag: int, stride: int) -> tuple[float, float, float
     return float(sums.sum() / weights.sum()), course.speeds(lag, i, seen), common
 
 
-def _refined(courses: Sequence[_Course], count: int, held: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def _refined(courses: Sequence[PairCourse], count: int, held: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Lags (C,) near 0 at which rays meet best, in steps before these were divided, and their standard errors.
 
     The errors are the largest of three: from the lags without each part of the clip, and without each part of the body
@@ -218,7 +193,7 @@ def _best(sums: np.ndarray, pairs: np.ndarray, count: int, held: Sequence[int]) 
     return Lags(pairs[usable, 0], pairs[usable, 1], table, _NEAR * _PARTS).best(count, held)
 
 
-def _blunt(sums: np.ndarray, courses: Sequence[_Course], lags: np.ndarray) -> np.ndarray:
+def _blunt(sums: np.ndarray, courses: Sequence[PairCourse], lags: np.ndarray) -> np.ndarray:
     """Standard errors (C,), in steps, of an estimate with this curvature of the log-likelihood of one observation."""
     information = np.zeros(len(lags))
     for course, (above, below) in zip(courses, sums, strict=True):
@@ -232,7 +207,7 @@ def _blunt(sums: np.ndarray, courses: Sequence[_Course], lags: np.ndarray) -> np
     return np.asarray(1.0 / np.sqrt(np.maximum(information, 1e-12)))
 
 
-def _parts_of_sums(courses: Sequence[_Course]) -> tuple[np.ndarray, np.ndarray]:
+def _parts_of_sums(courses: Sequence[PairCourse]) -> tuple[np.ndarray, np.ndarray]:
     """Sums that distances are weighted means of, (parts, P, 2, lags): of the parts of the time that a pair has in
     common, and of the parts of the body."""
     most = _NEAR * _PARTS
@@ -251,7 +226,7 @@ def _parts_of_sums(courses: Sequence[_Course]) -> tuple[np.ndarray, np.ndarray]:
     return by_time, by_joint
 
 
-def _in_common(course: _Course) -> tuple[int, int]:
+def _in_common(course: PairCourse) -> tuple[int, int]:
     """The first instant at which both cameras of a pair see something move, and the one after the last."""
     i = course.instants(0, 1)
     both = np.flatnonzero(course.rays(0, i)[1].any(axis=1))

@@ -38,7 +38,8 @@ class Declared:
     offset: by camera, seconds that its first frame was taken after the moment 0 of the common clock.
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].
-    sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
+    sync: "auto" finds the offsets of cameras that none is given for, and their rates where these differ from what is
+        declared; "off" takes them for 0.
     up: the axis of the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, or a direction as
         three numbers; None where it is to be found.
     layout: what the keypoints of files are, a key of `humanoid.subject.landmarks.FORMATS`; "auto" takes the file's

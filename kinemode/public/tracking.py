@@ -139,7 +139,8 @@ def track(
     fps: frames per second of the pictures: of folders, of keypoint files that declare none, and of films taken at
         another rate than they declare, as slow motion; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
-    sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
+    sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s,
+        and their rates where these differ from what is declared;
         where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
         have offsets.
     focal: length of the one camera that no file describes: "26mm" (on 35 mm film), "1400px", or "0.72" of the longer

@@ -192,6 +192,15 @@ def _check_clocks(
     if not agree.all():
         names = [name for name, sure in zip(rig.cameras, agree, strict=True) if not sure]
         problem = f"when {', '.join(names)} started cannot be told for sure before the cameras are placed"
+        if told.rates is not None and told.rates.differ:
+            steps = [float(np.median(np.diff(view.times))) for view in views]
+            at = [
+                f"{n} at about {1.0 / (t * s):.2f}"
+                for n, t, s in zip(rig.cameras, steps, told.rates.scales, strict=True)
+            ]
+            problem += (
+                f": the clocks run at different rates, frames per second: {', '.join(at)}; give the true ones as fps"
+            )
         raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {FILM}")
 
 
