@@ -20,6 +20,7 @@ _SHOWN = 1.0  # of that, of terms that the motion shows: it tells more than was 
 _LATE = 0.1  # s: of a clock that was found from speeds
 _NOISE = 0.008  # of the person's size in the picture: what a detector is off
 _FEW, _MANY = 40, 120  # instants
+_MUCH_IN_COMMON, _MUCH_BETTER = 0.5, 0.5  # share of the longest time in common; of the cost of others
 _BEGINNINGS = 4
 _ROUNDS = 5
 _STEPS, _STEPS_AT_THE_END = 15, 40  # of the adjustment of a beginning, and of what was chosen
@@ -87,8 +88,8 @@ class RigFit:
 
 def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarray]) -> RigFit | None:
     """The rig of least cost; None where no two cameras have enough points in common. lags: how much later the clocks
-    may be read (C,) [s], of which the one is taken that fits best."""
-    best: tuple[float, np.ndarray, RigState] | None = None
+    may be read (C,) [s], of which the one is taken that fits best, see `best_start`."""
+    starts: list[RigStart] = []
     for late in lags:
         instants = common_instants(views.views, late, _FEW)
         if not len(instants):
@@ -98,9 +99,30 @@ def fitted_rig(views: RigViews, lengths: SegmentLengths, lags: Sequence[np.ndarr
             begun = _beginning(views, lengths, rays, slope, pose, other)
             if begun is not None:
                 mean = begun.cost / max(1, int(np.count_nonzero(np.isfinite(rays))))
-                if best is None or mean < best[0]:
-                    best = mean, late, begun.state
-    return None if best is None else rig_near(views, lengths, best[1], best[2])
+                starts.append(RigStart(mean, float(np.ptp(instants)), late, begun.state))
+    best = best_start(starts)
+    return None if best is None else rig_near(views, lengths, best.late, best.state)
+
+
+@dataclass(frozen=True)
+class RigStart:
+    """A rig that clocks read `late` (C,) [s] later lead to: its cost for each ray, and the time in common then [s]."""
+
+    cost: float
+    common: float
+    late: np.ndarray
+    state: RigState
+
+
+def best_start(starts: Sequence[RigStart]) -> RigStart | None:
+    """The start of least cost, None of none. One whose clocks leave less than half as much time in common as others'
+    do must be much better than these: a few poses that are alike fit anything."""
+    longest = max((start.common for start in starts), default=0.0)
+
+    def cost(start: RigStart) -> float:
+        return start.cost if start.common >= _MUCH_IN_COMMON * longest else start.cost / _MUCH_BETTER
+
+    return min(starts, key=cost, default=None)
 
 
 def _beginning(
