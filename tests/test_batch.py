@@ -92,6 +92,8 @@ def test_clips_are_tracked_as_alone_and_not_twice(clips: Path, tmp_path: Path) -
         assert content(run) == content(single(clips, name, tmp_path / f"{name}.run").file)
         assert run.with_suffix(".csv").is_file()
         assert run.with_suffix(".jpg").is_file()
+    assert done.table is not None
+    assert done.page is not None
     assert done.table.read_text().count("\n") == 4
     assert "second.run" in done.page.read_text()
     before = {path: path.stat().st_mtime_ns for path in out.glob("clips/*/*") if path.parent.name != "broken"}

@@ -25,11 +25,17 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
+from kinemode.batches.leader import PAGE, TABLE
+from kinemode.batches.outcome import ClipOutcome
+from kinemode.batches.row import BatchRow
+from kinemode.batches.shown import ShownBatch
+from kinemode.public.batches import Batch
 from kinemode.rendering.files import RenderedClip
 from tests.conftest import ROOT
 from tests.test_run_file import header, state_of, walk
 from tests.tiny_clip import QUICK
 from tests.waiting import DEADLINE
+from viz.batch.entry import FAILED
 
 FULL = "cannot be written: File too large (make room, or name a file on another disk)"
 
@@ -150,6 +156,32 @@ def test_a_run_keeps_what_was_tracked_and_goes_on(tmp_path: Path) -> None:
     for t, stored in enumerate(results):
         np.testing.assert_array_equal(run.result(t).q, stored.q)
     assert [p.name for p in tmp_path.iterdir()] == ["a.run"]
+
+
+@pytest.mark.parametrize("lost", [("table",), ("page",), ("table", "page")])
+def test_a_batch_names_no_file_that_was_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], lost: tuple[str, ...]
+) -> None:
+    """Table and page are written each by itself, and the command names those that are there."""
+    for what in lost:
+        monkeypatch.setattr(f"kinemode.batches.shown.write_batch_{what}", no_room)
+    row, failed = BatchRow("clip", "row 1"), ClipOutcome("clip", FAILED, "no room")
+    shown = ShownBatch([row], tmp_path, "")
+    shown.put(failed)
+    names = {"table": TABLE, "page": PAGE}
+    assert set(shown.write()) == {names[what] for what in lost}
+    assert {path.name for path in tmp_path.iterdir()} == {names[what] for what in names if what not in lost}
+    table, page = (None if what in lost else tmp_path / name for what, name in names.items())
+    monkeypatch.setattr(km, "batch", lambda *_, **__: Batch(tmp_path, {"clip": failed}, table, page))
+    assert front.main(["batch", "clips.csv", "--out", str(tmp_path)]) == front.BAD_INPUT
+    printed = "".join(capsys.readouterr())
+    assert "0 of 1 clips tracked" in printed
+    assert (str(tmp_path / PAGE) in printed) == ("page" not in lost)
+    assert (str(tmp_path / TABLE) in printed) == ("table" not in lost)
+
+
+def no_room(path: Path, *_: object) -> None:
+    raise InputError(path, "cannot be written: No space left on device")
 
 
 ON_A_SMALL_DISK = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from humanoid.support.errors import InputError
@@ -33,8 +32,7 @@ class ShownBatch:
         self._entries[outcome.name] = tuple(_entries(outcome, self._persons[outcome.name]))
         begin = time.monotonic()
         if begin >= self._next:
-            with suppress(InputError):  # a full disk may be emptied; at the end it is said
-                self.write()
+            self.write()  # a full disk may be emptied: what is not written is reported at the end
             now = time.monotonic()
             self._next = now + max(_SELDOM, (now - begin) / _SHARE)
 
@@ -46,11 +44,18 @@ class ShownBatch:
             for entry in self._entries.get(name, (BatchEntry(name, WAITING, person),))
         ]
 
-    def write(self) -> None:
-        """Write table and page. Raises InputError where that cannot be."""
-        entries = self.entries()
-        write_batch_table(self._root / TABLE, entries)
-        write_batch_page(self._root / PAGE, entries, self._title)
+    def write(self) -> dict[str, InputError]:
+        """Write table and page, each by itself; why one could not be written, by its name."""
+        entries, faults = self.entries(), dict[str, InputError]()
+        for name, write in (
+            (TABLE, lambda path: write_batch_table(path, entries)),
+            (PAGE, lambda path: write_batch_page(path, entries, self._title)),
+        ):
+            try:
+                write(self._root / name)
+            except InputError as error:
+                faults[name] = error
+        return faults
 
 
 def _entries(outcome: ClipOutcome, person: str) -> Iterator[BatchEntry]:

@@ -72,11 +72,13 @@ def batch(
         progress=km.reported,
     )  # fmt: skip
     failed = done.failed
-    print(f"{len(done.outcomes) - len(failed)} of {len(done.outcomes)} clips tracked: {done.page}")
+    page = "" if done.page is None else f": {done.page}"
+    print(f"{len(done.outcomes) - len(failed)} of {len(done.outcomes)} clips tracked{page}")
     for name, why in list(failed.items())[:_SHOWN]:
         print(f"  {name}: {why}")
     if failed:
-        raise km.InputError(manifest, f"{_counted(len(failed))} failed", remedy=f"all of them are in {done.table}")
+        remedy = "the table could not be written" if done.table is None else f"all of them are in {done.table}"
+        raise km.InputError(manifest, f"{_counted(len(failed))} failed", remedy=remedy)
 
 
 def _make(manifest: Path | None, folder: Path, out: Path, overwrite: bool) -> None:

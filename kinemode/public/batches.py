@@ -27,13 +27,13 @@ class Batch:
     ----------
     folder: where everything is; clips/NAME/NAME.run are the runs.
     outcomes: by the names of the clips, in the order of the manifest.
-    table, page: the CSV file and the page of all clips.
+    table, page: the CSV file and the page of all clips, None where it could not be written.
     """
 
     folder: Path
     outcomes: Mapping[str, ClipOutcome]
-    table: Path
-    page: Path
+    table: Path | None
+    page: Path | None
 
     @property
     def failed(self) -> dict[str, str]:
@@ -106,11 +106,11 @@ def batch(
             done = f"{len(outcomes)} of {len(rows)} clips are done, and what was tracked of others is kept"
             raise KeyboardInterrupt(f"interrupted; {done}: the same command resumes it") from stop
         finally:
-            try:
-                shown.write()
-            except InputError as full:  # what became of the clips is told all the same
+            faults = shown.write()
+            for full in faults.values():  # what became of the clips is returned all the same
                 warnings.warn(str(full), InputWarning, stacklevel=2)
-    return Batch(root, {row.name: outcomes[row.name] for row in rows}, root / TABLE, root / PAGE)
+    table, page = (None if name in faults else root / name for name in (TABLE, PAGE))
+    return Batch(root, {row.name: outcomes[row.name] for row in rows}, table, page)
 
 
 def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -> list[dict[str, str]]:
