@@ -169,7 +169,6 @@ BAD = {
     "no such run": (["view", "none.run"], "none.run"),
     "not a run": (["overlay", "{left}", "--out", "{out}.mp4"], "left.json"),
     "export of no run": (["export", "none.run", "a.csv", "--format", "csv"], "none.run"),
-    "unknown format": (["export", "none.run", "a.bvhx", "--format", "bvhx"], "npz"),
     "evaluation of no run": (["evaluate", "none.run", "--reference", "r.npz"], "none.run"),
 }
 

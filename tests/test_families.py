@@ -80,12 +80,14 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
         ["export", str(folder / "a.run"), str(folder / "a.path")],
         ["export", str(folder / "a.run"), str(folder / "a.nothing")],
         ["settings"],
+        ["export", str(folder / "a.run"), str(folder / "named.txt"), "--format", "path"],
+        ["export", str(folder / "a.run"), str(folder / "other.txt"), "--format", "paths"],
     ]
     return folder, told(*commands, plugins=",".join(TOYS), path=HERE)
 
 
 def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) -> None:
-    folder, (tracked, exported, refused, settings) = lines
+    folder, (tracked, exported, refused, settings, named, misnamed) = lines
     assert tracked.code == 0, tracked.error
     run = km.open_run(folder / "a.run")
     column = run.body.q_names.index(JOINT)
@@ -96,6 +98,11 @@ def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) ->
     assert refused.code == 2
     assert "one of npz, csv, trc" in refused.error
     assert ", path, glb" in refused.error
+    assert named.code == 0, named.error
+    assert (folder / "named.txt").read_text().startswith("named.txt: 3 frames, ")
+    assert misnamed.code == 2
+    assert "no export format 'paths' (one of npz, csv, trc" in misnamed.error
+    assert ", path, glb" in misnamed.error
     table = settings.out.partition("[cost.terms.held]\n")[2].partition("\n\n")[0]
     assert "std = 0.05  # more than 0" in table.splitlines()
 

@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from kinemode.options import Flag
-
-Format = Literal[
-    "npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "motion-npz", "motion-csv",
-    "glb", "rrd",
-]  # fmt: skip
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:
@@ -170,7 +164,7 @@ def plot(run: Path, /, *, out: Path, joints: str | None = None, filter: float | 
 
 
 def export(
-    run: Path, file: Path, /, *, format: Format | None = None, degrees: bool = False, filter: float | None = None
+    run: Path, file: Path, /, *, format: str | None = None, degrees: bool = False, filter: float | None = None
 ) -> None:
     """Write a run for other programs.
 
@@ -198,7 +192,8 @@ def export(
     file
         Where to write.
     format
-        One of these; the file's ending unless given.
+        npz, csv, trc, mot, osim, gait2392-mot, rajagopal-mot, c3d, bvh, motion-npz, motion-csv, glb, rrd, or that of a
+        plug-in; the file's ending unless given.
     degrees
         Of csv: joint angles in degrees, with their standard deviations beside them.
     filter
