@@ -24,7 +24,16 @@ from kinemode.batches.faults import ManifestError
 from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.row import BatchRow
 from kinemode.commands import tracking
-from kinemode.options import NO_INPUT, USUAL, DetectorOptions, Files, InputOptions, TrackerOptions
+from kinemode.options import (
+    NO_INPUT,
+    NO_POINTS,
+    USUAL,
+    DetectorOptions,
+    Files,
+    InputOptions,
+    PointOptions,
+    TrackerOptions,
+)
 
 FILES = ("a.mp4", "b.mp4", "my walk.mp4", "a.json", "b.json", "cameras.json", "me.urdf", "a=b.mp4", "truth.npz")
 
@@ -276,12 +285,18 @@ A_VALUE = {"detect": "yes", "floor": "off", "start": "index", "sync": "auto", "f
            "detector": "onnx", "tracker": "css", "phone": "iPhone13,3", "layout": "coco17", "focal": "26mm",
            "person": "a=1", "keypoint_size": "a=960x540", "keypoint_noise": "a=3",
            "fps": "a=30", "offset": "a=0.5", "stereo": "a=b",
-           "subject": "human30", "height": "1.8", "end": "2", "modes": "3", "seed": "1", "people": "1"}  # fmt: skip
+           "subject": "human30", "height": "1.8", "end": "2", "modes": "3", "seed": "1", "people": "1",
+           "markers": "opencap", "unit": "mm"}  # fmt: skip
+
+
+OF_POINTS = [field.name for field in fields(PointOptions)]
 
 
 def option_names() -> list[str]:
     """Every option of `track`, by the fields of the command line's groups and its own arguments."""
-    grouped = [field.name for group in (InputOptions, TrackerOptions, DetectorOptions) for field in fields(group)]
+    grouped = [
+        field.name for group in (InputOptions, PointOptions, TrackerOptions, DetectorOptions) for field in fields(group)
+    ]
     return [name for name in [*grouped, *inspect.signature(tracking.track).parameters] if name not in
             ("by", "clips", "files", "how", "given", *columns.OF_THE_BATCH)]  # fmt: skip
 
@@ -295,6 +310,8 @@ def test_every_option_of_track_is_a_column(folder: Path, name: str) -> None:
         row |= {"detect": "yes", "detector": "onnx", "model": "a.json"}
     if name == "lenses":
         row["cameras"] = "auto"
+    if name in OF_POINTS:
+        row = {"points": "b.json", "name": "a"}
     if name == "settings":
         (folder / "cameras.json").write_text("")
     (read_row,) = rows_of([row | {column: A_VALUE.get(name, "cameras.json")}], folder=folder)
@@ -314,8 +331,10 @@ def test_a_value_is_that_of_the_command_line(name: str) -> None:
     line = ["track", "a.mp4", "--out", "a.run", option, A_VALUE[name]]
     _, bound, _ = cli.app.parse_args(line, exit_on_error=False, print_error=False)
     given = bound.arguments.get("files", NO_INPUT).arguments() | vars(bound.arguments.get("how", USUAL))
+    given |= bound.arguments.get("given", NO_POINTS).arguments()
     expected = (given | bound.arguments)[name]
-    (row,) = rows_of([{"keypoints": str(Path(__file__)), "person-id" if name == "person" else name: A_VALUE[name]}])
+    what = "points" if name in OF_POINTS else "keypoints"
+    (row,) = rows_of([{what: str(Path(__file__)), "person-id" if name == "person" else name: A_VALUE[name]}])
     value = (dict(row.options) | {"subject": row.subject})[name]
     assert value == (list(expected) if isinstance(expected, tuple) else expected)
     assert type(value) in (str, int, float, list)
@@ -360,3 +379,40 @@ def test_a_fault_is_an_input_error() -> None:
     assert issubclass(ManifestError, InputError)
     with pytest.raises(InputError, match="row 1: is of type int"):
         rows_of([3])  # type: ignore[list-item]
+
+
+def test_rows_of_points(folder: Path) -> None:
+    """As `kinemode track --points` takes them; a file of markers starts in the manifest's folder, a set has a name."""
+    (folder / "own.toml").write_text('[markers.C7]\nlink = "thorax"\nxyz = [0, 0, 0]\nstd = 0.01\n')
+    walk, rest = rows_of(
+        [
+            {"points": ["a.json", "b.json"], "name": "walk", "markers": "own.toml", "unit": "mm", "static": "b.json"},
+            {"points": "a.json", "markers": "cast", "fps": "100", "up": "y"},
+        ],
+        folder=folder,
+    )
+    files = [str(folder / name) for name in ("a.json", "b.json")]
+    assert walk.options == {"points": files, "markers": str(folder / "own.toml"), "unit": "mm", "static": files[1:]}
+    assert rest.name == "a"
+    assert rest.options == {"points": files[:1], "markers": "cast", "fps": ["100"], "up": "y"}
+
+
+@pytest.mark.parametrize(
+    ("cells", "fault"),
+    [
+        ({"points": "a.json", "clips": "a.mp4"}, "is of cameras, and points are given"),
+        ({"points": "a.json", "cameras": "cameras.json"}, "is of cameras, and points are given"),
+        ({"points": "a.json", "fit": "proportions"}, "'proportions' is of keypoints"),
+        ({"points": "a.json", "static": "b.json", "fit": "off"}, "is for the fit"),
+        ({"points": "a.json", "markers": "no-such-set"}, "is no set of markers"),
+        ({"points": "a.json", "markers": "none.toml"}, "there is no such file: 'none.toml'"),
+        ({"points": "none.trc"}, "there is no such file of points: 'none.trc'"),
+        ({"points": "a.json", "unit": "inch"}, "'inch'"),
+        ({"clips": "a.mp4", "unit": "mm"}, "is of points, and none are given"),
+        ({"clips": "a.mp4", "static": "b.json"}, "is of points, and none are given"),
+        ({"keypoints": "a.json", "fit": "markers"}, "no points are given"),
+    ],
+)
+def test_what_does_not_belong_to_points(folder: Path, cells: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ManifestError, match=f"row 1, column .*: .*{fault}"):
+        rows_of([cells], folder=folder)

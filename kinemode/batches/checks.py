@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ from kinemode.batches.columns import BY_CAMERA, CLIPS, OF_A_ROW, PERSON, PERSON_
 from kinemode.batches.faults import FaultList
 from kinemode.batches.values import RowValues, is_built_in
 from kinemode.detection.detectors import DETECTORS, DetectorChoice
-from kinemode.inputs.declared import Declared, moment, wants_all
+from kinemode.inputs.declared import AUTO, Declared, moment, wants_all
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import named_pairs
-from kinemode.options import USUAL, DetectorOptions, InputOptions, TrackerOptions
+from kinemode.inputs.point_options import MARKERS, check_fit, check_no_cameras, check_no_points, check_static
+from kinemode.options import USUAL, DetectorOptions, InputOptions, PointOptions, TrackerOptions
 
 _RENAMED = {"mask": "masks"}
 """Arguments of `track` that are called otherwise than the command's options."""
@@ -29,8 +30,9 @@ def track_arguments(row: RowValues) -> dict[str, Any]:
     given = {PERSON if n == PERSON_ID else n: value for n, value in row.values.items() if n not in OF_A_ROW}
     by = _those_of(DetectorOptions, given)
     files = InputOptions(by=DetectorOptions(**by), **_those_of(InputOptions, given))
+    points = PointOptions(**_those_of(PointOptions, given))
     how = TrackerOptions(**_those_of(TrackerOptions, given))
-    arguments = files.arguments() | how.arguments() | {_TRACKER: given.get(_TRACKER)}
+    arguments = files.arguments() | points.arguments() | how.arguments() | {_TRACKER: given.get(_TRACKER)}
     if arguments["detect"]:
         arguments["detect"] = by or True
     wanted = {_RENAMED.get(name, name) for name in given}
@@ -47,9 +49,9 @@ def _those_of(group: type, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def check_row(row: RowValues, faults: FaultList) -> None:
     """Add to the faults what is wrong with a row whose cells are right by themselves."""
-    if not {CLIPS, "keypoints"} & (row.places.keys()):
+    if not {CLIPS, "keypoints", "points"} & (row.places.keys()):
         faults.add(row.place, "has neither clips nor keypoints", "name a video in the column clips")
-    for check in (_arguments, _declared, _files, _person, _detector, _height, _method):
+    for check in (_arguments, _declared, _files, _points, _person, _detector, _height, _method):
         _collected(check, row, faults)
 
 
@@ -102,6 +104,25 @@ def _files(row: RowValues, tried: Callable[..., None]) -> None:
     ).checked()  # fmt: skip
 
 
+def _points(row: RowValues, tried: Callable[..., None]) -> None:
+    """Points in space, or what is said of them."""
+    fit = row.get("fit", USUAL.fit)
+    if row.faulty:
+        return
+    given = track_arguments(row)
+    if not row.get("points"):
+        tried(check_no_points, row.get("markers", AUTO), row.get("unit"), row.get("static"))
+        tried(partial(check_fit, points=False), fit)
+        return
+    tried(check_no_cameras, given | {CLIPS: row.get(CLIPS)})
+    tried(partial(check_fit, points=True), fit)
+    if row.get("static"):
+        tried(check_static, fit)
+    for name in ("markers", "unit"):
+        if row.get(name, AUTO) != AUTO:
+            tried(_refused, name, row.get(name))
+
+
 def _person(row: RowValues, tried: Callable[..., None]) -> None:
     given = row.get(PERSON_ID)
     if given is None or wants_all(given):
@@ -146,9 +167,18 @@ def _method(row: RowValues, tried: Callable[..., None]) -> None:
     are said, and once for all rows that say the same."""
     names = (_TRACKER, "settings", "modes")
     if any(row.get(name) is not None for name in names) and not row.faulty & {*names}:
-        tried(_refused, _TRACKER, tuple(row.get(name) for name in names))
+        usual = MARKERS if row.get("points") else None
+        tried(_refused, _TRACKER, (row.get(_TRACKER, usual), *(row.get(name) for name in names[1:])))
     if row.get("cues") is not None:
         tried(_refused, "cues", row.get("cues"))
+
+
+def _of_column(column: str, check: Callable[[Any], Any], given: Any) -> None:
+    """Run a check of a value; its InputError is then about the column."""
+    try:
+        check(given)
+    except InputError as error:
+        raise InputError(column, f"{error.source}: {error.problem}", remedy=error.remedy) from None
 
 
 def _refused(what: str, given: Any) -> None:
@@ -164,6 +194,14 @@ def _refusal(what: str, given: Any) -> InputError | None:
             from kinemode.jobs import check_stature
 
             check_stature(given)
+        elif what == "markers":
+            from humanoid.subject.marker_set import marker_set
+
+            _of_column(what, marker_set, given)
+        elif what == "unit":
+            from estimator.data.markers.load import checked_unit
+
+            checked_unit(given)
         elif what == "cues":
             from kinemode.pictures import cue_choice
 

@@ -18,8 +18,9 @@ import cyclopts
 from humanoid.support.errors import shown
 from humanoid.support.near_names import nearest
 from kinemode.inputs.declared import AUTO
-from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK
-from kinemode.options import Files, InputOptions, SubjectOption, TrackerOptions
+from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, POINTS
+from kinemode.inputs.point_options import MARKERS
+from kinemode.options import Files, InputOptions, PointOptions, SubjectOption, TrackerOptions
 
 NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
     "name", "clips", "person", "fits", "subject", "reference", "person_id",
@@ -28,7 +29,10 @@ OF_A_ROW = (NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE)
 """Columns that are no keyword argument of `track`; its argument `person` is the column `person_id`."""
 OF_THE_BATCH = ("out", "resume", "overwrite", "workers", "progress")
 """Arguments of `track` that no row has: the batch says them for all."""
-BY_CAMERA = {CLIPS: CLIP, "keypoints": KEYPOINTS, "mask": MASK, "background": BACKGROUND, "depth": DEPTH}
+BY_CAMERA = {
+    CLIPS: CLIP, "keypoints": KEYPOINTS, "mask": MASK, "background": BACKGROUND, "depth": DEPTH, "points": POINTS,
+    "static": POINTS,
+}  # fmt: skip
 """Columns of [NAME=]PATH texts, and what their files are called."""
 VALUES_BY_CAMERA = ("keypoint_size", "keypoint_noise", "fps", "offset", "stereo")
 """Columns of [NAME=]VALUE texts."""
@@ -80,7 +84,7 @@ def _kinds(hint: Any) -> tuple[Any, ...]:
 @cache
 def columns() -> Mapping[str, Column]:
     """All columns by name."""
-    options = _options(InputOptions) | _options(TrackerOptions) | {"tracker": str}
+    options = _options(InputOptions) | _options(PointOptions) | _options(TrackerOptions) | {"tracker": str}
     own: dict[str, Any] = {
         NAME: str, CLIPS: Files, PERSON: str, FITS: bool, SUBJECT: SubjectOption, REFERENCE: Path | None,
         PERSON_ID: options.pop("person"),
@@ -130,6 +134,8 @@ def cell_value(column: Column, given: Any, folder: Path, say: Say) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         say(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
         return None
+    if column.name == MARKERS and Path(value).suffix == ".toml":  # else the name of a set
+        return existing(value, folder, say)
     if column.name in BY_CAMERA:
         return [_named_file(text, folder, BY_CAMERA[column.name], say) for text in value]
     if column.is_path and texts[0] not in WORDS.get(column.name, ()):

@@ -24,7 +24,13 @@ LOCK = ".lock"
 _LIBRARIES = ("numpy", "pin")
 OF_TRACK_ALONE = ("tracker", "modes", "settings", "index", "fit")
 """Options of rows that `fit` does not take."""
-_OF_THE_FIT = ("fit", "height")  # which `track` refuses of a subject that is fitted
+_OF_THE_FIT = (
+    "fit",
+    "height",
+    "static",
+    "markers",
+)
+"""Options that a subject that is fitted has in it."""
 
 
 @dataclass(frozen=True)

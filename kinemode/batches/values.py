@@ -103,8 +103,8 @@ def _is_robot(subject: str) -> bool:
 
 
 def files_of(row: RowValues) -> list[Path]:
-    """The clips of a row, or its keypoint files where there are none."""
-    return [_path(text) for text in row.get(CLIPS) or row.get("keypoints") or []]
+    """The clips of a row, or its keypoint files, or files of points, where there are none."""
+    return [_path(text) for text in row.get(CLIPS) or row.get("keypoints") or row.get("points") or []]
 
 
 def _path(text: str) -> Path:

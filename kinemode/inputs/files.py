@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     Cameras = PathLike | Mapping[str, Camera] | None
 
 CLIP, KEYPOINTS, MASK, BACKGROUND, DEPTH = "clip", "keypoint file", "mask", "background", "depth folder"
+POINTS = "file of points"
 
 
 @dataclass(frozen=True)

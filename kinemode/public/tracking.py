@@ -12,10 +12,11 @@ from kinemode.inputs.arrays import Spool
 from kinemode.inputs.declared import AUTO, SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
+from kinemode.inputs.point_options import MARKERS, check_fit, check_no_points, check_static
 from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
-from kinemode.public.points import MARKERS, check_fit, check_no_points, check_static, point_files
+from kinemode.public.points import point_files
 from kinemode.target import RunTarget, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 

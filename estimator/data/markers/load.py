@@ -73,14 +73,20 @@ def point_names(path: str | Path) -> tuple[str, ...]:
     return own
 
 
+def checked_unit(unit: str) -> str:
+    """A unit of length as a key of `METRES`; raises InputError for another word."""
+    known = unit_of(unit)
+    if known not in METRES:
+        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+    return known
+
+
 def _checked(said: Said) -> Said:
     """Options that can be, the unit as a key of `METRES`."""
     if said.unit is not None:
-        said = said._replace(unit=unit_of(said.unit))
+        said = said._replace(unit=checked_unit(said.unit))
     if said.up is not None and said.up not in UPS:
         raise InputError("up", f"{shown(said.up)} is no axis", remedy=f"one of {', '.join(UPS)}")
-    if said.unit is not None and said.unit not in METRES:
-        raise InputError("unit", f"{shown(said.unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
     if said.fps is not None:
         checked_rate("fps", said.fps)
     return said
