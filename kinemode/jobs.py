@@ -405,6 +405,7 @@ def _header(
         R_upright_given=inputs.R_upright_given,
         floor=inputs.floor,
         points=tuple(os.path.abspath(path) for path in inputs.points),
+        given=inputs.given,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -21,20 +21,25 @@ from humanoid.subject.subject import BUILT_IN, load_subject
 from humanoid.support.files import content_digest
 from kinemode.explain import run_settings
 from kinemode.findings import findings
+from kinemode.inputs.declared import ALL, AUTO
+from kinemode.inputs.named import words_of
 from kinemode.motion_figures import motion_figures
 from viz.report.facts import Facts
 
 _LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "numba")
 _SAME = 1e-9  # of a length
 _GUESSED = "no camera given"  # as the note of `kinemode.inputs.load` begins
-_BESIDE = {"fit": "auto", "person": "auto"}
+_ONE_OF_ALL = f"{ALL}: "  # before the name of one of all people, in what a run keeps
 
 
 _BLANKS = (
-    "The run does not keep the names of keypoint and camera files, which belong where capitals stand, nor options of"
-    " time (--start, --end, --fps, --offset). Where SETTINGS.toml is named it has the settings that differ."
+    "The run does not keep the names of keypoint and camera files, which belong where capitals stand. Where"
+    " SETTINGS.toml is named it has the settings that differ."
 )
-_MOTION_BLANKS = "The run does not keep what was said of the source's file: --fps, --up and --unit."
+_OLD_BLANKS = " Nor does it keep options of time, axes and units (--start, --end, --fps, --offset, --up, --unit)."
+_OLD_MOTION_BLANKS = (
+    "The run does not keep what was given beside the source: --fps, --up, --unit, --contacts and --modes."
+)
 
 
 def facts_of(run: Run) -> Facts:
@@ -57,7 +62,7 @@ def facts_of(run: Run) -> Facts:
         assumed=assumed,
         lengths=lengths,
         command=_command(run),
-        blanks=_BLANKS,
+        blanks=_BLANKS + (_OLD_BLANKS if header.given is None else ""),
         errors=camera_errors(keypoints) if keypoints is not None and len(header.cameras) > 1 else {},
         keypoints=keypoints,
         settings=changed_settings(run),
@@ -73,7 +78,7 @@ def _facts_of_motion(run: Run) -> Facts:
     return Facts(
         assumed=assumed,
         command=_command(run),
-        blanks=_MOTION_BLANKS,
+        blanks=_OLD_MOTION_BLANKS if run.header.given is None else "",
         motion=motion_figures(run).rows(),
         settings=changed_settings(run),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
@@ -117,7 +122,7 @@ def _command(run: Run) -> str:
         words += ["--match", str(header.settings["match"])] if header.settings.get("match") else []
         words += ["--method", "frames"] if changed.get("rounds") == "0" else []
         words += [w for name in ("velocity", "clearance") if name in changed for w in (f"--{name}", changed[name])]
-        return shlex.join(["kinemode", *words, "--out", run.file.name])
+        return shlex.join(["kinemode", *words, *_given_words(run), "--out", run.file.name])
     words = ["track"]
     words += [f"{name}={clip}" for name, clip in header.clips.items() if clip is not None]
     words += ["--subject", header.subject_source, "--tracker", header.tracker, "--seed", str(header.seed)]
@@ -131,11 +136,40 @@ def _command(run: Run) -> str:
         words += [option, *(f"{n}={path}" for n, path in named.items())] if named else []
     words += ["--stereo", *(f"{left}={right}" for left, right in header.stereo.items())] if header.stereo else []
     words += [] if header.points else ["--cues", ",".join(header.cues) or "off"]
-    for name, usual in _BESIDE.items():
-        value = header.settings.get(name, usual)
-        words += [f"--{name}", str(value)] if isinstance(value, str) and value != usual else []
+    words += [] if header.settings.get("fit", "auto") == "auto" else ["--fit", str(header.settings["fit"])]
+    person, out = _person_words(run)
+    words += [*person, *_given_words(run)]
     words += ["--settings", "SETTINGS.toml"] if changed_settings(run) else []
-    return shlex.join(["kinemode", *words, "--out", run.file.name])
+    return shlex.join(["kinemode", *words, "--out", out])
+
+
+def _person_words(run: Run) -> tuple[list[str], str]:
+    """Whom the run is of, as options, and the name of the file that then was asked for: of one of all people in the
+    clip the run's own has a number in it."""
+    person, out = run.header.settings.get("person", AUTO), run.file.name
+    if isinstance(person, str) and person.startswith(_ONE_OF_ALL):
+        number = f".{person.removeprefix(_ONE_OF_ALL)}"
+        return ["--person", ALL], out.replace(number, "", 1) if number in out else out
+    words = words_of(person)
+    return ([] if words == (AUTO,) else ["--person", *words]), out
+
+
+def _given_words(run: Run) -> list[str]:
+    """What was said of the files; of runs made before that was kept the height and the floor, which decide."""
+    header = run.header
+    given = header.given
+    if given is None:
+        height, floor = header.settings.get("height"), None if header.retargeted else header.floor
+        known = (("height", height), ("floor", floor))
+        given = {name: (str(value),) for name, value in known if value is not None}
+    return [word for name, words in given.items() for word in _option(name, words)]
+
+
+def _option(name: str, words: Sequence[str]) -> list[str]:
+    """An option with its words; one that begins with a minus would be taken for an option by itself."""
+    if len(words) == 1 and words[0].startswith("-"):
+        return [f"--{name}={words[0]}"]
+    return [f"--{name}", *words]
 
 
 def _files(run: Run) -> Iterator[tuple[str, Path]]:

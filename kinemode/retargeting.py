@@ -113,7 +113,17 @@ def _header(subject: Subject, source: str, made: RetargetedMotion, wanted: Motio
         notes=(*subject.notes, *made.notes),
         points=(source,),
         floor=0.0 if made.targets.feet else None,
+        given=_words(wanted),
     )
+
+
+def _words(wanted: MotionWanted) -> dict[str, tuple[str, ...]]:
+    """What was given beside the source, as words of the command line by option."""
+    contacts = None if wanted.contacts is None else os.path.abspath(wanted.contacts)
+    given = {
+        "fps": wanted.fps, "up": wanted.up, "unit": wanted.unit, "contacts": contacts, "modes": wanted.modes or None,
+    }  # fmt: skip
+    return {name: (str(value),) for name, value in given.items() if value is not None}
 
 
 def begun_match(subject: Subject, out: PathLike | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import shlex
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,9 +16,12 @@ import pytest
 import kinemode as km
 from estimator.data.media.clip import Clip
 from estimator.runs.ranges import ranges_of_motion
+from estimator.runs.run_header import RunHeader
 from estimator.synthesis import ViewSettings
 from humanoid.subject.subject import load_subject
+from kinemode import reporting
 from kinemode.__main__ import main
+from kinemode.inputs.declared import Declared
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
@@ -234,3 +238,68 @@ def test_the_command_writes_what_the_function_writes(
     assert main(["report", str(run.file), "--out", str(tmp_path / "b.pdf")]) == 2
     assert "let it end in .html" in capsys.readouterr().err
     assert not (tmp_path / "b.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (Declared(), {}),
+        (
+            Declared(keypoint_size={"a": (960, 540)}, fps=["a=120"], up="-y", floor="off", start=1.5),
+            {"keypoint-size": ("a=960x540",), "fps": ("a=120",), "up": ("-y",), "floor": ("off",), "start": ("1.5",)},
+        ),
+        (
+            Declared(layout="h36m17", height=1.7, keypoint_noise="3", offset={"b": -0.2}, sync="auto"),
+            {
+                "layout": ("h36m17",),
+                "height": ("1.7",),
+                "keypoint-noise": ("3",),
+                "offset": ("b=-0.2",),
+                "sync": ("auto",),
+            },
+        ),
+    ],
+)
+def test_what_was_said_of_files_is_kept_and_repeated(
+    run: km.Run, monkeypatch: pytest.MonkeyPatch, told: Declared, words: dict[str, tuple[str, ...]]
+) -> None:
+    assert told.words() == words
+    header = RunHeader.from_json(replace(run.header, given=told.words()).to_json(), "a.run")
+    assert header.given == words
+    monkeypatch.setattr(run, "header", header)
+    command = shlex.split(facts_of(run).command)
+    for name, values in words.items():
+        given = [f"--{name}={values[0]}"] if values[0].startswith("-") else [f"--{name}", *values]
+        at = command.index(given[0])
+        assert command[at : at + len(given)] == given
+    assert "--end, --fps" not in facts_of(run).blanks
+
+
+def test_runs_made_before_have_what_they_kept(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = replace(run.header, given=None, floor=0.25, settings={**run.header.settings, "height": 1.62})
+    header = RunHeader.from_json(old.to_json(), "a.run")
+    assert header.given is None
+    monkeypatch.setattr(run, "header", header)
+    facts = facts_of(run)
+    assert "--height 1.62 --floor 0.25" in facts.command
+    assert "--end, --fps" in facts.blanks
+
+
+@pytest.mark.parametrize(
+    ("person", "file", "words", "out"),
+    [
+        ("all: person2", "walk.person2.run", "--person all", "walk.run"),
+        ({"a": "1", "b": "0"}, "walk.run", "--person a=1 b=0", "walk.run"),
+        (3, "walk.run", "--person 3", "walk.run"),
+        ("auto", "walk.run", "", "walk.run"),
+    ],
+)
+def test_whom_a_run_is_of_is_repeated(
+    run: km.Run, monkeypatch: pytest.MonkeyPatch, person: object, file: str, words: str, out: str
+) -> None:
+    monkeypatch.setattr(run, "header", replace(run.header, settings={**run.header.settings, "person": person}))
+    monkeypatch.setattr(run, "file", run.file.with_name(file))
+    command = reporting._command(run)
+    assert words in command
+    assert ("--person" in command) == bool(words)
+    assert command.endswith(f"--out {out}")

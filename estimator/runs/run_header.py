@@ -41,6 +41,7 @@ class RunHeader:
     world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
     floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet. points: paths of the
     files of points in space, in place of cameras, or of the motion that was followed; none where cameras see the body.
+    given: what the user said of the files, as words of the command line by option; None in runs that do not keep it.
     """
 
     subject_urdf: str
@@ -66,6 +67,7 @@ class RunHeader:
     contradicted: tuple[int, ...] = ()
     floor: KnownFloor = None
     points: tuple[str, ...] = ()
+    given: Mapping[str, tuple[str, ...]] | None = None
 
     @property
     def retargeted(self) -> bool:
@@ -136,6 +138,7 @@ class RunHeader:
             extra[_CONTRADICTED] = list(self.contradicted)
         extra |= {} if self.R_upright_given is None else {_TURN: self.R_upright_given.tolist()}
         extra |= {_POINTS: list(self.points)} if self.points else {}
+        extra |= {} if self.given is None else {_GIVEN: {name: list(words) for name, words in self.given.items()}}
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -183,6 +186,7 @@ class RunHeader:
             contradicted=entries.rows(_CONTRADICTED) if _CONTRADICTED in entries.value else (),
             floor=entries.floor(_FLOOR) if _FLOOR in entries.value else None,
             points=points,
+            given=entries.words(_GIVEN) if _GIVEN in entries.value else None,
         )
 
 
@@ -197,6 +201,7 @@ def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int
 
 
 _TURN, _CONTRADICTED, _FLOOR, _POINTS = "turn to upright", "contradicted frames", "floor", "points"
+_GIVEN = "given options"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
@@ -242,6 +247,13 @@ class _Entries:
         if not all(isinstance(path, str) and "\0" not in path for path in given):
             raise InputError(self.source, "is damaged: file names are needed", place=key)
         return dict(paths)
+
+    def words(self, key: str) -> dict[str, tuple[str, ...]]:
+        """Texts by name."""
+        by_name = self.mapping(key)
+        if not all(isinstance(w, list) and all(isinstance(text, str) for text in w) for w in by_name.values()):
+            raise InputError(self.source, "is damaged: texts by option are needed", place=key)
+        return {name: tuple(words) for name, words in by_name.items()}
 
     def pairs(self, key: str) -> dict[str, str]:
         pairs, cameras = self.mapping(key), [c.get("name") for c in self.list("cameras") if isinstance(c, Mapping)]

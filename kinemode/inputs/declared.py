@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from estimator.data.floor import OFF, KnownFloor
 from humanoid.support.errors import InputError, shown
-from kinemode.inputs.named import by_name, named_values, value_of
+from kinemode.inputs.named import by_name, named_values, value_of, words_of
 from kinemode.inputs.phones import checked_phone
 
 if TYPE_CHECKING:
@@ -66,6 +66,12 @@ class Declared:
     floor: float | str = AUTO
     height: float | None = None
     keypoint_noise: Rates = None
+
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """What was given, as words of the command line by option."""
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        usual = {field.name: field.default for field in fields(self)}
+        return {n.replace("_", "-"): words_of(value) for n, value in given.items() if value != usual[n]}
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

@@ -66,7 +66,7 @@ class Inputs:
     other_layouts: makes the observations as they are if the keypoints are of another layout of as many points, by its
     name. noise (C,): standard deviation of each camera's keypoints [px] as the user gives it, NaN where it is to be
     measured; empty where none is given. has_world: whether a camera file or files of points give the world, of which
-    --up says the axis that points up.
+    --up says the axis that points up. given: what the user said of the files, as words of the command line by option.
     """
 
     observations: list[Observation]
@@ -87,6 +87,7 @@ class Inputs:
     noise: tuple[float, ...] = ()
     has_world: bool = True
     R_upright_points: np.ndarray | None = None
+    given: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def has_depth(self) -> bool:
@@ -159,7 +160,8 @@ def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
     R_upright_given, notes = upright_turn(
         body, longest, read.told.up or read.known.up, given=read.known.cameras is not None
     )
-    told = [replace(each, notes=(*each.notes, *notes), floor=_floor(read)) for each in inputs]
+    given = read.told.words()
+    told = [replace(each, notes=(*each.notes, *notes), floor=_floor(read), given=given) for each in inputs]
     if R_upright_given is None:
         return told
     return [

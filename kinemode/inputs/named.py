@@ -130,6 +130,16 @@ def by_name(given: Any) -> bool:
     return all(name is not None for name, _ in named_pairs(given))
 
 
+def words_of(given: Any) -> tuple[str, ...]:
+    """The words of a command line that give the same."""
+    return tuple(_word(value) if name is None else f"{name}={_word(value)}" for name, value in named_pairs(given))
+
+
+def _word(value: Any) -> str:
+    """A value as it is written: of a size WIDTHxHEIGHT."""
+    return "x".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)
+
+
 def named_pairs(given: Any) -> list[tuple[str | None, Any]]:
     """Values with the name that each is given for, None for all: the texts of a list one by one, a mapping by name."""
     if given is None:

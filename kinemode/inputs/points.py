@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,20 @@ class PointFiles:
     declared: Declared = Declared()  # noqa: RUF009, it is frozen
     static: tuple[PathLike, ...] = ()
 
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """What was given beside the points, as words of the command line by option."""
+        own = {
+            "markers": () if self.markers == AUTO else (_absolute(self.markers),),
+            "unit": () if self.unit is None else (self.unit,),
+            "static": tuple(_absolute(path) for path in self.static),
+        }
+        return self.declared.words() | {name: words for name, words in own.items() if words}
+
+
+def _absolute(given: PathLike) -> str:
+    """Where a file lies; a name of no file stays as it is."""
+    return os.path.abspath(given) if Path(given).exists() else str(given)
+
 
 def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inputs]:
     """The subject with its markers, and what there is to track.
@@ -61,6 +76,7 @@ def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inp
     inputs = Inputs(
         _observations(body, track, marked.pairs, rows), track.time[rows], (), (*track.notes, *marked.notes, *notes),
         R_upright_points=upright_world(track.up), floor=told.known_floor(), points=paths, static=static,
+        given=files.words(),
     )  # fmt: skip
     return marked.subject, inputs
 
