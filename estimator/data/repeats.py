@@ -18,7 +18,8 @@ _FEWEST = 4  # points of a frame that say that all of it is repeated
 _LEAST = 3  # frames of a place that was filled in; two alike may be chance where places are whole pixels
 _ABRUPT = 1.0
 """Extents of the body a second (root mean square distance of its points from their middle, some 0.5 m) from which a
-point that stops dead or starts so was not at rest: fewer than a hundredth of what stands in captured motion does."""
+point stops dead or leaps."""
+_RARE = 0.01  # share of steps that are none
 _FAR = 0.02  # extents: of the leap itself, 1 cm of a person
 _FASTEST = 25.0  # extents a second, 12 m/s: the fastest sprinter
 _FIRST = 3  # frames before the motion, at most
@@ -37,15 +38,24 @@ def repeated_frames(places: np.ndarray) -> np.ndarray:
     repeated = np.zeros(len(places), dtype=bool)
     for first, after in stretches(equal):
         around = (*moving[max(0, first - 1) : first], *moving[after : after + 1])
-        repeated[first + 1 : after + 1] = len(around) > 0 and all(around)
+        repeated[first + 1 : after + 1] = len(around) > 0 and all(around) and _goes_on(places, first, after)
     return repeated
+
+
+def _goes_on(places: np.ndarray, first: int, after: int) -> bool:
+    """Whether places (T, N, D) that are the same from frame `first` to `after` move on afterwards as before, or the
+    clip begins or ends there: whoever turns round is in one place twice, too."""
+    if first == 0 or after + 1 >= len(places):
+        return True
+    before, behind = places[first] - places[first - 1], places[after + 1] - places[after]
+    return bool(np.nansum(before * behind) > 0.0)
 
 
 def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Which places (T, N, D) at times (T,) [s] were filled in rather than measured (T, N): the same to the last digit
-    in three frames or more, which the point reaches or leaves with a leap, while most others move.
-
-    The first place of such a stretch was measured.
+    in three frames or more, while most others move, until the point leaps, farther than it moves afterwards: whoever
+    gets going grows faster. Where hardly any other place repeats, as in whole pixels and in exact stances many do, a
+    point that stops dead was not measured either. The first place of such a stretch was.
     """
     filled = np.zeros(places.shape[:2], dtype=bool)
     if len(places) < _LEAST:
@@ -54,10 +64,13 @@ def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
     still = step == 0.0
     others = (step > 0.0).sum(axis=1) > still.sum(axis=1)
     abrupt = (step > _FAR) & (step > _ABRUPT * np.diff(times)[:, None])
+    leap = abrupt[:-1] & ~(step[1:] > 0.5 * step[:-1])
     for k in np.flatnonzero(still.any(axis=0)):
+        elsewhere = np.delete(still, k, axis=1).mean() < _RARE
         for first, after in stretches(still[:, k] & others):
-            ends = (*abrupt[max(0, first - 1) : first, k], *abrupt[after : after + 1, k])
-            if after - first + 1 >= _LEAST and any(ends):
+            leaves = leap[after : after + 1, k].any()
+            stops = elsewhere and (abrupt[max(0, first - 1) : first, k].any() or abrupt[after : after + 1, k].any())
+            if after - first + 1 >= _LEAST and (leaves or stops):
                 filled[first + 1 : after + 1, k] = True
     return filled
 
