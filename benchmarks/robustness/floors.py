@@ -7,14 +7,14 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
 import kinemode as km
 from benchmarks.accuracy.sizes import cameras_for
 from benchmarks.robustness.floor_scenes import FPS, Scene, scenes
-from benchmarks.support.common import Json, captured_folder, save
+from benchmarks.support.common import Json, Several, captured_folder, save
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.runs.run_file import Run
@@ -24,6 +24,7 @@ from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
 Kind = Literal["points", "three", "one"]
+Kinds = Annotated[tuple[Kind, ...], Several]
 KINDS: tuple[Kind, ...] = ("points", "three", "one")
 SUBJECT, HEIGHT, SIZE = "human34", 3.2, (1920, 1440)  # m: that the cameras see well; px
 POINT_NOISE, PIXEL_NOISE = 0.003, 3.0  # m, px
@@ -41,9 +42,7 @@ class Figures(NamedTuple):
     hard: int
 
 
-def main(
-    *, kinds: tuple[Kind, ...] = KINDS, every: int = 1, data: Path | None = None, seed: int = 0, out: Json = None
-) -> None:
+def main(*, kinds: Kinds = KINDS, every: int = 1, data: Path | None = None, seed: int = 0, out: Json = None) -> None:
     """Print errors of joint angles with the floor found and with `--floor off`.
 
     Parameters
