@@ -48,6 +48,6 @@ class PosteriorCalibration:
                 raise InputError("calibration", f"{name} is {value:g}", remedy=f"{low:g} or more")
 
 
-TRAJECTORY = PosteriorCalibration(covariance_scale=1.1, scale_spread=0.3, prior_weight=1.0, landmark_std=0.04)
+TRAJECTORY = PosteriorCalibration(covariance_scale=1.05, scale_spread=0.3, prior_weight=1.0, landmark_std=0.04)
 """That of smoothed trajectories, whose covariances count the prior once and the weights the frames as they hang
 together (`estimator.tracking.smoothing.uncertainty`); fitted as the other is."""
