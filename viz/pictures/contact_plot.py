@@ -64,8 +64,8 @@ def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
     doubt = f"\n{contact.remark}" if contact.remark else ""
     marks = "; a mark down: the foot strikes, up: it leaves the ground" if events else ""
     known = contact.belt is not None and contact.belt.known
-    belt = f" on a belt of {contact.belt.described}" if contact.belt is not None and known else ""
-    bands.set_title(f"probability of standing{belt}{marks}{doubt}")
+    belt = f"\nstanding on a belt of {contact.belt.described}" if contact.belt is not None and known else ""
+    bands.set_title(f"probability of standing{marks}{belt}{doubt}")
     heights.axhline(0.0, color="black", linewidth=0.6)
     heights.set_ylabel("height above the floor [mm]")
     heights.set_xlabel("time [s]; heels are solid, toes dotted")
