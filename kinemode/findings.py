@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimator.data.cameras.camera import UPS, axis_of
+from estimator.data.cameras.camera import nearest_axis
+from estimator.numerics.axes import mean_direction
 from estimator.numerics.stretches import stretches
 from estimator.runs.contact import contact_of_run
 from estimator.runs.diagnosis import Diagnosis, diagnose
@@ -48,19 +49,15 @@ def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_wo
     if not run.body.has_free_root or not {"head_top", "left_ankle", "right_ankle"} <= set(names):
         return ""
     head, left, right = (run.landmarks[:, names.index(n)] for n in ("head_top", "left_ankle", "right_ankle"))
-    rise = head - 0.5 * (left + right)
-    rise = rise[np.isfinite(rise).all(axis=1)]
-    if not len(rise):
-        return ""
-    mean = np.mean(rise / np.linalg.norm(rise, axis=1, keepdims=True), axis=0)
+    mean = mean_direction(head - 0.5 * (left + right))
     if np.linalg.norm(mean) < _STEADY or mean[2] > _UPRIGHT:
         return ""
-    here = _axis_along(mean)
+    here = nearest_axis(mean)
     stands = f"the person does not stand along z, but about along {here}: trc, mot, c3d and osim, gait and the preview"
     if not has_world:
         return f"{stands} take z for up. If the film lies on its side, turn it, or give a camera file that says so"
     R_upright_file = run.header.R_upright_given if R_upright_points is None else R_upright_points
-    there = here if R_upright_file is None else _axis_along(R_upright_file.T @ mean)
+    there = here if R_upright_file is None else nearest_axis(R_upright_file.T @ mean)
     whose = "the cameras' world" if R_upright_points is None else "the file"
     return f"{stands} take z for up. If {there} points up in {whose}, track with --up {there}"
 
@@ -92,11 +89,6 @@ def balance_note(run: Run, rows: Sequence[int]) -> str:
         " over them: the person may lean on something or be held, else the trunk's depth or up is wrong: check"
         " that the camera is level, or give --up with a camera file"
     )
-
-
-def _axis_along(direction: np.ndarray) -> str:
-    """The axis, one of `UPS`, that is nearest to a direction (3,)."""
-    return max(UPS, key=lambda up: float(axis_of(up) @ direction))
 
 
 def floor_note(run: Run) -> str:

@@ -28,11 +28,10 @@ _SIT: Angles = {"hip_flexion": 1.45, "knee_flexion": 1.5, "ankle_dorsiflexion": 
 
 
 class Scene(NamedTuple):
-    """q (T, nq): at FPS, z up. on_floor: whether feet stand on one level floor, which nothing of the body is below."""
+    """q (T, nq): at FPS, z up."""
 
     name: str
     q: np.ndarray
-    on_floor: bool
 
 
 def scenes(body: Body, data: Path | None) -> Iterator[Scene]:
@@ -43,7 +42,7 @@ def scenes(body: Body, data: Path | None) -> Iterator[Scene]:
     for name in CAPTURED:
         mocap = load_mocap(data / f"{name}.bvh")
         q = retarget(body, mocap, np.arange(0.0, min(mocap.seconds, 2.0 * SECONDS), 1.0 / FPS)).q
-        yield Scene(name.split("/")[1], q, True)
+        yield Scene(name.split("/")[1], q)
 
 
 def made_scenes(body: Body) -> Iterator[Scene]:
@@ -97,15 +96,15 @@ class _Maker:
         legs: Angles = {"hip_flexion": hip, "knee_flexion": knee, "ankle_dorsiflexion": -0.3 if knee < 0.2 else 0.05}
         q = self._posed(legs, legs, turn)
         q[:, 2] = up
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def sitting(self, name: str, legs: Angles, seat: float | None, right: Angles | None = None) -> Scene:
         """seat [m]: height of the hips; None where the feet are on the floor."""
         q = self._posed(legs, legs if right is None else right)
         if seat is None:
-            return Scene(name, self._grounded(q), True)
+            return Scene(name, self._grounded(q))
         q[:, 2] = seat + 0.1
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def cycling(self, name: str, back: float) -> Scene:
         phase = 2.0 * np.pi * 1.2 * self._t
@@ -115,7 +114,7 @@ class _Maker:
         ]
         q = self._posed(legs[0], legs[1], (0.0, -back, 0.0))
         q[:, 2] = 0.6 if back > 0.0 else 1.0
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def rowing(self, name: str) -> Scene:
         share = 0.5 - 0.5 * np.cos(2.0 * np.pi * 0.5 * self._t)
@@ -127,19 +126,19 @@ class _Maker:
         q = self._posed(legs, legs)
         toes = self._landmarks(q)[:, self._feet]
         q[:, :3] += np.array([0.0, 0.0, 0.3]) - toes.mean(axis=1) + np.array([0.6, 0.0, 0.0])
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def inverted(self, name: str, knee: float = 0.05) -> Scene:
         legs: Angles = {"hip_flexion": 0.05, "knee_flexion": knee}
         q = self._posed(legs, legs, (180.0, 0.0, 0.0), {"shoulder_flexion": 2.05, "elbow_flexion": 0.3})
         q[:, 2] += 0.05 - self._landmarks(q)[..., 2].min(axis=1)
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def hanging(self, name: str) -> Scene:
         legs: Angles = {"hip_flexion": 0.1, "knee_flexion": 0.2, "ankle_dorsiflexion": -0.4}
         q = self._posed(legs, legs, arms={"shoulder_flexion": 2.05, "elbow_flexion": 0.3})
         q[:, 2] = 1.6
-        return Scene(name, q, False)
+        return Scene(name, q)
 
     def climbing(self, name: str, rise: float) -> Scene:
         """Steps of 0.5 s, each as high as the one before; the foot that stands stays."""
@@ -147,11 +146,11 @@ class _Maker:
         swing = [np.clip(np.sin(phase + p), 0.0, None) for p in (0.0, np.pi)]
         high = 1.0 + abs(rise)
         legs: list[Angles] = [{"hip_flexion": 0.2 + high * 0.7 * s, "knee_flexion": 0.2 + high * s} for s in swing]
-        return Scene(name, self._standing_on(self._posed(legs[0], legs[1]), swing, rise, 0.28), False)
+        return Scene(name, self._standing_on(self._posed(legs[0], legs[1]), swing, rise, 0.28))
 
     def standing(self, name: str, right: Angles) -> Scene:
         q = self._posed({"knee_flexion": 0.05}, right or {"knee_flexion": 0.05})
-        return Scene(name, self._grounded(q), not right)
+        return Scene(name, self._grounded(q))
 
     def squatting(self, name: str, depth: float) -> Scene:
         share = depth * (0.5 - 0.5 * np.cos(2.0 * np.pi * 0.5 * self._t))
@@ -159,7 +158,7 @@ class _Maker:
         q = self._grounded(self._posed(legs, legs))
         ankle = self._landmarks(q)[:, self._body.landmark_names.index("left_ankle"), :2]
         q[:, :2] -= ankle - ankle[0]
-        return Scene(name, q, True)
+        return Scene(name, q)
 
     def walking(self, name: str, speed: float, stride: float = 1.0) -> Scene:
         phase = 2.0 * np.pi * 0.9 * stride * self._t
@@ -173,7 +172,7 @@ class _Maker:
         ]
         q = self._grounded(self._posed(legs[0], legs[1]))
         q[:, 0] += speed * (self._t - 0.5 * self._t[-1])
-        return Scene(name, q, True)
+        return Scene(name, q)
 
     def _posed(
         self,
@@ -191,7 +190,7 @@ class _Maker:
         return q
 
     def _landmarks(self, q: np.ndarray) -> np.ndarray:
-        return np.array([self._body.landmarks(self._body.at(pose)) for pose in q])
+        return self._body.landmarks_of(self._body.placed(q))
 
     def _grounded(self, q: np.ndarray) -> np.ndarray:
         """The lowest point of the feet at height 0 in every frame."""

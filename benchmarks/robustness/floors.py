@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -59,13 +58,14 @@ def main(*, kinds: Kinds = KINDS, every: int = 1, data: Path | None = None, seed
         A file for the figures.
     """
     body, figures = Body(load_subject(SUBJECT)), dict[str, Any]()
+    chosen = list(scenes(body, captured_folder(data)))[::every]
     for kind in kinds:
         columns = "scene", "without [deg]", "found [deg]", "floor", "note", "hard"
         made = report.table(f"joint angles with the floor that is found, by {kind}", *columns)
         own = {}
-        for scene in list(scenes(body, captured_folder(data)))[::every]:
+        for scene in chosen:
             with tempfile.TemporaryDirectory() as folder:
-                row = own[scene.name] = tracked(scene, kind, Path(folder), seed)
+                row = own[scene.name] = tracked(body, scene, kind, Path(folder), seed)
             made.add_row(scene.name, f"{row.without:.2f}", f"{row.with_floor:.2f}", *map(str, row[2:]))
         report.console().print(made)
         worse = [name for name, row in own.items() if row.with_floor > row.without + WORSE]
@@ -77,10 +77,9 @@ def main(*, kinds: Kinds = KINDS, every: int = 1, data: Path | None = None, seed
     save(out, figures)
 
 
-def tracked(scene: Scene, kind: Kind, folder: Path, seed: int) -> Figures:
+def tracked(body: Body, scene: Scene, kind: Kind, folder: Path, seed: int) -> Figures:
     """The scene tracked as a user would, twice."""
-    body = Body(load_subject(SUBJECT))
-    points = np.array([body.landmarks(body.at(q)) for q in scene.q])
+    points = body.landmarks_of(body.placed(scene.q))
     rng = np.random.default_rng((seed, 5))
     given = _points(body, points, folder, rng) if kind == "points" else _keypoints(body, points, kind, folder, rng)
     with warnings.catch_warnings(record=True) as caught:
@@ -113,8 +112,8 @@ def _keypoints(body: Body, points: np.ndarray, kind: Kind, folder: Path, rng: np
         pixels = pixels + PIXEL_NOISE * rng.normal(size=pixels.shape)
         track = KeypointTrack("landmarks", body.landmark_names, pixels, np.ones(pixels.shape[:2]), SIZE, FPS)
         write_keypoints(folder / f"{camera.name}.json", track)
-    paths: Iterator[Path] = (folder / f"{camera.name}.json" for camera in cameras)
-    return {"keypoints": list(paths), "cameras": folder / "cameras.json"}
+    paths = [folder / f"{camera.name}.json" for camera in cameras]
+    return {"keypoints": paths, "cameras": folder / "cameras.json"}
 
 
 def _error(run: Run, scene: Scene) -> float:

@@ -7,10 +7,12 @@ What truly rests comes to rest and leaves it smoothly, or trembles by the noise 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.observation import image_extent
 from estimator.data.sequence import GIVEN
 from estimator.numerics.stretches import stretches
 
@@ -87,15 +89,34 @@ def frames_elsewhere(places: np.ndarray, times: np.ndarray) -> int:
 
 def _extent(places: np.ndarray) -> float:
     """Root mean square distance of a frame's points from their middle, the median of the frames."""
-    seen = np.isfinite(places).all(axis=2)
-    enough = seen.sum(axis=1) >= 2
-    if not enough.any():
-        return 1.0
-    points = np.where(seen[..., None], places, 0.0)[enough]
-    count = seen[enough].sum(axis=1)
-    middle = points.sum(axis=1) / count[:, None]
-    apart = np.where(seen[enough], np.square(points - middle[:, None]).sum(axis=2), 0.0).sum(axis=1) / count
-    return max(float(np.sqrt(np.median(apart))), 1e-12)
+    known = np.isfinite(places).all(axis=2)
+    extents = [image_extent(*frame) for frame in zip(places, known, strict=True) if np.count_nonzero(frame[1]) >= 2]
+    return max(float(np.median(extents)), 1e-12) if extents else 1.0
+
+
+class Unmeasured(NamedTuple):
+    """What of places (T, N, D) was not measured. first: so many frames at the beginning. repeated (T,): frames; filled
+    (T, N): places of others."""
+
+    first: int
+    repeated: np.ndarray
+    filled: np.ndarray
+
+    @staticmethod
+    def of(places: np.ndarray, times: np.ndarray) -> Unmeasured:
+        """Of places with NaN where missing, at times (T,) [s]."""
+        first, repeated = frames_elsewhere(places, times), repeated_frames(places)
+        repeated[:first] = False
+        left = np.where(repeated[:, None, None], np.nan, places)
+        left[:first] = np.nan
+        return Unmeasured(first, repeated, filled_places(left, times))
+
+    @property
+    def all(self) -> np.ndarray:
+        """Which places (T, N) are any of these."""
+        every = self.filled | self.repeated[:, None]
+        every[: self.first] = True
+        return every
 
 
 def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
@@ -107,22 +128,22 @@ def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack
     seen = track.confidence > 0.0
     zero = seen & (track.pixels == 0.0).all(axis=2)
     places = np.where((seen & ~zero)[..., None], track.pixels, np.nan)[:count]
-    first = frames_elsewhere(places, times[:count])
-    repeated = repeated_frames(places)
-    repeated[:first] = False
-    places[:first] = np.nan
-    places[repeated] = np.nan
-    filled = filled_places(places, times[:count])
+    unmeasured = Unmeasured.of(places, times[:count])
     wrong = zero.copy()
-    wrong[:count] |= filled | (repeated[:, None] & seen[:count])
-    wrong[:first] |= seen[:first]
+    wrong[:count] |= unmeasured.all & seen[:count]
     if not wrong.any():
         return track
     notes = (
-        (first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
+        (unmeasured.first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
         (int(zero.sum()), "keypoints at exactly zero are taken for missing"),
-        (int(repeated.sum()), "frames that repeat the one before while the person moves are taken for missing"),
-        (int(filled.sum()), "keypoints that repeat to the last digit while the person moves are taken for missing"),
+        (
+            int(unmeasured.repeated.sum()),
+            "frames that repeat the one before while the person moves are taken for missing",
+        ),
+        (
+            int(unmeasured.filled.sum()),
+            "keypoints that repeat to the last digit while the person moves are taken for missing",
+        ),
     )
     pixels, confidence = track.pixels.copy(), track.confidence.copy()
     pixels[wrong], confidence[wrong] = np.nan, 0.0

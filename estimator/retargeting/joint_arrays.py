@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.cameras.camera import UPS, axis_of
+from estimator.data.cameras.camera import UPS, axis_of, nearest_axis
 from estimator.data.formats.markers import check_spread
 from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import METRES, metres_in, upright_world
 from estimator.data.formats.point_arrays import checked_points, checked_rate, number_array
+from estimator.numerics.axes import mean_direction
 from estimator.retargeting.joint_orders import (
     ORDERS,
     SMPL,
@@ -199,10 +200,8 @@ def _upward(names: tuple[str, ...], points: np.ndarray, path: Path) -> str:
     if head is None or not {"left_ankle", "right_ankle"} <= set(names):
         raise InputError(path, "does not say which axis points up", remedy=f"--up says it, one of {', '.join(UPS)}")
     rise = points[:, at(head)] - points[:, [at("left_ankle"), at("right_ankle")]].mean(axis=1)
-    rise = rise[np.isfinite(rise).all(axis=1)]
-    length = np.linalg.norm(rise, axis=1, keepdims=True)
-    mean = (rise / np.maximum(length, 1e-12)).mean(axis=0) if len(rise) else np.zeros(3)
-    up = max(UPS, key=lambda name: float(axis_of(name) @ mean))
+    mean = mean_direction(rise)
+    up = nearest_axis(mean)
     if not float(axis_of(up) @ mean) > _CLEAR:
         problem = "does not say which axis points up, and the head is above the feet along none for most of the time"
         raise InputError(path, problem, remedy=f"--up says it, one of {', '.join(UPS)}")

@@ -68,7 +68,12 @@ class Contact(Summarised):
     @property
     def places(self) -> np.ndarray:
         """The points (T, P, 3) [m] on what they stand on: in the world, or from a belt of known speed."""
-        return self.points if self.belt is None or not self.belt.known else self.belt.places(self.points)
+        return self.points if self.known_belt is None else self.known_belt.places(self.points)
+
+    @property
+    def known_belt(self) -> Belt | None:
+        """The belt, None of unknown speed."""
+        return self.belt if self.belt is not None and self.belt.known else None
 
     @property
     def heights(self) -> np.ndarray:
@@ -121,7 +126,7 @@ class Contact(Summarised):
         stands = [
             (f"{side} foot stands", f"{np.mean(self.foot(side) > _SURE):.0%}") for side in SIDES if self.has(side)
         ]
-        belt = [("belt", self.belt.described)] if self.belt is not None and self.belt.known else []
+        belt = [] if self.known_belt is None else [("belt", self.known_belt.described)]
         facts = [("frames", f"{len(self.time)}"), ("floor", floor), *belt, *stands]
         if self.hands is not None:
             shares = np.mean(self.hands > _SURE, axis=0)
@@ -133,7 +138,7 @@ class Contact(Summarised):
         """What keeps this from being trusted; empty where nothing does."""
         if self.raised is not None:
             return f"feet rest at {self.raised.height:.2f} m, and the body lies below: that is not taken for a floor"
-        if self.belt is not None and not self.belt.known:
+        if self.belt is not self.known_belt:
             return UNKNOWN_SPEED
         if not len(self.seen) or self.seen.max() >= _SEEN:
             return ""
@@ -145,9 +150,7 @@ class Contact(Summarised):
 
     def _belt_speed(self) -> np.ndarray:
         """(T, 1) [m/s], (T, 0) without a belt of known speed."""
-        if self.belt is None or not self.belt.known:
-            return np.zeros((len(self.time), 0))
-        return self.belt.speeds[:, None]
+        return np.zeros((len(self.time), 0)) if self.known_belt is None else self.known_belt.speeds[:, None]
 
     def write(self, path: str | Path) -> Path:
         """Write a csv, one row a frame: the probabilities, then the heights [m], then those of hands, then the speed of

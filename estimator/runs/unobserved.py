@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, points_in_world
 from humanoid.support.errors import first_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _SEEN = 0.05
 """Share of the frames in which something has to be seen: a detector that guesses a leg behind a desk does so now and
 then."""
 _MOVES = 1e-3  # m per rad, or m
-_STEP = 1e-4  # rad or m
+_ROOM = 1e-4  # rad or m: joints with less are as good as locked
 
 
 def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tuple[str, ...]:
@@ -30,15 +30,13 @@ def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tup
     """
     q = body.neutral.copy()
     q[body.bounded_q] = 0.5 * (body.lower[body.bounded_q] + body.upper[body.bounded_q])
-    points = _points(body, q, landmarks, markers)
-    unseen = []
-    for v, i in zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True):
-        tangent = np.zeros(body.nv)
-        tangent[v] = _STEP
-        moved = np.linalg.norm(_points(body, body.integrate(q, tangent), landmarks, markers) - points, axis=1)
-        if moved.max(initial=0.0) < _MOVES * _STEP and body.upper[i] - body.lower[i] > _STEP:
-            unseen.append(body.q_names[i])
-    return tuple(unseen)
+    posed = body.at(q)
+    joint = np.concatenate([body.landmark_joint[landmarks], body.marker_joint[markers]])
+    local = np.concatenate([body.landmark_local[landmarks], body.marker_local[markers]])
+    jacobians = body.point_jacobians(posed, joint, points_in_world(posed, joint, local))
+    moves = np.linalg.norm(jacobians, axis=1).max(axis=0, initial=0.0) >= _MOVES
+    bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
+    return tuple(body.q_names[i] for v, i in bounded if not moves[v] and body.upper[i] - body.lower[i] > _ROOM)
 
 
 def unseen_by(body: Body, observations: Iterable[Observation]) -> tuple[str, ...]:
@@ -64,11 +62,6 @@ def _unseen(body: Body, confidence: np.ndarray, markers: np.ndarray | None) -> t
     if markers is not None and len(markers):
         measured = np.isfinite(markers).all(axis=2).mean(axis=0) >= _SEEN
     return unseen_joints(body, landmarks, measured) if landmarks.any() or measured.any() else ()
-
-
-def _points(body: Body, q: np.ndarray, landmarks: np.ndarray, markers: np.ndarray) -> np.ndarray:
-    placed = body.placed(q[None])
-    return np.concatenate([body.landmarks_of(placed)[0, landmarks], body.markers_of(placed)[0, markers]])
 
 
 def unseen_joints_note(joints: tuple[str, ...]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, world_with_up
+from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, nearest_axis, world_with_up
 from estimator.data.cameras.epipolar import seen_points
 from estimator.data.observation import Observation
 from estimator.data.people.up_direction import UpDirection, up_direction
@@ -87,7 +87,7 @@ def _of_person(body: Body, observations: Sequence[Observation]) -> UpDirection |
 
 def _nearest(direction: np.ndarray) -> tuple[str, float]:
     """The nearest axis and how far it is [rad]."""
-    axis = max(UPS, key=lambda up: float(axis_of(up) @ direction))
+    axis = nearest_axis(direction)
     return axis, float(angle_between(direction, axis_of(axis)))
 
 

@@ -63,8 +63,7 @@ def contact_drawing(contact: Contact, events: Sequence[Event] = ()) -> Drawing:
     bands.set_yticks(np.arange(count) + 0.5 * _FULL, [name.replace("_", " ") for name in reversed(names)])
     doubt = f"\n{contact.remark}" if contact.remark else ""
     marks = "; a mark down: the foot strikes, up: it leaves the ground" if events else ""
-    known = contact.belt is not None and contact.belt.known
-    belt = f"\nstanding on a belt of {contact.belt.described}" if contact.belt is not None and known else ""
+    belt = f"\nstanding on a belt of {contact.known_belt.described}" if contact.known_belt is not None else ""
     bands.set_title(f"probability of standing{marks}{belt}{doubt}")
     heights.axhline(0.0, color="black", linewidth=0.6)
     heights.set_ylabel("height above the floor [mm]")

@@ -204,6 +204,11 @@ def axis_of(up: str) -> np.ndarray:
     return np.asarray((-1.0 if up.startswith("-") else 1.0) * np.eye(3)["xyz".index(up[-1])])
 
 
+def nearest_axis(direction: np.ndarray) -> str:
+    """The one of `UPS` that is nearest to a direction (3,)."""
+    return max(UPS, key=lambda up: float(axis_of(up) @ direction))
+
+
 def world_with_up(up: np.ndarray) -> np.ndarray:
     """R_upright_world (3, 3): the least turn from a world in which a unit vector up (3,) points up to one whose z does.
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.data.cameras.camera import UPS, axis_of
+from estimator.data.cameras.camera import UPS, axis_of, nearest_axis
 from estimator.data.formats.markers import body_ends
+from estimator.numerics.axes import mean_direction
 
 _TALLER = 1.4  # extent along the axis over that along the others
 _STEADY = 0.9  # of frames in which it is the longest
@@ -26,12 +27,8 @@ def up_by_names(names: Sequence[str], points: np.ndarray) -> str | None:
     of somebody who bends down or rolls over. Of somebody who lies it is the axis along which the body lies.
     """
     head, foot = (_middles(points[:, end]) for end in body_ends(names))
-    ways = head - foot
-    ways = ways[np.isfinite(ways).all(axis=1) & (np.linalg.norm(ways, axis=1) > 0.0)]
-    if not len(ways):
-        return None
-    mean = np.mean(ways / np.linalg.norm(ways, axis=1, keepdims=True), axis=0)
-    axis = max(UPS, key=lambda up: float(axis_of(up) @ mean))
+    mean = mean_direction(head - foot)
+    axis = nearest_axis(mean)
     steady = np.linalg.norm(mean) >= _ALWAYS and axis_of(axis) @ mean >= _ALONG * np.linalg.norm(mean)
     return axis if steady else None
 

@@ -17,7 +17,7 @@ from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
 from estimator.data.markers.readers import UNIT_OPTION, read_points
 from estimator.data.markers.track import MarkerTrack, PointFile, Said
-from estimator.data.repeats import filled_places, frames_elsewhere, repeated_frames
+from estimator.data.repeats import Unmeasured
 from humanoid.support.errors import InputError, first_of, shown
 
 _LISTED = 6  # names in a note
@@ -130,13 +130,8 @@ def _is_marker(label: str) -> bool:
 
 def _measured(file: PointFile) -> PointFile:
     """The points of a file without those that only repeat the one before, which is how some programs fill gaps."""
-    first = frames_elsewhere(file.points, file.time)
-    repeated = repeated_frames(file.points)
-    repeated[:first] = False
-    points = np.where(repeated[:, None, None], np.nan, file.points)
-    points[:first] = np.nan
-    filled = filled_places(points, file.time)
-    if not (repeated.any() or filled.any() or first):
+    first, repeated, filled = unmeasured = Unmeasured.of(file.points, file.time)
+    if not unmeasured.all.any():
         return file
     what = "repeat to the last digit while the body moves and are taken for missing"
     names = first_of([name for name, own in zip(file.names, filled.T, strict=True) if own.any()], _LISTED)
@@ -144,7 +139,8 @@ def _measured(file: PointFile) -> PointFile:
     notes += [f"{file.path.name}: {filled.sum()} places {what}: {names}"] if filled.any() else []
     rest = f"{file.path.name}: {first} frames at the beginning are elsewhere, as a rest pose is: taken for missing"
     notes += [rest] if first else []
-    return file._replace(points=np.where(filled[..., None], np.nan, points), notes=(*file.notes, *notes))
+    points = np.where(unmeasured.all[..., None], np.nan, file.points)
+    return file._replace(points=points, notes=(*file.notes, *notes))
 
 
 def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) -> None:

@@ -69,8 +69,7 @@ def _axis(file: PointFile) -> tuple[str | None, str]:
     expected = file.up or file.usual_up
     if expected is None:
         return by_names, f"{_UNSAID}: {by_names}, from the feet to the head; --up gives another" if by_names else ""
-    if file.path.suffix.lower() == ".c3d" and by_names is not None and by_names[-1] in "yz":
-        # worlds with y and z up are both common, and POINT:Y_SCREEN is how a program shows them
+    if file.y_or_z and by_names is not None and by_names[-1] in "yz":
         taken = f"{by_names} is taken to point up, along which the head is above the feet; --up gives another"
         return by_names, "" if by_names in ("z", expected) else taken
     other = by_names or up_by_motion(file.points, file.time)

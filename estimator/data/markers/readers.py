@@ -51,9 +51,11 @@ def _c3d(path: Path, unit: str | None) -> PointFile:
     file = read_c3d(path, "z", unit, UNIT_OPTION)
     notes = (f"{path.name}: {_counted(file.unnamed)} without a name left out",) if file.unnamed > 0 else ()
     points = file.points / METRES[file.unit]
+    # POINT:Y_SCREEN is how a program shows the world
     return PointFile(
-        path, file.names, points, file.time, file.said_unit, None, file.rate, notes, usual_up=file.said_up or "z"
-    )
+        path, file.names, points, file.time, file.said_unit, None, file.rate, notes, usual_up=file.said_up or "z",
+        y_or_z=True,
+    )  # fmt: skip
 
 
 def _counted(count: int) -> str:

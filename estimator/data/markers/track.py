@@ -25,7 +25,8 @@ class MarkerTrack(NamedTuple):
 class PointFile(NamedTuple):
     """What one file says. names (M). points (T, M, 3): along the axes of the file, in `unit`, NaN where missing.
     time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where the file does not say them. usual_up: the axis that
-    points up in most files of its kind, None where either does. notes: what is worth knowing."""
+    points up in most files of its kind, None where either does. y_or_z: whether worlds with y and z up are both common
+    there. notes: what is worth knowing."""
 
     path: Path
     names: tuple[str, ...]
@@ -36,6 +37,7 @@ class PointFile(NamedTuple):
     rate: float = np.nan
     notes: tuple[str, ...] = ()
     usual_up: str | None = None
+    y_or_z: bool = False
 
 
 class Said(NamedTuple):
