@@ -121,7 +121,8 @@ def _words(wanted: MotionWanted) -> dict[str, tuple[str, ...]]:
     """What was given beside the source, as words of the command line by option."""
     contacts = None if wanted.contacts is None else os.path.abspath(wanted.contacts)
     given = {
-        "fps": wanted.fps, "up": wanted.up, "unit": wanted.unit, "contacts": contacts, "modes": wanted.modes or None,
+        "fps": wanted.fps, "up": wanted.up, "unit": wanted.unit, "layout": wanted.layout, "contacts": contacts,
+        "modes": wanted.modes or None,
     }  # fmt: skip
     return {name: (str(value),) for name, value in given.items() if value is not None}
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kinemode as km
 from estimator.retargeting.joint_arrays import load_joints
 from estimator.retargeting.joint_orders import ORDERS, clear_order, landmarks_named, order_misfit, orders_of
 from estimator.retargeting.source import SourceMotion
@@ -153,3 +154,10 @@ def test_a_limb_that_is_never_found_is_missing(tmp_path: Path) -> None:
     joints[:, ORDERS["smpl"].index("right_wrist")] = 0.0
     np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)
     assert np.isnan(load_joints(tmp_path / "a.npz", up="z").landmark("right_wrist")).all()
+
+
+def test_an_order_that_is_given_stays_with_the_run(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", joints=in_order("lafan1", 0)[:4], fps=RATE)
+    how = {"layout": "lafan1", "up": "z", "unit": "m"}
+    run = km.retarget(tmp_path / "a.npz", "example-robot-data:g1", method="frames", out=tmp_path / "a.run", **how)
+    assert run.header.given == {name: (word,) for name, word in how.items()}
