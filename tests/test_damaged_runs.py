@@ -108,6 +108,8 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         "lifted has numbers that cannot be",
     ),
     "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
+    "a smoothed covariance": ("smoothed", _set("covariance", lambda c: 1e38 * c), "covariance has numbers that cannot"),
+    "smoothed weights": ("smoothed", _set("weight", lambda w: w + 1e308), "weight has numbers that cannot be"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
     "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),
     "state of little covariance": ("state", _set("covariance", lambda c: 1e-300 * c), "covariance is not symmetric"),

@@ -6,8 +6,10 @@ import dataclasses
 import os
 import signal
 import sqlite3
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +202,13 @@ def test_packing_is_exact() -> None:
         unpack(bytes(damaged))
     with pytest.raises(TypeError, match="odd"):
         pack({"odd": np.array([None])})
+
+
+def test_a_number_of_three_bytes_is_refused() -> None:
+    blob = pack({"a": np.zeros(3)})
+    body = blob[8:].replace(b"<f8", b"<f3")
+    with pytest.raises(ValueError, match="array 'a' is of no plain type"):
+        unpack(blob[:4] + struct.pack("<I", zlib.crc32(body)) + body)
 
 
 def test_what_a_fit_knew_of_a_pose_is_kept(tmp_path: Path, body: Body) -> None:

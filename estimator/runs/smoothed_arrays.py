@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from estimator.data.formats.checked_arrays import (
+    LARGEST,
     DamageError,
     Field,
     check_arrays,
@@ -101,7 +102,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
         raise DamageError("mode and weight are not both there")
     if "covariance" in arrays:
         there, (rows, columns) = arrays["covariance"][known], triangle_of(body.nv)
-        if not np.isfinite(there).all() or (there[:, rows == columns] < 0.0).any():
+        if not (np.abs(there) < LARGEST).all() or (there[:, rows == columns] < 0.0).any():
             raise DamageError("covariance has numbers that cannot be")
     if "weight" in arrays:
         _check_weight(arrays["mode"][known], weight[known])
@@ -111,7 +112,7 @@ def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
     """Of frames with a pose."""
     if len(mode) and not ((mode >= 0) & (mode < weight.shape[1])).all():
         raise DamageError("mode is none of a frame's")
-    if (weight < 0.0).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():
+    if (weight < 0.0).any() or (weight > 1.0 + _SUM).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():
         raise DamageError("weight has numbers that cannot be")
     if (np.abs(np.nansum(weight, axis=1) - 1.0) > _SUM).any():
         raise DamageError("weight does not sum to one")

@@ -12,7 +12,7 @@ from estimator.data.formats.packing import valid_text
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import shown
 
-_LARGEST = 1e9  # of configurations, covariances and times
+LARGEST = 1e9  # of configurations, covariances and times
 _LEAST = 1e-20  # of variances
 _NORM = 1e-3  # by how much a quaternion of a configuration may be off one
 
@@ -60,8 +60,8 @@ def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], 
             raise DamageError(f"{name} has the shape {array.shape} and type {array.dtype}")
         if array.dtype.kind == "U" and not valid_text(array):
             raise DamageError(f"{name} has characters that are none")
-        if array.dtype.kind == "f" and field.finite and not (np.abs(array) < _LARGEST).all():
-            raise DamageError(f"{name} has numbers that are not finite, or at least {_LARGEST:g} in size")
+        if array.dtype.kind == "f" and field.finite and not (np.abs(array) < LARGEST).all():
+            raise DamageError(f"{name} has numbers that are not finite, or at least {LARGEST:g} in size")
 
 
 def sizes_of(body: Body) -> dict[str, int]:
@@ -114,5 +114,5 @@ def check_covariances(covariance: np.ndarray) -> None:
 
 def check_configurations(body: Body, q: np.ndarray, name: str) -> None:
     """Configurations (K, nq) of a body: finite, their quaternions of length one; raises DamageError."""
-    if not (np.abs(q) < _LARGEST).all() or not all(pin.isNormalized(body.model, pose, _NORM) for pose in q):
+    if not (np.abs(q) < LARGEST).all() or not all(pin.isNormalized(body.model, pose, _NORM) for pose in q):
         raise DamageError(f"{name} is no configuration of the subject")

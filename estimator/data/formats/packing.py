@@ -69,9 +69,13 @@ def _index(text: bytes) -> Iterator[tuple[str, np.dtype[Any], tuple[int, ...]]]:
         name, kind, shape = entry
         if not (isinstance(kind, str) and _KIND.fullmatch(kind)):
             raise ValueError(f"array {name!r} is of no plain type")
+        try:
+            dtype = np.dtype(kind)
+        except TypeError:  # no number has three bytes
+            raise ValueError(f"array {name!r} is of no plain type") from None
         if not (isinstance(shape, list) and len(shape) <= _MOST_AXES and all(type(n) is int and n >= 0 for n in shape)):
             raise ValueError(f"array {name!r} has an unlikely shape")
-        yield name, np.dtype(kind), tuple(shape)
+        yield name, dtype, tuple(shape)
 
 
 def valid_text(array: np.ndarray) -> bool:

@@ -26,6 +26,7 @@ SHIPPED = Path(__file__).with_name("potentials.json")
 Edge = tuple[int, int]
 
 _DIGITS = 6  # of numbers in a file
+_LEAST = 1e-20  # of variances
 _FARTHEST = 2.0  # times the longest time step: as far as its kernels are stretched
 _OTHER = 2.0  # times a limb's offset on another at rest: no person's lengths differ so much
 _REMEDY = (
@@ -212,7 +213,10 @@ def _read(entry: Mapping[str, Any], path: str | Path, place: str) -> RelativePla
     if covariance.shape != (count, 6, 6):
         problem = f"{count} x 6 or {count} x 6 x 6 numbers are needed"
         raise InputError(path, problem, place=f"{place}.covariance")
-    if not np.allclose(covariance, covariance.transpose(0, 2, 1)) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
+    if (
+        not np.allclose(covariance, covariance.transpose(0, 2, 1))
+        or not (np.linalg.eigvalsh(covariance) > _LEAST).all()
+    ):
         raise InputError(path, "is not symmetric and positive definite", place=f"{place}.covariance")
     mean = np.concatenate([t, quaternion / length[:, None]], axis=1)
     return RelativePlacements(weight / weight.sum(), mean, covariance)
