@@ -47,6 +47,7 @@ def test_npz(run: Run, tmp_path: Path) -> None:
         "landmarks": (t, n, 3), "mode_q": (t, k, nq), "mode_weight": (t, k), "mode_landmarks": (t, k, n, 3),
         "covariance": (t, nv, nv), "std": (t, nv), "v_names": (nv,), "energy": (t,), "status": (t,),
         "contact_names": (6,), "contact": (t, 6), "contact_height": (t, 6), "unseen_joint_names": (0,),
+        "unseen_landmark_names": (0,),
     }  # fmt: skip
     assert {name: array.shape for name, array in a.items()} == shapes
     np.testing.assert_array_equal(a["q"], run.q)

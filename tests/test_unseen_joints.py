@@ -12,8 +12,10 @@ import pytest
 from builders import body_of, camera_at, observe
 
 import kinemode as km
+from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.formats.opensim import read_trc
 from estimator.runs.run_file import Run
 from estimator.runs.unobserved import unseen_by, unseen_joints
 from estimator.synthesis.motion import authored_motion
@@ -105,7 +107,17 @@ def test_exports_have_gaps_or_a_line(sitting: tuple[Run, np.ndarray, list[str]],
             rows = list(csv.DictReader(file))
         assert {row[f"left_knee_flexion_{unit}"] for row in rows} == {""}
         assert all(row[f"left_elbow_flexion_{unit}"] for row in rows)
+        assert {row["left_knee_x_m"] for row in rows} == {""}
+        assert all(row["left_hip_x_m"] for row in rows)
     assert "nothing shows left_hip_flexion" in km.export(run, tmp_path / "a.mot").read_text()
     assert "left_knee_flexion" in np.load(km.export(run, tmp_path / "a.npz"))["unseen_joint_names"]
+    legs = {name for name in run.body.landmark_names if name.endswith(("knee", "ankle", "heel", "toe"))}
+    assert set(run.unseen_landmarks) == legs
+    for of_points in (
+        read_trc(km.export(run, tmp_path / "a.trc")),
+        read_c3d(km.export(run, tmp_path / "a.c3d")),
+    ):
+        missing = np.isnan(of_points.points).all(axis=(0, 2))
+        assert {name for name, gone in zip(of_points.names, missing, strict=True) if gone} == legs
     with pytest.warns(km.InputWarning, match="nothing shows left_hip_flexion"):
         km.export(run, tmp_path / "a.bvh")

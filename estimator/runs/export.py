@@ -94,7 +94,8 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
     time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
     mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
     hypotheses together; energy (T,); status (T,) text;
-    q_names, v_names, joint_names, landmark_names text; unseen_joint_names text, of joints that nothing shows;
+    q_names, v_names, joint_names, landmark_names text; unseen_joint_names, unseen_landmark_names text, of what nothing
+    shows;
     extra_NAME (T, ...), what the tracker reported beside its hypotheses, see `Run.extra`. Of a body with feet also
     contact_names text; contact (T, P), probabilities that its
     heels and toes stand, and contact_height (T, P) [m] above the floor, NaN without one (`estimator.runs.contact`).
@@ -107,6 +108,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "joint_names": np.array(joint_names(run.body.model), dtype=np.str_),
         "unseen_joint_names": np.array(run.unseen_joints, dtype=np.str_),
         "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
+        "unseen_landmark_names": np.array(run.unseen_landmarks, dtype=np.str_),
         "landmarks": run.landmarks,
         "mode_q": run.mode_q,
         "mode_weight": run.mode_weight,
@@ -136,8 +138,8 @@ def _npz(run: Run, path: Path, name: str) -> None:
 
 def _csv(run: Run, path: Path, name: str) -> None:
     """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
-    status; then, so that these stay in their places, the joints' standard deviations. A joint that nothing shows is
-    empty."""
+    status; then, so that these stay in their places, the joints' standard deviations. A joint or landmark that nothing
+    shows is empty."""
     followers, following = follower_columns(run.body, run.q)
     measured = np.where(np.isin(run.body.q_names, run.unseen_joints), np.nan, run.q)
     joints = dict(zip((*q_columns(run.body), *followers), (*measured.T, *following.T), strict=True))
@@ -151,7 +153,7 @@ def _csv_degrees(run: Run, path: Path, name: str) -> None:
 
 def _write_csv(run: Run, path: Path, joints: Mapping[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
     points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
-    landmarks = run.landmarks.reshape(run.frame_count, len(points))
+    landmarks = _shown(run, run.landmarks).reshape(run.frame_count, len(points))
     before = np.column_stack([run.time, *joints.values(), landmarks, run.weight, run.energy])
     behind = np.array(list(last.values())).reshape(len(last), run.frame_count).T
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -166,11 +168,16 @@ def _cell(value: float) -> str:
 
 
 def _trc(run: Run, path: Path, name: str) -> None:
-    """Landmarks as markers; where nothing was seen they are missing."""
-    seen = run.status != "unobserved"
-    write_trc(
-        path, run.body.landmark_names, np.where(seen[:, None, None], run.landmarks, np.nan), run.time, title=name
-    )  # fmt: skip
+    """Landmarks as markers; where nothing was seen they are missing, as those are that nothing shows."""
+    seen = (run.status != "unobserved")[:, None, None]
+    landmarks = np.where(seen, _shown(run, run.landmarks), np.nan)
+    write_trc(path, run.body.landmark_names, landmarks, run.time, title=name)
+
+
+def _shown(run: Run, landmarks: np.ndarray) -> np.ndarray:
+    """Landmarks (T, L, 3) with NaN in place of those that nothing shows."""
+    unseen = np.isin(run.body.landmark_names, run.unseen_landmarks)
+    return np.where(unseen[:, None], np.nan, landmarks)
 
 
 def _mot(run: Run, path: Path, name: str) -> None:
@@ -197,7 +204,7 @@ def _c3d(run: Run, path: Path, name: str) -> None:
     angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")
     scalars = Channels([names[i] for i in slides], np.where(seen, 1e3 * values[:, slides], np.nan), "mm")
     points = run.landmarks if motion.q is run.q else landmarks_along(run.body, motion.q)
-    landmarks = np.where(seen[..., None], points, np.nan)
+    landmarks = np.where(seen[..., None], _shown(run, points), np.nan)
     write_c3d(path, run.body.landmark_names, landmarks, motion.time, angles, scalars)
 
 

@@ -34,7 +34,7 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
 from estimator.runs.spread import LEVEL, Spread, checked_level, spread_of
-from estimator.runs.unobserved import unseen_in
+from estimator.runs.unobserved import unseen_in, unseen_landmarks
 from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
@@ -502,6 +502,12 @@ class Run(Summarised):
         """The joints that nothing shows in the whole run, see `estimator.runs.unobserved.unseen_joints`: their angles
         are the prior's, and their intervals hold nearly all of their limits."""
         return unseen_in(self)
+
+    @cached_property
+    def unseen_landmarks(self) -> tuple[str, ...]:
+        """The landmarks that such a joint moves: where they are is the prior's."""
+        unseen = unseen_landmarks(self.body, self.unseen_joints)
+        return tuple(name for name, of_prior in zip(self.body.landmark_names, unseen, strict=True) if of_prior)
 
     def __getitem__(self, joint: str) -> JointAngle:
         """A joint by its name: its value, standard deviation, 90 % interval and hypotheses over time.

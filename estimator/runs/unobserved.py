@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,17 +26,29 @@ _ROOM = 1e-4  # rad or m: joints with less are as good as locked
 def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tuple[str, ...]:
     """Names of the joints with limits that move nothing which was seen, so that their angles are the prior's.
 
-    landmarks (L,), markers (M,): which were seen. Joints are tried in the middle of their limits, where limbs are bent.
+    landmarks (L,), markers (M,): which were seen.
     """
+    joint = np.concatenate([body.landmark_joint[landmarks], body.marker_joint[markers]])
+    local = np.concatenate([body.landmark_local[landmarks], body.marker_local[markers]])
+    moves = _moved_by(body, joint, local).any(axis=0)
+    bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
+    return tuple(body.q_names[i] for v, i in bounded if not moves[v] and body.upper[i] - body.lower[i] > _ROOM)
+
+
+def unseen_landmarks(body: Body, joints: Collection[str]) -> np.ndarray:
+    """Which landmarks (L,) are moved by one of the joints that nothing shows: where they are is the prior's, too."""
+    bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
+    unseen = [v for v, i in bounded if body.q_names[i] in joints]
+    return np.asarray(_moved_by(body, body.landmark_joint, body.landmark_local)[:, unseen].any(axis=1))
+
+
+def _moved_by(body: Body, joint: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Which degrees of freedom move points of links, (N, nv), in the middle of their limits, where limbs are bent."""
     q = body.neutral.copy()
     q[body.bounded_q] = 0.5 * (body.lower[body.bounded_q] + body.upper[body.bounded_q])
     posed = body.at(q)
-    joint = np.concatenate([body.landmark_joint[landmarks], body.marker_joint[markers]])
-    local = np.concatenate([body.landmark_local[landmarks], body.marker_local[markers]])
     jacobians = body.point_jacobians(posed, joint, points_in_world(posed, joint, local))
-    moves = np.linalg.norm(jacobians, axis=1).max(axis=0, initial=0.0) >= _MOVES
-    bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
-    return tuple(body.q_names[i] for v, i in bounded if not moves[v] and body.upper[i] - body.lower[i] > _ROOM)
+    return np.asarray(np.linalg.norm(jacobians, axis=1) >= _MOVES)
 
 
 def unseen_by(body: Body, observations: Iterable[Observation]) -> tuple[str, ...]:
