@@ -30,7 +30,7 @@ def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tup
     """
     joint = np.concatenate([body.landmark_joint[landmarks], body.marker_joint[markers]])
     local = np.concatenate([body.landmark_local[landmarks], body.marker_local[markers]])
-    moves = _moved_by(body, joint, local).any(axis=0)
+    moves = np.any(_moved_by(body, joint, local), axis=0)
     bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
     return tuple(body.q_names[i] for v, i in bounded if not moves[v] and body.upper[i] - body.lower[i] > _ROOM)
 
