@@ -93,7 +93,7 @@ def test_bvh_has_the_joints(tmp_path: Path) -> None:
     assert read.landmark("left_big_toe") == pytest.approx(mocap.points[:, mocap.names.index("left_toe")])
     assert thighs(read) == pytest.approx(0.415)
     assert "unit" in read.notes[0]
-    told = load_source(path, unit="cm", fps=7.0)
+    told = load_source(path, unit="CM", fps=7.0)
     assert thighs(told) == pytest.approx(0.5)
     assert len(told.notes) == 1
     assert "--fps 7 is taken" in told.notes[0]
@@ -111,6 +111,10 @@ def test_smpl_joints(run: Run, tmp_path: Path, up: str, rate: str) -> None:
     told = load_source(tmp_path / "a.npz", up=up, fps=60.0)
     assert told.notes == ()
     assert told.times[-1] == pytest.approx((FRAMES - 1) / 60.0)
+    np.savez(tmp_path / "b.npz", joints3d=1e3 * own, fps=RATE)
+    same(load_source(tmp_path / "b.npz", up=up, unit="Millimetres"), run, LIMBS, 1e-5)
+    with pytest.raises(InputError, match="no unit of length"):
+        load_source(tmp_path / "b.npz", unit="inch")
 
 
 @pytest.mark.parametrize("frames", [1, 2])

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.data.cameras.camera import UPS, axis_of, nearest_axis
 from estimator.data.formats.markers import check_spread
 from estimator.data.formats.npz import read_npz
-from estimator.data.formats.opensim import METRES, metres_in, upright_world
+from estimator.data.formats.opensim import METRES, checked_unit, upright_world
 from estimator.data.formats.point_arrays import checked_points, checked_rate, number_array
 from estimator.numerics.axes import mean_direction
 from estimator.retargeting.joint_orders import (
@@ -70,11 +70,10 @@ def load_joints(
         raise InputError(path, "no such file")
     if up is not None and up not in UPS:
         raise InputError("up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
-    if unit is not None and unit not in METRES:
-        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+    metres = METRES["m" if unit is None else checked_unit(unit)]
     arrays = read_npz(path)
     place, joints = _joints(arrays, path)
-    joints = metres_in(unit or "m", path, "unit") * joints
+    joints = metres * joints
     times = np.arange(len(joints)) / _rate(arrays, path, len(joints), fps)
     masked = without_zeros(checked_points(path, joints))
     if not np.isfinite(masked).all(axis=2).any():

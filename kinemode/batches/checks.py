@@ -199,7 +199,7 @@ def _refusal(what: str, given: Any) -> InputError | None:
 
             _of_column(what, marker_set, given)
         elif what == "unit":
-            from estimator.data.markers.load import checked_unit
+            from estimator.data.formats.opensim import checked_unit
 
             checked_unit(given)
         elif what == "cues":

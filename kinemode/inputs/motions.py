@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.data.formats.markers import named_points
 from estimator.data.formats.npz import read_npz
-from estimator.data.formats.opensim import METRES
+from estimator.data.formats.opensim import METRES, checked_unit
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.load import load_points
 from estimator.retargeting.hypotheses import SourceHypotheses
@@ -17,7 +17,7 @@ from estimator.retargeting.joint_arrays import ARRAYS, has_joints, load_joints
 from estimator.retargeting.source import SourceMotion
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import landmark_name
-from humanoid.support.errors import InputError, first_of, misplaced, shown
+from humanoid.support.errors import InputError, first_of, misplaced
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
@@ -123,9 +123,7 @@ def hypotheses_of(source: PathLike | Run | SourceMotion, count: int) -> SourceHy
 
 def _of_bvh(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
     """The joints of a BVH file by MotionBuilder's names."""
-    if unit is not None and unit not in METRES:
-        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
-    mocap = load_mocap(path, unit=None if unit is None else METRES[unit], up=up)
+    mocap = load_mocap(path, unit=None if unit is None else METRES[checked_unit(unit)], up=up)
     rate, notes = mocap.fps, list[str]()
     if fps is not None:
         rate = checked_rate("fps", fps)

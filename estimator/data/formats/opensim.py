@@ -76,6 +76,14 @@ def unit_of(word: str) -> str:
     return _PARTS[spelled["part"]] if spelled else plain
 
 
+def checked_unit(unit: str) -> str:
+    """A unit of length as a key of `METRES`; raises InputError for another word."""
+    known = unit_of(unit)
+    if known not in METRES:
+        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+    return known
+
+
 def metres_in(unit: str, path: str | Path, place: str, option: str = "") -> float:
     """Metres in a unit of length, a key of `METRES`; raises InputError for one that is not read. option: what else may
     give the unit."""

@@ -11,7 +11,7 @@ from estimator.data.cameras.camera import UPS
 from estimator.data.formats.checked_json import LARGEST
 from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person, output_kind, outputs_note
 from estimator.data.formats.markers import check_spread
-from estimator.data.formats.opensim import METRES, metres_in, unit_of
+from estimator.data.formats.opensim import checked_unit, metres_in
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
@@ -71,14 +71,6 @@ def point_names(path: str | Path) -> tuple[str, ...]:
     own = of_one_person(path, names)
     check_names(path, own)
     return own
-
-
-def checked_unit(unit: str) -> str:
-    """A unit of length as a key of `METRES`; raises InputError for another word."""
-    known = unit_of(unit)
-    if known not in METRES:
-        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
-    return known
 
 
 def _checked(said: Said) -> Said:
