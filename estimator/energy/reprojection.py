@@ -16,7 +16,7 @@ from estimator.data.cameras.projection import (
 from estimator.data.observation import Observation
 from estimator.energy.points import LoadedPoints, accumulate_points, to_world
 from estimator.energy.term import BatchTerm, Term
-from estimator.numerics.robust import POTENTIALS, rho
+from estimator.numerics.robust import POTENTIALS, rho, slopes
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
@@ -52,6 +52,8 @@ class Reprojection(BatchTerm):
         self._body, self.beside = body, tuple(beside)
         # a smoother keeps the terms of all frames, which must not keep all pictures
         self.observation, self.cameras = replace(observation, cues=()), observation.cameras
+        self.sigma, self._potential = sigma, potential
+        self._whole: Reprojection | None = None
         self._kind, self._nu = POTENTIALS[potential], float(nu)
         self._intrinsics, self._distortion, self._R, self._t = pack_cameras(observation.cameras)
         valid = (observation.confidence > 0.0) & np.isfinite(observation.pixels).all(axis=-1)
@@ -89,6 +91,33 @@ class Reprojection(BatchTerm):
             self._confidence, self._precision, distances,
         )  # fmt: skip
         return distances
+
+    @property
+    def whole(self) -> Reprojection:
+        """The term by the keypoints as they were detected: this one, or what it was `corrected` from."""
+        return self if self._whole is None else self._whole
+
+    def residuals(self, posed: PosedBody) -> np.ndarray:
+        """Keypoints less where the body has them, (C, L, 2) [px]; NaN where missing, or behind the camera."""
+        points = self._body.keypoints(posed)
+        projected = np.array([camera.project(points) for camera in self.cameras])
+        return np.where(self._confidence[..., None] > 0.0, self._pixels - projected, np.nan)
+
+    def pull(self, residuals: np.ndarray) -> np.ndarray:
+        """What the potential leaves of the pull that residuals (C, L, 2) [px] would have by least squares, times the
+        confidence, (C, L); 0 where they are NaN."""
+        square = np.square(residuals).sum(axis=-1) * self._precision
+        left = np.zeros(square.size)
+        slopes(self._kind, square.ravel(), self._nu, left)
+        return np.where(np.isfinite(square), self._confidence * left.reshape(square.shape), 0.0)
+
+    def corrected(self, errors: np.ndarray, sigma: np.ndarray) -> Reprojection:
+        """The same term with keypoints that are without errors (C, L, 2) [px], by other deviations (C, L) [px]; its
+        `whole` is this one."""
+        seen = replace(self.observation, pixels=self.observation.pixels - errors)
+        term = Reprojection(self._body, seen, sigma, self._potential, self._nu, self.beside)
+        term._whole = self
+        return term
 
     def _load_points(self, posed: PosedBody, exact: bool) -> float:
         value: float = point_loads(

@@ -30,6 +30,13 @@ def rho(kind: int, s: float, nu: float) -> tuple[float, float, float]:
 
 
 @jit
+def slopes(kind, s, nu, out):  # type: ignore[no-untyped-def]
+    """Fill out (N,) with the first derivatives of the potential at squares s (N,)."""
+    for i in range(s.shape[0]):
+        out[i] = rho(kind, s[i], nu)[1]
+
+
+@jit
 def robust_square(e, precision, kind, nu, exact, pull, bend):  # type: ignore[no-untyped-def]
     """1/2 sum rho(precision e^2) of e, precision (nv,); fills its derivative `pull` (nv,) and its curvature `bend`
     (nv,), Gauss-Newton's or the exact one."""

@@ -74,13 +74,9 @@ def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.nd
     for t in np.asarray(rows).tolist():
         observation = run.observation(t)
         seen: Observation = observation.exchanged(mirror) if associations[t] == EXCHANGED else observation
-        posed = body.at(run.q[t])
-        own = model.observation_term(seen).distances(posed)
-        marked = body.keypoints(posed)
-        places = np.array([camera.project(marked) for camera in seen.cameras])
-        apart = np.linalg.norm(places - seen.pixels, axis=2)
-        deviations.append(own)
-        pixels.append(np.where(np.isfinite(own), apart, np.nan))
+        term, posed = model.observation_term(seen), body.at(run.q[t])
+        deviations.append(term.distances(posed))
+        pixels.append(np.linalg.norm(term.residuals(posed), axis=2))
         extents.append(seen.extents)
     shape = len(pixels), len(run.header.cameras), len(body.landmark_names)
     in_pixels = np.reshape(pixels, shape)

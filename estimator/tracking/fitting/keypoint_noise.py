@@ -8,12 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.numerics.typical import measured_deviation
 from estimator.search.cost_model import CostModel
 
-PRIOR_DATA = 60.0
-"""Numbers that say as much of a detector's noise as is known beforehand: 60 draws tell a standard deviation to a tenth,
-and by no less do the errors of one detector differ between two people."""
-_MEDIAN = 2.0 * math.log(2.0)  # of the square of two standard normal numbers
 _FACTORS = (0.3, 3.0)
 
 
@@ -58,9 +55,7 @@ def _factor(data: float, left: float, distances: np.ndarray) -> float:
     keypoints, in standard deviations."""
     if data * left <= 0.0:
         return 1.0
-    square = _median(np.square(distances)) / _MEDIAN / left
-    factor = math.sqrt((PRIOR_DATA + data * left * square) / (PRIOR_DATA + data * left))
-    return float(np.clip(factor, *_FACTORS))
+    return float(np.clip(measured_deviation(distances / math.sqrt(left), data * left), *_FACTORS))
 
 
 def _median(values: np.ndarray) -> float:

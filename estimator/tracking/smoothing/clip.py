@@ -26,6 +26,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
+from estimator.tracking.smoothing.lasting_errors import by_whole_error, without_lasting
 from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold, reading_weights
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
@@ -139,7 +140,17 @@ class _Track:
             for r, path in zip(rivals, paths, strict=True)
         ]
         best = int(np.argmin(total))
-        return self._held(rivals[best], paths[best])
+        return self._held(self._followed(rivals[best]), paths[best])
+
+    def _followed(self, trajectory: Trajectory) -> Trajectory:
+        """A trajectory that was smoothed by the whole error of the keypoints, by what is new in each frame."""
+        body, motion, ties = self._search.body, trajectory.motion, trajectory.ties
+        if self._settings.lasting <= 0.0:
+            return trajectory
+        own = without_lasting(body, trajectory.costs, self._times, trajectory.q, self._settings.lasting)
+        costs = self._spill.list(own)
+        q = smooth(body, costs, self._times, trajectory.q, motion, self._settings, ties=ties)
+        return replace(trajectory, q=q, costs=costs)
 
     def _other_path(self) -> np.ndarray:
         """The path (T,) of least energy; where one camera has both readings of the trunk, that with the better one in
@@ -185,7 +196,8 @@ class _Track:
         """Poses q (T, nq) of all frames, at which a trajectory ended, and how sure they are."""
         prior, motion = self._search.model.cost(None), end.before.motion
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
-        covariance = self._each(told.covariances(end.costs, end.before.ties, q[self.some]), len(q))
+        whole = MadeList(len(end.costs), lambda t: by_whole_error(end.costs[t]))
+        covariance = self._each(told.covariances(whole, end.before.ties, q[self.some]), len(q))
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
         weights = told.weights(self._modes(), self._energies, self._plain)

@@ -23,8 +23,8 @@ class SmoothSettings:
     deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe
     that stands may lie from one place; 0 leaves feet as they are; hands: hands that stand on the floor are held,
     too. reading [m]: standard deviation of a trunk that leaves the reading of the frame's mode, in frames that have
-    both; 0 lets it. lasting [s]: how long what a frame says, and how it is wrong, lasts; it counts in the covariances
-    alone.
+    both; 0 lets it. lasting [s]: how long what a frame says, and how it is wrong, lasts: in the covariances, and as
+    keypoints' errors that frames share (`lasting_errors`); 0: only a frame.
     iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which
     bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features are
     assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for

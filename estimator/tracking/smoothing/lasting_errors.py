@@ -1,0 +1,138 @@
+"""Errors of keypoints that last: what a detector errs in one frame it errs in the next ones, too.
+
+The energy of a frame takes all that a keypoint is off for the frame's own. In truth a part of it stays for the whole
+clip, a part lasts for some tenths of a second, and the rest is new in every frame, so that keypoints tell how a body
+moves better than they tell where it is. A trajectory that was smoothed by the whole error shows what lasts; smoothed
+again by keypoints without it, and by the deviation of what is new alone, it follows fast movements. How far priors draw
+it away from keypoints in the long run stays as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost
+from estimator.numerics.typical import measured_deviation
+from humanoid.kinematics.body import SHORTEST_STEP, Body
+
+_STEP = 1.0 / 30.0  # s over which what is new in a frame is measured, however many frames a second there are
+_TINY = 1e-9  # px^2: where nothing lasts
+
+
+class Residuals(NamedTuple):
+    """Keypoints less the body's, along a trajectory of T frames that C cameras see, L landmarks.
+
+    times (T,) [s], rising. pixels (T, C, L, 2) [px], NaN where missing. sigma (T, C, L) [px]: standard deviations of
+    the whole error. pull (T, C, L): what the robust potential leaves of a keypoint's pull, 0 where missing.
+    """
+
+    times: np.ndarray
+    pixels: np.ndarray
+    sigma: np.ndarray
+    pull: np.ndarray
+
+
+def without_lasting(
+    body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray, lasting: float
+) -> Iterator[Cost]:
+    """Energies of frames, (T) of `costs`, whose keypoints are without the errors that last for some `lasting` [s] along
+    poses q (T, nq) at times (T,) [s], rising; as they are where no camera has keypoints."""
+    residuals = residuals_along(body, costs, times, q)
+    if residuals is None:
+        yield from costs
+        return
+    share = frame_shares(residuals)
+    offset = lasting_errors(residuals, share, lasting)
+    for own, cost in zip(offset, costs, strict=True):
+        yield _corrected(body, cost, own, share)
+
+
+def by_whole_error(cost: Cost) -> Cost:
+    """The energy of a frame by its keypoints as they were detected: what says how sure a pose is."""
+    return Cost(cost.body, [term.whole if isinstance(term, Reprojection) else term for term in cost.terms])
+
+
+def residuals_along(body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray) -> Residuals | None:
+    """Of poses q (T, nq); None where no frame has keypoints."""
+    residuals: Residuals | None = None
+    for t, cost in enumerate(costs):
+        term = _keypoints(cost)
+        if term is None:
+            continue
+        shape = (len(q), *term.sigma.shape)
+        if residuals is None:
+            residuals = Residuals(times, np.full((*shape, 2), np.nan), np.ones(shape), np.zeros(shape))
+        residuals.pixels[t], residuals.sigma[t] = term.residuals(body.at(q[t])), term.sigma
+        residuals.pull[t] = term.pull(residuals.pixels[t])
+    return residuals
+
+
+def frame_shares(residuals: Residuals) -> np.ndarray:
+    """Standard deviation of what is new in a frame over that of the whole error, at most 1, of every camera (C,).
+
+    By the changes of residuals over a thirtieth of a second, without outliers. `measured_deviation` expects that all is
+    new, so that few frames change nothing.
+    """
+    times, whitened = residuals.times, residuals.pixels / residuals.sigma[..., None]
+    after = np.searchsorted(times, times + (1.0 - 1e-6) * _STEP)
+    first = np.flatnonzero(after < len(times))
+    first = first[times[after[first]] - times[first] < 2.0 * _STEP]
+    if not len(first):
+        return np.ones(whitened.shape[1])
+    change = np.linalg.norm(whitened[after[first]] - whitened[first], axis=-1) / np.sqrt(2.0)
+    alone = 2.0 / float(np.median(after[first] - first))  # independent numbers of a change: changes overlap
+    data = alone * np.isfinite(change).sum(axis=(0, 2))
+    return np.array([min(1.0, measured_deviation(change[:, c], own)) for c, own in enumerate(data.tolist())])
+
+
+def lasting_errors(residuals: Residuals, share: np.ndarray, lasting: float) -> np.ndarray:
+    """What lasts of the residuals, (T, C, L, 2) [px]: to be taken from keypoints, which then count by share (C,) of
+    their deviations.
+
+    What stays for the whole clip, and the mean of a first-order process in time about it, of which the residuals are
+    measurements with what is new in a frame as noise. So much of both is left to the keypoints that residuals which do
+    not change pull as they did by the whole error.
+    """
+    errors, process = np.zeros_like(residuals.pixels), _process_precision(residuals.times, lasting)
+    for c, k in np.argwhere(residuals.pull.any(axis=0)):
+        new = share[c] ** 2
+        sigma, pull = residuals.sigma[:, c, k], residuals.pull[:, c, k]
+        system = process / ((1.0 - new) * np.median(sigma[pull > 0.0]) ** 2 + _TINY)
+        precision = pull / (new * sigma**2)
+        system[0] += precision
+        shown = np.nan_to_num(residuals.pixels[:, c, k])
+        always = precision @ shown / precision.sum()
+        changing = solveh_banded(system, precision[:, None] * (shown - always), lower=True, check_finite=False)
+        errors[:, c, k] = (1.0 - new * pull)[:, None] * (always + changing)
+    return errors
+
+
+def _process_precision(times: np.ndarray, lasting: float) -> np.ndarray:
+    """Precision, (2, T) in lower banded form, of a first-order process of variance 1 at times (T,) [s], rising, that
+    lasts for some `lasting` [s]."""
+    kept = np.exp(-np.maximum(np.diff(times), SHORTEST_STEP) / lasting)
+    new = 1.0 / (1.0 - kept**2)
+    bands = np.ones((2, len(times)))
+    bands[0, 1:] = new
+    bands[0, :-1] += kept**2 * new
+    bands[1, :-1] = -kept * new
+    return bands
+
+
+def _keypoints(cost: Cost) -> Reprojection | None:
+    return next((term for term in cost.terms if isinstance(term, Reprojection)), None)
+
+
+def _corrected(body: Body, cost: Cost, errors: np.ndarray, share: np.ndarray) -> Cost:
+    """The energy of a frame whose keypoints are without errors (C, L, 2), and count by share (C,) of their
+    deviations."""
+    terms = [
+        term.corrected(errors, share[:, None] * term.sigma) if isinstance(term, Reprojection) else term
+        for term in cost.terms
+    ]
+    return Cost(body, terms)
