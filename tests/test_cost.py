@@ -137,6 +137,8 @@ def test_cameras_add() -> None:
     parts = [evaluated(Reprojection(body, view, sigma[:1]), body, q) for view in single]
     for whole, a, b in zip(both, *parts, strict=True):
         assert np.allclose(whole, a + b, rtol=1e-12, atol=1e-12 * np.abs(whole).max())
+    of_cameras = Reprojection(body, seen, sigma).values_of_cameras(body.at(q))
+    np.testing.assert_allclose(of_cameras, [part[0] for part in parts], rtol=1e-12)
 
 
 def test_missing_keypoints_have_no_say() -> None:

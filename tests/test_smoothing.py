@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.energy.term import Cost
 from estimator.search.cost_model import CostModel
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
-from estimator.tracking.smoothing import SmoothSettings, smooth, smooth_track
+from estimator.tracking.smoothing import SmoothSettings, clip, smooth, smooth_track
+from estimator.tracking.smoothing.pace import pace_of
 from humanoid.kinematics.body import Body
 
 FPS = 30.0
@@ -60,6 +64,28 @@ def test_the_window_does_not_matter_much() -> None:
     parts = smooth(body, costs, times, truth, motion, SmoothSettings(window=28))
     assert np.linalg.norm(points(body, whole) - points(body, parts), axis=2).mean() < 0.01
     assert np.linalg.norm(points(body, whole) - points(body, truth), axis=2).mean() > 0.005
+
+
+@pytest.mark.parametrize(("apart", "times"), [(0.02, 3), (None, 6)])
+def test_paths_that_come_to_the_same_poses_are_smoothed_once(
+    monkeypatch: pytest.MonkeyPatch, apart: float | None, times: int
+) -> None:
+    """Two modes of each frame: the second near the first, or in the other reading of left and right."""
+    body, rng = body_of("human34"), np.random.default_rng(7)
+    seen = [observe(body, swing(body, i / FPS), (CAMERA,), noise=2.0, rng=rng, index=i, time=i / FPS) for i in range(8)]
+    tracker, paced = make_tracker("css", body), list[int]()
+    results = [result for result, _ in run(tracker, seen, 0)]
+    other = "exchanged" if apart is None else "as_detected"
+    moved = [body.integrate(r.q[0], (apart or 0.0) * rng.normal(size=body.nv)) for r in results]
+    names, parent = ("as_detected", other), np.array([0, 1])
+    doubled = [
+        replace(r, q=np.array([r.q[0], q]), weight=np.array([0.6, 0.4]), association=names, parent=parent)
+        for r, q in zip(results, moved, strict=True)
+    ]
+    monkeypatch.setattr(clip, "best_path", lambda *_: np.ones(8, dtype=int))
+    monkeypatch.setattr(clip, "pace_of", lambda *a, **k: paced.append(1) or pace_of(*a, **k))
+    smooth_track(tracker.search, seen, doubled)
+    assert len(paced) == times
 
 
 def test_frames_without_hypotheses_stay_empty_and_the_rest_is_smoothed() -> None:

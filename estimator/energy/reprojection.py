@@ -77,6 +77,18 @@ class Reprojection(BatchTerm):
         )  # fmt: skip
         return values
 
+    def values_of_cameras(self, posed: PosedBody) -> np.ndarray:
+        """What each camera's keypoints have of the value, (C,)."""
+        placed, values = posed.alone, np.empty((len(self._confidence), 1))
+        for c, value in enumerate(values):
+            camera = slice(c, c + 1)
+            keypoint_values(
+                placed.placements, self._body.landmark_joint, self._body.keypoint_local, self._intrinsics[camera],
+                self._distortion[camera], self._R[camera], self._t[camera], self._pixels[camera],
+                self._confidence[camera], self._precision[camera], self._kind, self._nu, value,
+            )  # fmt: skip
+        return values[:, 0]
+
     def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (L, 3) [1/m] and Gauss-Newton Hessian (L, 3, 3) of the value with respect to each keypoint's
         place in the world."""

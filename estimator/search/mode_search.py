@@ -89,14 +89,24 @@ class ModeSearch:
         """What the frame's pictures say; q (nq,): about where the body is."""
         return self.model.likelihood(observation, self.body.at(q))
 
-    def associations(self, observation: Observation) -> tuple[Association, ...]:
-        """Those of a frame: as detected, and with left and right exchanged where the body has sides."""
+    def associations(self, observation: Observation, near: np.ndarray | None = None) -> tuple[Association, ...]:
+        """Those of a frame: as detected, and with left and right exchanged where the body has sides.
+
+        near (nq,): about where the body is. Where several cameras see it, sides are exchanged only if that brings some
+        camera's keypoints nearer to it: together they tell the front from the back, so that an exchange which all of
+        them contradict leads to no mode worth having.
+        """
         detected = Association(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)
         exchangeable = observation.count > 0 and not observation.given
         if not self.settings.exchange or not exchangeable or np.all(self.mirror == np.arange(len(self.mirror))):
             return (detected,)
-        penalty = self.model.settings.exchange_penalty
-        return detected, Association(EXCHANGED, self.term(observation, EXCHANGED), penalty)
+        exchanged = self.term(observation, EXCHANGED)
+        if near is not None and len(observation.cameras) > 1:
+            posed = self.body.at(near)
+            gains = exchanged.values_of_cameras(posed) < detected.term.values_of_cameras(posed)
+            if not gains.any():
+                return (detected,)
+        return detected, Association(EXCHANGED, exchanged, self.model.settings.exchange_penalty)
 
     def best_modes(
         self,

@@ -73,7 +73,8 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
             return replace(after, unseen=state.unseen + elapsed if by_index else 0.0), result
         prior = state.mixture
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
-        case = FrameProblem(self.search.associations(observation), elapsed + state.unseen, likelihood)
+        associations = self.search.associations(observation, prior.modes[0].q)
+        case = FrameProblem(associations, elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
         candidates = self.search.explored(proposals.parent_poses(), case) if self.settings.keep else []

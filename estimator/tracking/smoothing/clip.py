@@ -37,11 +37,13 @@ from estimator.tracking.smoothing.ties import Ties
 from estimator.tracking.smoothing.uncertainty import TrajectoryUncertainty
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
+from humanoid.kinematics.body import Body
 from humanoid.support.spilled import MadeList, Spill, SpilledList
 
 _FEW = 3  # Newton steps between two looks at the pace
 _HOLDS = 2  # times that what stands is told anew
 _DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
+_SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 
 
@@ -59,7 +61,7 @@ def smooth_track(
 
     Two paths through the modes are smoothed: the tracker's own back through the parents, and the one that the motion
     prior likes best, with the better reading of the trunk in every stretch. The one of lower energy after
-    smoothing is taken. Each frame's keypoints are read as the path's
+    smoothing is taken; where both come to the same poses they are one. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
     floor, given or found. Parts that the smoothing pushed into each other or into the floor are parted again
@@ -127,8 +129,11 @@ class _Track:
         other = self._other_path()
         if not np.array_equal(other, self._path):
             changed = (self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist()))
-            paths.append(other)
-            rivals.append(self._smoothed(self._spill.list(changed), other, None))
+            rival = self._smoothed(self._spill.list(changed), other, None)
+            if not _coincide(self._search.body, rivals[0], rival):
+                paths.append(other)
+                rivals.append(rival)
+        rivals = [self._paced(rival) for rival in rivals]
         renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
         if self._cues is not None and self._settings.rounds > 0:
             renewal(rivals)
@@ -234,11 +239,16 @@ class _Track:
         ties = self._ties(associations)
         body, motion = self._search.body, self._motion
         q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
+        return Trajectory(q, associations, costs, ties, motion)
+
+    def _paced(self, trajectory: Trajectory) -> Trajectory:
+        """A smoothed trajectory, smoothed again with the pace of its frames."""
+        body, q, costs, ties, motion = self._search.body, trajectory.q, trajectory.costs, trajectory.ties, self._motion
         few = replace(self._settings, iterations=min(_FEW, self._settings.iterations))
         for left in reversed(range(self._settings.pace_rounds)):
             motion = motion._replace(pace=pace_of(body, costs, self._times, q, motion, self._settings, ties=ties))
             q = smooth(body, costs, self._times, q, motion, few if left else self._settings, ties=ties)
-        return Trajectory(q, associations, costs, ties, motion)
+        return replace(trajectory, q=q, motion=motion)
 
     def _ties(self, associations: Sequence[str]) -> SpilledList[Ties]:
         """What ties each frame's feet to the one before."""
@@ -273,6 +283,12 @@ class _Track:
 
 def _above(costs: Sequence[Cost], above: AboveFloor) -> Sequence[Cost]:
     return MadeList(len(costs), lambda t: costs[t].plus([above]))
+
+
+def _coincide(body: Body, first: Trajectory, other: Trajectory) -> bool:
+    """Whether two trajectories ended in the same poses, and in one reading of them, however their paths went."""
+    apart = (body.difference(a, b) for a, b in zip(first.q, other.q, strict=True))
+    return list(first.association) == list(other.association) and all(np.abs(v).max() < _SAME for v in apart)
 
 
 def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray) -> np.ndarray:
