@@ -58,21 +58,25 @@ class PosePrior(BatchTerm):
         stds = np.array([(rests[name].std, rests[name].std_above) for name in joints])
         self._rest_precision = 1.0 / np.square(stds)
         share, mean, covariance = mixture.both_sides()
-        self._mean, covariance = np.ascontiguousarray(mean[:, kept]), covariance[:, kept][:, :, kept]
+        mean, covariance = mean[:, kept], covariance[:, kept][:, :, kept]
         cholesky = np.linalg.cholesky(covariance)
-        whiten = np.linalg.inv(cholesky)
-        self._whiten_t = np.ascontiguousarray(whiten.transpose(0, 2, 1))
-        product = self._whiten_t @ whiten
-        # to the bit: which of two equal sums a matrix product rounds how is the machine's own choice
-        self._precision = np.ascontiguousarray(0.5 * (product + product.transpose(0, 2, 1)))
+        self._whiten = np.linalg.inv(cholesky)
+        self._whiten_t = np.ascontiguousarray(self._whiten.reshape(-1, len(kept)).T)
+        self._white_mean = np.einsum("kij,kj->ki", self._whiten, mean).ravel()
+        product = self._whiten.transpose(0, 2, 1) @ self._whiten
+        precision = 0.5 * (product + product.transpose(0, 2, 1))
+        self._pull = np.einsum("kij,kj->ki", precision, mean)
+        below = np.tril_indices(len(kept))
+        self._precision = np.ascontiguousarray(precision[:, below[0], below[1]])
         self._log_share = np.log(share) + _log_heights(cholesky, stds.mean(axis=1))
         self._log_background, self._weight = math.log(mixture.background), float(weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
         value: float = mixture_energy(
-            posed.q, self._q_index, self._v_index, self._log_share, self._mean, self._whiten_t, self._precision,
-            self._log_background, self._rest, self._rest_precision, self._weight, exact, gradient, hessian,
+            posed.q, self._q_index, self._v_index, self._log_share, self._whiten, self._whiten_t, self._white_mean,
+            self._precision, self._pull, self._log_background, self._rest, self._rest_precision, self._weight, exact,
+            gradient, hessian,
         )  # fmt: skip
         return value
 
@@ -80,8 +84,8 @@ class PosePrior(BatchTerm):
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
         mixture_values(
-            placed.q, self._q_index, self._log_share, self._mean, self._whiten_t, self._log_background, self._rest,
-            self._rest_precision, self._weight, values,
+            placed.q, self._q_index, self._log_share, self._whiten_t, self._white_mean, self._log_background,
+            self._rest, self._rest_precision, self._weight, values,
         )  # fmt: skip
         return values
 
@@ -135,105 +139,132 @@ def _moving(body: Body) -> dict[str, int]:
 
 @jit
 def mixture_energy(  # type: ignore[no-untyped-def]
-    q, q_index, v_index, log_share, mean, whiten_t, precision, log_background, rest, rest_precision, weight, exact,
-    gradient, hessian,
+    q, q_index, v_index, log_share, whiten, whiten_t, white_mean, precision, pull, log_background, rest,
+    rest_precision, weight, exact, gradient, hessian,
 ):  # fmt: skip
     """-weight log(sum of the densities); adds its gradient (nv,) and hessian (nv, nv).
 
     q (nq,). q_index, v_index (D,): places of the D angles in q and in the tangent.
-    log_share (K,): log of each Gaussian's height. mean (K, D); whiten_t (K, D, D): transposed inverse Cholesky factors,
-    so that the loops run along rows; precision (K, D, D). log_background; rest (D,), rest_precision (D, 2), below and
-    above it: of the background.
+    log_share (K,): log of each Gaussian's height. whiten (K, D, D): inverse Cholesky factors, whiten_t (D, K * D) and
+    white_mean (K * D,): the rows of all of them as columns, and what these make of the means, so that the loops run
+    along many numbers. precision (K, T): lower triangles of T numbers, row by row, pull (K, D): precisions times means.
+    log_background; rest (D,), rest_precision (D, 2), below and above it: of the background.
     """
-    K, D = mean.shape
-    log_density = np.empty(K + 1)
-    _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density)
+    K, D = pull.shape
+    log_density, white, angles = np.empty(K + 1), np.empty(K * D), q[q_index]
+    _log_densities(angles, log_share, whiten_t, white_mean, log_background, rest, rest_precision, white, log_density)
     highest = log_density.max()
     share = np.exp(log_density - highest)
     total = share.sum()
     share /= total
-    force, own, bend = np.zeros(D), np.empty(D), np.zeros((D, D))
-    for k in range(K + 1):
-        if share[k] < _NEGLIGIBLE:
-            continue
-        if k == K:
-            _background(q, q_index, share[k], rest, rest_precision, exact, own, bend)
-        else:
-            _gaussian(q, q_index, share[k], mean[k], precision[k], exact, own, bend)
-        for i in range(D):
-            force[i] += share[k] * own[i]
+    force, own, bend = np.zeros(D), np.empty(D), np.zeros(precision.shape[1])
+    for k in range(K):
+        if share[k] >= _NEGLIGIBLE:
+            _add_to(bend, share[k], precision[k])
+            _add_to(force, -share[k], pull[k])
+    _add_product(bend, angles, force)
+    _background(angles, share[K], rest, rest_precision, exact, own, bend)
+    _add_to(force, share[K], own)
+    if exact:
+        _subtract_square(bend, share[K], own)
+        for k in range(K):
+            if share[k] >= _NEGLIGIBLE:
+                own[:] = 0.0
+                for i in range(D):
+                    _add_to(own, white[k * D + i], whiten[k, i])
+                _subtract_square(bend, share[k], own)
+        _subtract_square(bend, -1.0, force)
+    n = 0
     for i in range(D):
         gradient[v_index[i]] += weight * force[i]
-        for j in range(D):
-            mean_force = force[i] * force[j] if exact else 0.0
-            hessian[v_index[i], v_index[j]] += weight * (bend[i, j] + mean_force)
+        for j in range(i):
+            hessian[v_index[i], v_index[j]] += weight * bend[n]
+            hessian[v_index[j], v_index[i]] += weight * bend[n]
+            n += 1
+        hessian[v_index[i], v_index[i]] += weight * bend[n]
+        n += 1
     return -weight * (highest + math.log(total))
 
 
 @jit
 def mixture_values(  # type: ignore[no-untyped-def]
-    q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, weight, values
+    q, q_index, log_share, whiten_t, white_mean, log_background, rest, rest_precision, weight, values
 ):
     """Fill values (N,) with those of `mixture_energy` at q (N, nq)."""
-    log_density = np.empty(mean.shape[0] + 1)
+    log_density, white = np.empty(log_share.shape[0] + 1), np.empty(white_mean.shape[0])
     for n in range(q.shape[0]):
-        _log_densities(q[n], q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density)
+        angles = q[n][q_index]
+        _log_densities(
+            angles, log_share, whiten_t, white_mean, log_background, rest, rest_precision, white, log_density
+        )
         highest = log_density.max()
         values[n] = -weight * (highest + math.log(np.exp(log_density - highest).sum()))
 
 
 @jit
-def _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density):  # type: ignore[no-untyped-def]
-    """Fill log_density (K + 1,) at q (nq,): of the K Gaussians, then of the background; see `mixture_energy`."""
-    K, D = mean.shape
+def _log_densities(  # type: ignore[no-untyped-def]
+    angles, log_share, whiten_t, white_mean, log_background, rest, rest_precision, white, log_density
+):
+    """Fill log_density (K + 1,) at angles (D,): of the K Gaussians, then of the background; and white (K * D,), the
+    angles as standard normal numbers of each Gaussian. The other arrays: see `mixture_energy`."""
+    K, D = log_share.shape[0], angles.shape[0]
     log_density[K] = log_background
     for i in range(D):
-        e = q[q_index[i]] - rest[i]
+        e = angles[i] - rest[i]
         log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i, 1 if e > 0.0 else 0] / NU)
-    white = np.empty(D)
+    white[:] = 0.0
+    for j in range(D):
+        _add_to(white, angles[j], whiten_t[j])
+    _add_to(white, -1.0, white_mean)
     for k in range(K):
-        white[:] = 0.0
-        for j in range(D):
-            away = q[q_index[j]] - mean[k, j]
-            for i in range(j, D):
-                white[i] += whiten_t[k, j, i] * away
         square = 0.0
-        for i in range(D):
+        for i in range(k * D, k * D + D):
             square += white[i] * white[i]
         log_density[k] = log_share[k] - 0.5 * square
 
 
 @jit
-def _gaussian(q, q_index, share, mean, precision, exact, own, bend):  # type: ignore[no-untyped-def]
-    """Fill own (D,), the gradient of -log density of a Gaussian, and add its share of the curvature to bend (D, D).
-
-    The exact curvature lacks the product of the mean forces, added once for all. mean (D,), precision (D, D). The other
-    arrays: see `mixture_energy`.
-    """
-    D = mean.shape[0]
-    own[:] = 0.0
-    for j in range(D):
-        away = q[q_index[j]] - mean[j]
-        for i in range(D):
-            own[i] += precision[j, i] * away
-    for i in range(D):
-        pull = own[i] if exact else 0.0
-        for j in range(D):
-            bend[i, j] += share * (precision[i, j] - pull * own[j])
+def _add_to(sums, factor, numbers):  # type: ignore[no-untyped-def]
+    """Add factor times numbers (N,) to sums (N,)."""
+    for n in range(sums.shape[0]):
+        sums[n] += factor * numbers[n]
 
 
 @jit
-def _background(q, q_index, share, rest, rest_precision, exact, own, bend):  # type: ignore[no-untyped-def]
-    """The same as `_gaussian` for the background. own (D,), bend (D, D); the other arrays: see `mixture_energy`."""
-    D = rest.shape[0]
-    for i in range(D):
-        e = q[q_index[i]] - rest[i]
+def _add_product(triangle, x, out):  # type: ignore[no-untyped-def]
+    """Add to out (D,) the product of a symmetric matrix, given by its lower triangle (T,), with x (D,)."""
+    n = 0
+    for i in range(x.shape[0]):
+        for j in range(i):
+            out[i] += triangle[n] * x[j]
+            out[j] += triangle[n] * x[i]
+            n += 1
+        out[i] += triangle[n] * x[i]
+        n += 1
+
+
+@jit
+def _subtract_square(triangle, factor, x):  # type: ignore[no-untyped-def]
+    """Subtract factor x x' of x (D,) from a symmetric matrix, given by its lower triangle (T,)."""
+    n = 0
+    for i in range(x.shape[0]):
+        f = factor * x[i]
+        for j in range(i + 1):
+            triangle[n + j] -= f * x[j]
+        n += i + 1
+
+
+@jit
+def _background(angles, share, rest, rest_precision, exact, own, bend):  # type: ignore[no-untyped-def]
+    """Fill own (D,), the gradient of -log density of the background at angles (D,), and add its share of the curvature
+    of single angles to the diagonal of the lower triangle bend (T,). The other arrays: see
+    `mixture_energy`."""
+    n = 0
+    for i in range(rest.shape[0]):
+        e = angles[i] - rest[i]
         precision = rest_precision[i, 1 if e > 0.0 else 0]
         slope = 1.0 / (1.0 + e * e * precision / NU)
         own[i] = precision * e * slope
         bending = 2.0 * slope * slope * e * e * precision / NU if exact else 0.0
-        bend[i, i] += share * precision * (slope - bending)
-    if exact:
-        for i in range(D):
-            for j in range(D):
-                bend[i, j] -= share * own[i] * own[j]
+        bend[n + i] += share * precision * (slope - bending)
+        n += i + 1

@@ -11,24 +11,17 @@ from humanoid.support.compiled import jit
 def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
     """Solve B y = x by Cholesky, in place of x: B is A at the leading n of `rows` and of the columns of the same names.
 
-    A (N, N), rows (N,) int, x (n,). Only the lower triangle of B is read; L (N, N), n x n at least, is filled with its
-    factor, and may be A itself. A pivot (a square of a diagonal entry of the factor) below `floor` becomes `floor`.
-    With a floor of 0 the matrix has to be positive definite: False, with x as it was, where it is not.
+    A (N, N), rows (N,) int, rising where L is A, x (n,). Only the lower triangle of B is read; L (N, N), n x n at
+    least, is filled with its factor, and may be A itself. A pivot (a square of a diagonal entry of the factor) below
+    `floor` becomes `floor`. With a floor of 0 the matrix has to be positive definite: False, with x as it was, where it
+    is not.
     """
     for a in range(n):
         i = rows[a]
         for b in range(a + 1):
-            t = A[i, rows[b]]
-            for c in range(b):
-                t -= L[a, c] * L[b, c]
-            if a == b:
-                if t <= floor:
-                    if floor == 0.0:
-                        return False
-                    t = floor
-                L[a, a] = math.sqrt(t)
-            else:
-                L[a, b] = t / L[b, b]
+            L[a, b] = A[i, rows[b]]
+    if not _factor(L, n, floor):
+        return False
     for a in range(n):
         t = x[a]
         for b in range(a):
@@ -40,6 +33,65 @@ def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
             t -= L[b, a] * x[b]
         x[a] = t / L[a, a]
     return True
+
+
+@jit
+def _factor(L, n, floor):  # type: ignore[no-untyped-def]
+    """Replace the lower triangle of the leading n x n of L (N, N) by its Cholesky factor; see `solve_definite`.
+
+    Two columns of four rows at a time: eight sums that do not wait for each other, each in the order in which a single
+    one would be taken, so that the factor is the same to the bit.
+    """
+    for b in range(0, n - 1, 2):
+        left, right = L[b], L[b + 1]
+        own, side, beyond = left[b], right[b], right[b + 1]
+        for c in range(b):
+            own -= left[c] * left[c]
+            side -= right[c] * left[c]
+            beyond -= right[c] * right[c]
+        first = _pivot(own, floor)
+        side /= first
+        second = _pivot(beyond - side * side, floor)
+        if first == 0.0 or second == 0.0:
+            return False
+        left[b], right[b], right[b + 1] = first, side, second
+        a = b + 2
+        while a + 4 <= n:
+            r0, r1, r2, r3 = L[a], L[a + 1], L[a + 2], L[a + 3]
+            t0, t1, t2, t3 = r0[b], r1[b], r2[b], r3[b]
+            u0, u1, u2, u3 = r0[b + 1], r1[b + 1], r2[b + 1], r3[b + 1]
+            for c in range(b):
+                f, g = left[c], right[c]
+                x0, x1, x2, x3 = r0[c], r1[c], r2[c], r3[c]
+                t0, t1, t2, t3 = t0 - x0 * f, t1 - x1 * f, t2 - x2 * f, t3 - x3 * f
+                u0, u1, u2, u3 = u0 - x0 * g, u1 - x1 * g, u2 - x2 * g, u3 - x3 * g
+            t0, t1, t2, t3 = t0 / first, t1 / first, t2 / first, t3 / first
+            r0[b], r1[b], r2[b], r3[b] = t0, t1, t2, t3
+            r0[b + 1], r1[b + 1] = (u0 - t0 * side) / second, (u1 - t1 * side) / second
+            r2[b + 1], r3[b + 1] = (u2 - t2 * side) / second, (u3 - t3 * side) / second
+            a += 4
+        for d in range(a, n):
+            row = L[d]
+            t, u = row[b], row[b + 1]
+            for c in range(b):
+                t -= row[c] * left[c]
+                u -= row[c] * right[c]
+            t /= first
+            row[b], row[b + 1] = t, (u - t * side) / second
+    if n % 2:
+        last = L[n - 1]
+        own = last[n - 1]
+        for c in range(n - 1):
+            own -= last[c] * last[c]
+        last[n - 1] = _pivot(own, floor)
+        return last[n - 1] != 0.0
+    return True
+
+
+@jit
+def _pivot(square, floor):  # type: ignore[no-untyped-def]
+    """A diagonal entry of the factor; 0 where it has none."""
+    return math.sqrt(floor if square <= floor else square)
 
 
 @jit
