@@ -506,7 +506,7 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.robustness.silent_faults",
-        "Faults of files of points, drawn at random: angles that stay right, frames that are hard, files refused.",
+        "Faults of points, keypoints and sources, drawn at random: right angles, hard frames, files refused.",
         "none silent",
         (NOTHING,),
         (MOCAP, MOCAP_MORE),

@@ -14,6 +14,7 @@ import kinemode as km
 from benchmarks.accuracy.sizes import cameras_for
 from benchmarks.robustness.floor_scenes import FPS, Scene, scenes
 from benchmarks.support.common import Json, Several, captured_folder, save
+from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.runs.run_file import Run
@@ -104,8 +105,7 @@ def _points(body: Body, points: np.ndarray, folder: Path, rng: np.random.Generat
 
 
 def _keypoints(body: Body, points: np.ndarray, kind: Kind, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
-    cameras = [resized_camera(camera, SIZE) for camera in cameras_for(HEIGHT)][: 1 if kind == "one" else 3]
-    points = points - np.append(points[..., :2].reshape(-1, 2).mean(axis=0), 0.0)
+    cameras, points = cameras_around()[: 1 if kind == "one" else 3], about_origin(points)
     write_cameras(folder / "cameras.json", cameras)
     for camera in cameras:
         pixels = np.array([camera.project(p) for p in points])
@@ -114,6 +114,16 @@ def _keypoints(body: Body, points: np.ndarray, kind: Kind, folder: Path, rng: np
         write_keypoints(folder / f"{camera.name}.json", track)
     paths = [folder / f"{camera.name}.json" for camera in cameras]
     return {"keypoints": paths, "cameras": folder / "cameras.json"}
+
+
+def cameras_around() -> tuple[Camera, ...]:
+    """Three cameras around somebody at the origin."""
+    return tuple(resized_camera(camera, SIZE) for camera in cameras_for(HEIGHT))
+
+
+def about_origin(points: np.ndarray) -> np.ndarray:
+    """Points (T, L, 3) of who is at the origin, as high as before."""
+    return points - np.append(points[..., :2].reshape(-1, 2).mean(axis=0), 0.0)
 
 
 def _error(run: Run, scene: Scene) -> float:
