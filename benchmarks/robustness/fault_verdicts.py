@@ -16,7 +16,14 @@ from humanoid.support.errors import InputError
 VERDICTS = ("right", "hard", "refused", "noted", "silent")
 RIGHT, LEAST = 1.2, 0.2  # of the faultless run's error; degrees that are none
 _WORDS = 6  # of a warning, by which two are alike
-_OTHERWISE = ("rest on a limit", "may lean the other way", "bounds of the fit", "floor at", "no floor was put")
+_OTHERWISE = (
+    "rest on a limit",
+    "may lean the other way",
+    "bounds of the fit",
+    "floor at",
+    "no floor was put",
+    "on no floor",
+)
 """What warnings have that speak of the body or its surroundings."""
 
 

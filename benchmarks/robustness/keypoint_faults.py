@@ -29,7 +29,9 @@ from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.synthesis.detector import of_points
 from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import FORMATS
 
+LAYOUTS = ("coco17", "body25", "halpe26")
 Views = tuple[Places, ...]
 
 
@@ -89,31 +91,33 @@ _EVERYWHERE, _SEVERAL = (legs_missing, labels_permuted), (begun_later,)
 def trial(body: Body, q: np.ndarray, fault: Fault, rng: np.random.Generator) -> Trial:
     """One fault of the keypoints of q (T, nq), in one camera half of the time, else in two or three."""
     count = int(rng.integers(2, 4)) if fault in _SEVERAL or rng.random() < 0.5 else 1
-    views = _detected(body, q, count, rng)
+    layout = LAYOUTS[int(rng.integers(len(LAYOUTS)))]
+    views = _detected(body, q, layout, count, rng)
     chosen = range(count) if fault in _EVERYWHERE else [int(rng.integers(count))]
     seed = int(rng.integers(2**32))
     wrong = tuple(with_fault(v, fault, np.random.default_rng(seed)) if c in chosen else v for c, v in enumerate(views))
     return Trial(
-        f"keypoints of {count}",
-        lambda folder: _tracked(body, q, views, folder),
-        lambda folder: _tracked(body, q, wrong, folder),
+        f"{layout} of {count}",
+        lambda folder: _tracked(body, q, layout, views, folder),
+        lambda folder: _tracked(body, q, layout, wrong, folder),
     )
 
 
-def _detected(body: Body, q: np.ndarray, count: int, rng: np.random.Generator) -> Views:
-    """The landmarks of q (T, nq) as a detector gives them in so many cameras."""
-    points, names = about_origin(body.landmarks_of(body.placed(q))), tuple(body.landmark_names)
-    tracks = [of_points(names, "landmarks", points, camera, rng, DETECTOR, FPS) for camera in cameras_around()[:count]]
+def _detected(body: Body, q: np.ndarray, layout: str, count: int, rng: np.random.Generator) -> Views:
+    """Keypoints of q (T, nq) as a detector gives them in so many cameras."""
+    names = tuple(name for name in FORMATS[layout] if name is not None)
+    points = about_origin(body.landmarks_of(body.placed(q)))[:, [body.landmark_names.index(name) for name in names]]
+    tracks = [of_points(names, layout, points, camera, rng, DETECTOR, FPS) for camera in cameras_around()[:count]]
     return tuple(Places(track.pixels, names) for track in tracks)
 
 
-def _tracked(body: Body, q: np.ndarray, views: Views, folder: Path) -> Result:
+def _tracked(body: Body, q: np.ndarray, layout: str, views: Views, folder: Path) -> Result:
     """As a user would, by calibrated cameras."""
     cameras = cameras_around()[: len(views)]
     write_cameras(folder / "cameras.json", cameras)
     paths = [folder / f"{camera.name}.json" for camera in cameras]
     for path, view in zip(paths, views, strict=True):
         seen = np.isfinite(view.at).all(axis=-1).astype(float)
-        write_keypoints(path, KeypointTrack("landmarks", view.names, view.at, seen, SIZE, FPS))
+        write_keypoints(path, KeypointTrack(layout, view.names, view.at, seen, SIZE, FPS))
     run = km.track(body.subject.source, None, keypoints=paths, cameras=folder / "cameras.json", up="z", fit="off")
     return Result.of_joints(run, q)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from benchmarks.robustness.fault_verdicts import Result, Trial
@@ -28,6 +29,7 @@ from estimator.retargeting.correspondence import PERSON_LIMBS
 from estimator.retargeting.joint_orders import ORDERS, SMPL
 from estimator.retargeting.likeness import limb_angles
 from estimator.retargeting.source import SourceMotion
+from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 
 SUBJECTS = ("human34", "example-robot-data:g1")
@@ -86,8 +88,19 @@ def _followed(subject: str, truth: Places, places: Places, up: str | None, folde
     else:
         np.savez(path, points=places.at, names=np.array(places.names), fps=FPS, unit="m")
     run = km.retarget(path, subject, up=up)
-    angles, given = (limb_angles(run.body, run.landmarks, _motion(p), PERSON_LIMBS) for p in (truth, places))
+    landmarks = run.landmarks if up is not None else _facing(run, _motion(truth))
+    angles, given = (limb_angles(run.body, landmarks, _motion(p), PERSON_LIMBS) for p in (truth, places))
     return Result.of(run, angles, np.isfinite(given).any(axis=0), len(truth.at))
+
+
+def _facing(run: Run, truth: SourceMotion) -> np.ndarray:
+    """The run's landmarks (T, L, 3) turned about z to face as the truth does: a turned file does not say it."""
+    names = [name for name in run.body.landmark_names if name in truth.names]
+    own = run.landmarks[:, [run.body.landmark_names.index(name) for name in names], :2]
+    other = np.stack([truth.landmark(name) for name in names], axis=1)[..., :2]
+    own, other = (points - points.mean(axis=1, keepdims=True) for points in (own, other))
+    angle = np.arctan2(np.nansum(own[..., 0] * other[..., 1] - own[..., 1] * other[..., 0]), np.nansum(own * other))
+    return np.asarray(run.landmarks @ Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix().T)
 
 
 def _motion(places: Places) -> SourceMotion:
