@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from builders import body_of
 
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.markers.load import load_points
-from estimator.data.repeats import filled_places, frames_elsewhere, measured_keypoints, repeated_frames
+from estimator.data.repeats import filled_places, frames_elsewhere, measured_keypoints, repeated_frames, stuck_points
 from estimator.synthesis.motion import authored_motion
 
 COUNT = 40
@@ -119,3 +120,49 @@ def test_who_turns_round_is_in_one_place_twice() -> None:
     there = np.concatenate([points[:20], points[19::-1]])
     assert not repeated_frames(there).any()
     assert len(names) == there.shape[1]
+
+
+@pytest.mark.parametrize(("first", "after"), [(10, 14), (15, 25)])
+def test_a_frozen_stretch_is_missing_though_the_person_turns_round_meanwhile(first: int, after: int) -> None:
+    _, points, _ = walk(30.0)
+    held = np.repeat(points[first : first + 1], after - first, axis=0)
+    frozen = np.concatenate([points[:first], held, points[first - 1 :: -1]])
+    expected = np.zeros(len(frozen), dtype=bool)
+    expected[first + 1 : after] = True
+    np.testing.assert_array_equal(repeated_frames(frozen), expected)
+
+
+@pytest.mark.parametrize(("first", "after", "power"), [(10, 14, 2.0), (15, 25, 3.0)])
+def test_who_comes_to_rest_and_goes_back_is_kept(first: int, after: int, power: float) -> None:
+    names, points, _ = walk(30.0)
+    frames = np.arange(COUNT)
+    away = np.maximum(first - frames, np.maximum(frames - after + 1, 0)) ** power / first**power
+    resting = points[:1] + away[:, None, None] * np.arange(1.0, len(names) + 1)[:, None] * [0.02, 0.0, 0.01]
+    assert (np.diff(resting[first:after], axis=0) == 0.0).all()
+    assert not repeated_frames(resting).any()
+
+
+@pytest.mark.parametrize(("stuck", "seed"), [(("left_wrist",), 0), (("right_knee", "nose", "left_heel"), 1)])
+def test_a_keypoint_that_never_moves_is_missing(stuck: tuple[str, ...], seed: int) -> None:
+    names, points, times = walk(30.0)
+    pixels = 600.0 + 300.0 * points[..., :2] + np.random.default_rng(seed).normal(size=(*points.shape[:2], 2))
+    chosen = [names.index(name) for name in stuck]
+    pixels[:, chosen] = pixels[0, chosen]
+    pixels[25] = pixels[24]  # a picture twice says nothing of the others
+    sure = np.ones(points.shape[:2])
+    seen = measured_keypoints(KeypointTrack("coco17", names, pixels, sure, (1920, 1080), 30.0), times)
+    assert np.isnan(seen.pixels[:, chosen]).all()
+    assert np.isfinite(seen.pixels[np.arange(COUNT) != 25][:, [k for k in range(len(names)) if k not in chosen]]).all()
+    assert set(stuck) <= set(re.findall(r"[a-z]+_[a-z]+|nose", seen.notes[-1]))
+
+
+def test_keypoints_that_rest_with_others_are_kept() -> None:
+    """As in whole pixels of a person who hardly moves, in a clip of few frames, and where most never move."""
+    names, points, _ = walk(30.0)
+    pixels = 600.0 + 300.0 * points[..., :2] + np.random.default_rng(0).normal(size=(*points.shape[:2], 2))
+    pixels[:, 0] = pixels[0, 0]
+    assert stuck_points(pixels).tolist() == [True] + [False] * (len(names) - 1)
+    assert not stuck_points(pixels[:9]).any()
+    assert not stuck_points(np.concatenate([pixels[:, :1], np.round(0.05 * pixels[:, 1:])], axis=1)).any()
+    pixels[:, : len(names) // 2] = pixels[0, : len(names) // 2]
+    assert not stuck_points(pixels).any()

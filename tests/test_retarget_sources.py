@@ -132,6 +132,17 @@ def test_short_clips(run: Run, tmp_path: Path, frames: int) -> None:
     assert len(load_source(tmp_path / "b.npz", up="z", unit="m").times) == frames
 
 
+@pytest.mark.parametrize(("first", "after"), [(3, 7), (5, 11)])
+def test_joints_that_were_not_measured_are_missing(run: Run, tmp_path: Path, first: int, after: int) -> None:
+    joints = smpl(load_source(run))
+    joints[first:after] = joints[first]
+    np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)
+    read = load_source(tmp_path / "a.npz", up="z")
+    missing = np.isnan(read.points).all(axis=(1, 2))
+    assert np.flatnonzero(missing).tolist() == list(range(first + 1, after))
+    assert f"a.npz: {after - first - 1} frames repeat" in read.notes[0]
+
+
 def test_a_frame_alone_needs_no_rate(run: Run, tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", joints=smpl(load_source(run))[:1])
     assert load_source(tmp_path / "a.npz").times.tolist() == [0.0]

@@ -6,6 +6,7 @@ What truly rests comes to rest and leaves it smoothly, or trembles by the noise 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.observation import image_extent
 from estimator.data.sequence import GIVEN
 from estimator.numerics.stretches import stretches
+from humanoid.support.errors import first_of
 
 _FEWEST = 4  # points of a frame that say that all of it is repeated
 _LEAST = 3  # frames of a place that was filled in; two alike may be chance where places are whole pixels
@@ -25,6 +27,9 @@ _RARE = 0.01  # share of steps that are none
 _FAR = 0.02  # extents: of the leap itself, 1 cm of a person
 _FASTEST = 25.0  # extents a second, 12 m/s: the fastest sprinter
 _FIRST = 3  # frames before the motion, at most
+_STUCK = 10  # frames of a point that never moves
+_FEW = 0.25  # of the points, that never move while others are measured
+_LISTED = 6  # names in a note
 
 
 def repeated_frames(places: np.ndarray) -> np.ndarray:
@@ -40,7 +45,8 @@ def repeated_frames(places: np.ndarray) -> np.ndarray:
     repeated = np.zeros(len(places), dtype=bool)
     for first, after in stretches(equal):
         around = (*moving[max(0, first - 1) : first], *moving[after : after + 1])
-        repeated[first + 1 : after + 1] = len(around) > 0 and all(around) and _goes_on(places, first, after)
+        moves_on = _goes_on(places, first, after) or _is_cut(places, first, after)
+        repeated[first + 1 : after + 1] = len(around) > 0 and all(around) and moves_on
     return repeated
 
 
@@ -51,6 +57,19 @@ def _goes_on(places: np.ndarray, first: int, after: int) -> bool:
         return True
     before, behind = places[first] - places[first - 1], places[after + 1] - places[after]
     return bool(np.nansum(before * behind) > 0.0)
+
+
+def _is_cut(places: np.ndarray, first: int, after: int) -> bool:
+    """Whether places (T, N, D) that are the same in three frames or more, from `first` to `after`, stop and leave at
+    full speed: whoever comes to rest is slower just before, and just afterwards, than one frame away from that."""
+    if after - first < _LEAST - 1 or first < 2 or after + 2 >= len(places):
+        return False
+    step = np.linalg.norm(np.diff(places[[*range(first - 2, first + 1), *range(after, after + 3)]], axis=0), axis=2)
+    known = step[:, np.isfinite(step).all(axis=0)]
+    if known.shape[1] < _FEWEST:
+        return False
+    before, stops, _, leaves, behind = np.median(known, axis=1)
+    return bool(stops > 0.5 * before and leaves > 0.5 * behind)
 
 
 def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -75,6 +94,18 @@ def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
             if after - first + 1 >= _LEAST and (leaves or stops):
                 filled[first + 1 : after + 1, k] = True
     return filled
+
+
+def stuck_points(places: np.ndarray) -> np.ndarray:
+    """Which points (N,) of detected places (T, N, D) never move, to the last digit, in all frames that have them, ten
+    or more, while hardly any place of the others repeats: what a detector finds trembles. A quarter of the points at
+    most; more are a person who does not move."""
+    step = np.linalg.norm(np.diff(places, axis=0), axis=2)
+    known = np.isfinite(step)
+    stuck = (known.sum(axis=0) >= _STUCK - 1) & ~(known & (step > 0.0)).any(axis=0)
+    others = known & ~stuck
+    measured = others.any() and (step[others] == 0.0).mean() < _RARE
+    return np.asarray(stuck & measured & (stuck.sum() <= _FEW * known.any(axis=0).sum()))
 
 
 def frames_elsewhere(places: np.ndarray, times: np.ndarray) -> int:
@@ -119,6 +150,23 @@ class Unmeasured(NamedTuple):
         return every
 
 
+def measured_points(
+    source: str, names: Sequence[str], points: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Points (T, N, 3) at times (T,) [s], NaN where they were not measured, and notes on what was taken for missing.
+    source, names (N): of the file and its points, for the notes."""
+    first, repeated, filled = unmeasured = Unmeasured.of(points, times)
+    what = "repeat to the last digit while the body moves and are taken for missing"
+    listed = first_of([name for name, own in zip(names, filled.T, strict=True) if own.any()], _LISTED)
+    notes = (
+        (repeated.sum(), f"frames {what}"),
+        (filled.sum(), f"places {what}: {listed}"),
+        (first, "frames at the beginning are elsewhere, as a rest pose is: taken for missing"),
+    )
+    own = tuple(f"{source}: {number} {text}" for number, text in notes if number)
+    return np.where(unmeasured.all[..., None], np.nan, points), own
+
+
 def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
     """The keypoints without those that were not measured, with notes on what was taken for missing: at exactly zero,
     in repeated pictures, and filled in. times (N,): of the track's first frames [s]. What a person clicked is kept."""
@@ -130,7 +178,8 @@ def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack
     places = np.where((seen & ~zero)[..., None], track.pixels, np.nan)[:count]
     unmeasured = Unmeasured.of(places, times[:count])
     wrong = zero.copy()
-    wrong[:count] |= unmeasured.all & seen[:count]
+    stuck = stuck_points(np.where(unmeasured.all[..., None], np.nan, places))
+    wrong[:count] |= (unmeasured.all | stuck) & seen[:count]
     if not wrong.any():
         return track
     notes = (
@@ -144,8 +193,17 @@ def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack
             int(unmeasured.filled.sum()),
             "keypoints that repeat to the last digit while the person moves are taken for missing",
         ),
+        (
+            int(stuck.sum()),
+            f"keypoints that never move while others do are taken for missing: {_listed(track, stuck)}",
+        ),
     )
     pixels, confidence = track.pixels.copy(), track.confidence.copy()
     pixels[wrong], confidence[wrong] = np.nan, 0.0
     own = tuple(f"{number} {text}" for number, text in notes if number)
     return replace(track, pixels=pixels, confidence=confidence, notes=(*track.notes, *own))
+
+
+def _listed(track: KeypointTrack, chosen: np.ndarray) -> str:
+    """The names of some of a track's keypoints, by number where they have none."""
+    return first_of([track.names[i] or f"keypoint {i}" for i in np.flatnonzero(chosen)], _LISTED)

@@ -13,6 +13,7 @@ from estimator.data.formats.markers import check_spread
 from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import METRES, checked_unit, upright_world
 from estimator.data.formats.point_arrays import checked_points, checked_rate, number_array
+from estimator.data.repeats import measured_points
 from estimator.numerics.axes import mean_direction
 from estimator.retargeting.joint_orders import (
     ORDERS,
@@ -83,7 +84,9 @@ def load_joints(
     joints, zeros = with_origin(joints, order.names)
     notes = [note for note in (f"{path.name}: {zeros}" if zeros else "", order.note) if note]
     chosen = [i for i, name in enumerate(order.names) if name is not None]
-    names, points = tuple(name for name in order.names if name is not None), joints[:, chosen]
+    names = tuple(name for name in order.names if name is not None)
+    points, repeats = measured_points(path.name, names, joints[:, chosen], times)
+    notes += repeats
     if not np.isfinite(points).all(axis=2).any():
         raise InputError(path, "has no joint that is known: all are NaN or zero")
     if up is None:

@@ -17,7 +17,7 @@ from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
 from estimator.data.markers.readers import UNIT_OPTION, read_points
 from estimator.data.markers.track import MarkerTrack, PointFile, Said
-from estimator.data.repeats import Unmeasured
+from estimator.data.repeats import measured_points
 from humanoid.support.errors import InputError, first_of, shown
 
 _LISTED = 6  # names in a note
@@ -122,16 +122,7 @@ def _is_marker(label: str) -> bool:
 
 def _measured(file: PointFile) -> PointFile:
     """The points of a file without those that only repeat the one before, which is how some programs fill gaps."""
-    first, repeated, filled = unmeasured = Unmeasured.of(file.points, file.time)
-    if not unmeasured.all.any():
-        return file
-    what = "repeat to the last digit while the body moves and are taken for missing"
-    names = first_of([name for name, own in zip(file.names, filled.T, strict=True) if own.any()], _LISTED)
-    notes = [f"{file.path.name}: {repeated.sum()} frames {what}"] if repeated.any() else []
-    notes += [f"{file.path.name}: {filled.sum()} places {what}: {names}"] if filled.any() else []
-    rest = f"{file.path.name}: {first} frames at the beginning are elsewhere, as a rest pose is: taken for missing"
-    notes += [rest] if first else []
-    points = np.where(unmeasured.all[..., None], np.nan, file.points)
+    points, notes = measured_points(file.path.name, file.names, file.points, file.time)
     return file._replace(points=points, notes=(*file.notes, *notes))
 
 
