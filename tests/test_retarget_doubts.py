@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from estimator.retargeting.doubts import doubts_of
-from estimator.retargeting.handedness import is_mirrored
-from estimator.retargeting.leaps import leaps_of, without_rest_pose
+from estimator.retargeting.handedness import is_mirrored, turns_round
+from estimator.retargeting.leaps import leap_frames, leaps_of, without_rest_pose
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
 from estimator.retargeting.source import SourceMotion, filled
+from humanoid.subject.landmarks import mirror_index
 from tests.builders import body_of
 from tests.test_retargeting import HUMAN, part_of, steps
 
@@ -153,6 +154,54 @@ def test_who_bends_or_lies_is_not_mirrored(angles: tuple[float, float, float]) -
     source = part_of(steps(), 0, 30)
     R = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
     assert not is_mirrored(replace(source, points=source.points @ R.T))
+
+
+@pytest.mark.parametrize(("first", "after"), [(6, 12), (0, 8), (11, 15)])
+def test_sides_exchanged_in_a_stretch_make_it_hard(first: int, after: int) -> None:
+    motion, source = followed()
+    points = source.points.copy()
+    points[first:after] = points[first:after][:, mirror_index(source.names)]
+    doubts = doubts_of(body_of(HUMAN), motion, replace(source, points=points))
+    beside = [t for cut in (first, after) if 0 < cut < len(points) for t in (cut - 1, cut)]
+    assert np.flatnonzero(doubts.frames).tolist() == sorted({*range(first, after), *beside})
+    assert "turn round faster than anybody" in doubts.findings[0]
+    assert "toes point backwards" in doubts.findings[-1]
+
+
+@pytest.mark.parametrize(("limb", "first", "after"), [("left", 4, 8), ("right", 10, 11)])
+def test_a_limb_that_leaps_there_and_back_is_hard_in_between(limb: str, first: int, after: int) -> None:
+    motion, source = followed()
+    arm = [source.names.index(f"{limb}_{part}") for part in ("elbow", "wrist")]
+    points = source.points.copy()
+    points[first:after, arm] += [0.3, 0.6, 0.8]
+    wrong = replace(source, points=points)
+    doubts = doubts_of(body_of(HUMAN), motion, wrong, leaps_of(wrong))
+    assert doubts.frames[first - 1 : after + 1].all()
+    apart = part_of(wrong, 0, after)  # nobody knows where the arm is when it stays
+    assert leap_frames(apart, leaps_of(apart)).sum() == 2
+
+
+@pytest.mark.parametrize(("part", "other"), [("elbow", "ankle"), ("knee", "shoulder")])
+def test_names_under_which_limbs_are_no_body_s(part: str, other: str) -> None:
+    motion, source = followed()
+    exchanged = {f"left_{part}": f"left_{other}", f"left_{other}": f"left_{part}"}
+    wrong = replace(source, names=tuple(exchanged.get(name, name) for name in source.names))
+    doubts = doubts_of(body_of(HUMAN), motion, wrong)
+    assert doubts.frames.all()
+    assert any("limbs are no body's" in finding for finding in doubts.findings)
+    legs = [i for i, name in enumerate(wrong.names) if "wrist" not in name]
+    some = replace(wrong, names=tuple(wrong.names[i] for i in legs), points=wrong.points[:, legs])
+    assert not any("limbs are no body's" in finding for finding in doubts_of(body_of(HUMAN), motion, some).findings)
+
+
+@pytest.mark.parametrize(("rate", "speed"), [(30.0, 2000.0), (60.0, 2300.0), (120.0, 1500.0)])
+def test_a_skater_does_not_turn_round_too_fast(rate: float, speed: float) -> None:
+    """Nor does who stands, by joints with noise."""
+    source, rng = part_of(steps(), 0, 30), np.random.default_rng(0)
+    times = np.arange(30) / rate
+    turns = Rotation.from_euler("z", speed * times[:, None], degrees=True).as_matrix()
+    for points in (source.points @ turns.swapaxes(1, 2), source.points + 0.03 * rng.normal(size=source.points.shape)):
+        assert turns_round(replace(source, points=points, times=times)) == ()
 
 
 def _other_side(name: str) -> str:

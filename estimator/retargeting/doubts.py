@@ -1,4 +1,5 @@
-"""What speaks against a motion that was made another body's: limbs and hips far from the source, leaps of the source.
+"""What speaks against a motion that was made another body's: limbs and hips far from the source, leaps of the source,
+left and right exchanged.
 
 Of the first 3 s or less of 32 good motions (12 of ASAP, 20 others, nearly all CMU's), each followed by G1 and by Talos,
 62 have limbs 5 to 7 degrees off in the middle of all frames and 59 at most, where a joint's limits keep a trunk or a
@@ -15,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.retargeting.handedness import is_mirrored
+from estimator.retargeting.handedness import is_mirrored, mirrored_frames, turns_round
+from estimator.retargeting.joint_orders import order_misfit
 from estimator.retargeting.leaps import Leap, leap_findings, leap_frames
 from estimator.retargeting.motion import RetargetedMotion
 from estimator.retargeting.source import SourceMotion
@@ -29,6 +31,11 @@ _LIGHT = 0.5  # of a limb's weight: what counts less may be anywhere
 _ACROSS = ("hips", "shoulders", "head")  # lines across the trunk are short, and heads turn as they can
 _SHORTEST = 1e-9  # m
 _MIRRORED = "the toes point backwards, as left and right are exchanged or the axes are left-handed,"
+_TURNS = "hips or shoulders turn round faster than anybody"
+_NO_BODY = 1.5
+"""Of the largest misfit of names that are to be found; those that a file gives are believed for longer. Of 273 parts of
+1 s of captured motions, exact or with 20 and 30 mm of noise, the largest is 1.02, of robots and their people 0.4; of
+parts whose names are permuted among half of all joints or more the least is 1.2, and 2 % are below 1.5."""
 _LISTED = 4
 _LEG = ("hip", "knee", "ankle")
 _REVERSED = "the subject's toes point backwards, as its heels and toes, or left and right, are exchanged,"
@@ -47,18 +54,28 @@ def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps:
     own = np.array([targets.combination @ points_in_world(body.at(q), targets.joint, targets.local) for q in motion.q])
     rows = _limbs(targets)
     angles = _angles(own[:, rows], targets.target[:, rows])
-    mirrored, reversed_feet = (np.full(len(own), is_mirrored(each)) for each in (source, _at_rest(body)))
+    mirrored, reversed_feet = mirrored_frames(source), np.full(len(own), is_mirrored(_at_rest(body)))
+    turning = _beside(turns_round(source), len(own))
     unknown = np.asarray((targets.weight <= 0.0).all(axis=1))
     doubts = [
         (leap_findings(source, tuple(leaps)), leap_frames(source, tuple(leaps))),
         _of_limbs(source, [targets.names[row] for row in rows], angles),
         _of_hips(source, _hips_off(targets, own), _leg(body)),
+        _of_lengths(source),
         (_sentence(source, unknown, "nothing of the source is known"), unknown),
+        (_sentence(source, turning, _TURNS, "left and right are to be checked there"), turning),
         (_sentence(source, mirrored, _MIRRORED, "names and axes of the file are to be checked"), mirrored),
         (_sentence(source, reversed_feet, _REVERSED, "its landmarks are to be checked"), reversed_feet),
     ]
     findings = tuple(sentence for sentences, _ in doubts for sentence in sentences)
     return Doubts(findings, np.any([frames for _, frames in doubts], axis=0))
+
+
+def _beside(turns: Sequence[int], count: int) -> np.ndarray:
+    """Frames (T,) bool before and after the turns."""
+    frames = np.zeros(count, dtype=bool)
+    frames[[t - k for t in turns for k in (0, 1)]] = True
+    return frames
 
 
 def _at_rest(body: Body) -> SourceMotion:
@@ -111,6 +128,15 @@ def _of_hips(source: SourceMotion, off: np.ndarray, leg: float) -> tuple[tuple[s
     """What speaks against the path, off it by (T,) [m], of a body whose legs are so long [m]."""
     frames = np.asarray(off > _HIPS_OFF * leg)
     return _sentence(source, frames, f"the hips are up to {off.max(initial=0.0):.1f} m off the source's path"), frames
+
+
+def _of_lengths(source: SourceMotion) -> tuple[tuple[str, ...], np.ndarray]:
+    """What speaks against the names of a source's landmarks: limbs that are no body's."""
+    misfit = order_misfit(source.points, source.names)
+    frames = np.full(len(source.times), misfit.value > _NO_BODY)
+    return _sentence(
+        source, frames, f"limbs are no body's ({misfit.why})", "joints are not what their names say"
+    ), frames
 
 
 def _sentence(source: SourceMotion, frames: np.ndarray, what: str, remedy: str = "") -> tuple[str, ...]:

@@ -1,6 +1,10 @@
-"""Whether left is left in a source: toes point to the front of who has the left hip on the left."""
+"""Whether left is left in a source: toes point to the front of who has the left hip on the left, and nobody turns round
+between two frames."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,6 +15,36 @@ _PARTS = ("hip", "knee", "ankle", "big_toe")
 _BACK = -0.2
 """Cosine of foot and front, in the middle of all frames. Of 126 motions the least is 0.32."""
 _SHORTEST = 1e-9  # m
+_FASTEST = 2400.0
+"""[degrees/s] Faster than anybody turns: a figure skater's record are 342 turns a minute, 2050 degrees a second."""
+_ROUND = 120.0  # degrees: a turn that no noise of a line across the body makes
+
+
+def turns_round(source: SourceMotion) -> tuple[int, ...]:
+    """The frames before which the line across hips or shoulders turns round faster than anybody, as where left and
+    right are exchanged from there on, or no longer."""
+    frames = set[int]()
+    for part in ("hip", "shoulder"):
+        ends = [f"{side}_{part}" for side in _SIDES]
+        if not set(ends) <= set(source.names):
+            continue
+        across = source.landmark(ends[0]) - source.landmark(ends[1])
+        known = np.flatnonzero(np.linalg.norm(across, axis=1) > _SHORTEST)
+        line = across[known] / np.linalg.norm(across[known], axis=1)[:, None]
+        angle = np.degrees(np.arccos(np.clip((line[1:] * line[:-1]).sum(axis=1), -1.0, 1.0)))
+        fast = angle > np.maximum(_ROUND, _FASTEST * np.diff(source.times[known]))
+        frames |= set(known[1:][fast].tolist())
+    return tuple(sorted(frames))
+
+
+def mirrored_frames(source: SourceMotion) -> np.ndarray:
+    """Frames (T,) bool of a source, or of its parts between such turns, that `is_mirrored`."""
+    mirrored = np.zeros(len(source.times), dtype=bool)
+    cuts = [0, *turns_round(source), len(mirrored)]
+    for first, after in pairwise(cuts):
+        part = slice(first, after)
+        mirrored[part] = is_mirrored(replace(source, points=source.points[part], times=source.times[part]))
+    return mirrored
 
 
 def is_mirrored(source: SourceMotion) -> bool:

@@ -32,6 +32,7 @@ _PAIRS = {
     "thigh": ("hip", "knee"), "shank": ("knee", "ankle"), "upper arm": ("shoulder", "elbow"),
     "forearm": ("elbow", "wrist"),
 }  # fmt: skip
+_ENDS = {f"{side}_{end}" for pair in _PAIRS.values() for end in pair for side in _SIDES}
 _ASYMMETRY = 0.23  # logarithm of left over right, in medians
 _SPREAD = 0.3  # of a length, over its middle: a deviation of noise
 _RATIO = 0.7  # logarithm of shank over thigh and of forearm over upper arm: either half as long as the other
@@ -126,8 +127,11 @@ def clear_order(misfits: Mapping[str, Misfit]) -> str | None:
 
 
 def order_misfit(joints: np.ndarray, names: Sequence[str | None]) -> Misfit:
-    """How far joints (T, J, 3), NaN where missing, are from a body's if the first have these names."""
+    """How far joints (T, J, 3), NaN where missing, are from a body's if the first have these names. Nobody can tell
+    where the ends of the limbs are not all among them."""
     at = {name: i for i, name in enumerate(names) if name is not None}
+    if not at.keys() >= _ENDS:
+        return Misfit(float("nan"), "too few limbs are known")
     lengths, misfits, sides = dict[str, float](), [Misfit(0.0, "")], 0
     for bone, (a, b) in _PAIRS.items():
         both = [_length(joints[:, at[f"{side}_{a}"]] - joints[:, at[f"{side}_{b}"]]) for side in _SIDES]

@@ -10,6 +10,7 @@ first frame.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ _HIPS = ("left_hip", "right_hip")
 _LISTED = 4
 _FIRST = 3  # frames that an exporter writes before the motion
 _SHARE = 0.1  # of the motion, at most
+_AWAY = 0.5  # of the motion: what is elsewhere for longer is where the motion is
 _SEVERAL = 2  # joints that leap at once: a pose of its own, not a joint that was mistaken
 
 
@@ -87,11 +89,24 @@ def leap_findings(source: SourceMotion, leaps: tuple[Leap, ...]) -> tuple[str, .
 
 
 def leap_frames(source: SourceMotion, leaps: tuple[Leap, ...]) -> np.ndarray:
-    """Frames (T,) bool beside a leap, and between."""
+    """Frames (T,) bool beside a leap, and those between a leap there and one back."""
     frames = np.zeros(len(source.times), dtype=bool)
     for leap in leaps:
         frames[leap.before : leap.after + 1] = True
+    for there, back in pairwise(leaps):
+        between = slice(there.after, back.before + 1)
+        if between.stop - between.start < _AWAY * len(frames) and _goes_on_without(source, between):
+            frames[between] = True
     return frames
+
+
+def _goes_on_without(source: SourceMotion, between: slice) -> bool:
+    """Whether nothing leaps from the frame before some to the frame after them."""
+    points = source.points.copy()
+    points[between] = np.nan
+    return not any(
+        leap.before < between.stop and leap.after > between.start for leap in leaps_of(replace(source, points=points))
+    )
 
 
 def _parts(source: SourceMotion) -> dict[str, np.ndarray]:
