@@ -84,7 +84,11 @@ def test_points_at_zero_and_held_keypoints_are_missing() -> None:
     np.testing.assert_array_equal(seen.confidence == 0.0, expected)
     np.testing.assert_array_equal(np.isnan(seen.pixels).all(axis=2), expected)
     assert [note.split()[0] for note in seen.notes] == [str(2 * len(names)), "1", "9"]
-    clicked = KeypointTrack("landmarks", names, wrong, sure, (1920, 1080), 30.0)
+    clicked = measured_keypoints(KeypointTrack("landmarks", names, wrong, sure, (1920, 1080), 30.0), times)
+    assert np.flatnonzero(np.isnan(clicked.pixels).any(axis=(1, 2))).tolist() == [7, 8]
+    assert np.isnan(clicked.pixels[7:9]).all()
+    assert len(clicked.notes) == 1
+    clicked = KeypointTrack("landmarks", names, pixels[[0, 1, 1, 1]], sure[:4], (1920, 1080), 30.0)
     assert measured_keypoints(clicked, times) is clicked
 
 

@@ -169,39 +169,40 @@ def measured_points(
 
 def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
     """The keypoints without those that were not measured, with notes on what was taken for missing: at exactly zero,
-    in repeated pictures, and filled in. times (N,): of the track's first frames [s]. What a person clicked is kept."""
-    if track.layout == GIVEN or not track.names:
+    in repeated pictures, and filled in. times (N,): of the track's first frames [s]. Of what a person clicked only
+    zeros are taken for missing."""
+    if not track.names:
         return track
+    zero = (track.confidence > 0.0) & (track.pixels == 0.0).all(axis=2)
+    left = _without(track, zero, (f"{zero.sum()} keypoints at exactly zero are taken for missing",))
+    return left if track.layout == GIVEN else _without_repeats(left, times)
+
+
+def _without_repeats(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
+    """The keypoints of a detector without those that only repeat others, and without a rest pose before the motion."""
     count = min(len(times), track.frame_count)
     seen = track.confidence > 0.0
-    zero = seen & (track.pixels == 0.0).all(axis=2)
-    places = np.where((seen & ~zero)[..., None], track.pixels, np.nan)[:count]
-    unmeasured = Unmeasured.of(places, times[:count])
-    wrong = zero.copy()
+    places = np.where(seen[..., None], track.pixels, np.nan)[:count]
+    first, repeated, filled = unmeasured = Unmeasured.of(places, times[:count])
     stuck = stuck_points(np.where(unmeasured.all[..., None], np.nan, places))
-    wrong[:count] |= (unmeasured.all | stuck) & seen[:count]
+    wrong = np.zeros_like(seen)
+    wrong[:count] = (unmeasured.all | stuck) & seen[:count]
+    notes = (
+        (first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
+        (repeated.sum(), "frames that repeat the one before while the person moves are taken for missing"),
+        (filled.sum(), "keypoints that repeat to the last digit while the person moves are taken for missing"),
+        (stuck.sum(), f"keypoints that never move while others do are taken for missing: {_listed(track, stuck)}"),
+    )
+    return _without(track, wrong, tuple(f"{number} {text}" for number, text in notes if number))
+
+
+def _without(track: KeypointTrack, wrong: np.ndarray, notes: tuple[str, ...]) -> KeypointTrack:
+    """The track without keypoints wrong (T, N) and with notes on them, as it is where none is."""
     if not wrong.any():
         return track
-    notes = (
-        (unmeasured.first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
-        (int(zero.sum()), "keypoints at exactly zero are taken for missing"),
-        (
-            int(unmeasured.repeated.sum()),
-            "frames that repeat the one before while the person moves are taken for missing",
-        ),
-        (
-            int(unmeasured.filled.sum()),
-            "keypoints that repeat to the last digit while the person moves are taken for missing",
-        ),
-        (
-            int(stuck.sum()),
-            f"keypoints that never move while others do are taken for missing: {_listed(track, stuck)}",
-        ),
-    )
     pixels, confidence = track.pixels.copy(), track.confidence.copy()
     pixels[wrong], confidence[wrong] = np.nan, 0.0
-    own = tuple(f"{number} {text}" for number, text in notes if number)
-    return replace(track, pixels=pixels, confidence=confidence, notes=(*track.notes, *own))
+    return replace(track, pixels=pixels, confidence=confidence, notes=(*track.notes, *notes))
 
 
 def _listed(track: KeypointTrack, chosen: np.ndarray) -> str:
