@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.retargeting.contact_file import load_standing
 from estimator.retargeting.doubts import doubts_of
+from estimator.retargeting.handedness import without_mirrored_parts
 from estimator.retargeting.leaps import leaps_of, without_rest_pose
 from estimator.retargeting.match_file import load_match, match_start
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
@@ -62,7 +63,7 @@ def retarget_to(
     path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, wanted.out))
     RunTarget(path, overwrite=wanted.overwrite).check()
     read = load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit, layout=wanted.layout)
-    read = without_rest_pose(read)
+    read = without_rest_pose(without_mirrored_parts(read))
     motion = filled(read, GAP)
     match = None if wanted.match is None else load_match(wanted.match)
     standing = None if wanted.contacts is None else load_standing(wanted.contacts, motion)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from estimator.retargeting.doubts import doubts_of
-from estimator.retargeting.handedness import is_mirrored, turns_round
+from estimator.retargeting.handedness import is_mirrored, turns_round, without_mirrored_parts
 from estimator.retargeting.leaps import leap_frames, leaps_of, without_rest_pose
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
@@ -166,6 +166,25 @@ def test_sides_exchanged_in_a_stretch_make_it_hard(first: int, after: int) -> No
     assert np.flatnonzero(doubts.frames).tolist() == sorted({*range(first, after), *beside})
     assert "turn round faster than anybody" in doubts.findings[0]
     assert "toes point backwards" in doubts.findings[-1]
+
+
+@pytest.mark.parametrize(("first", "after"), [(6, 12), (0, 8), (11, 15)])
+def test_sides_exchanged_in_a_stretch_are_missing(first: int, after: int, tmp_path: Path) -> None:
+    motion, source = followed()
+    points = source.points.copy()
+    points[first:after] = points[first:after][:, mirror_index(source.names)]
+    read = without_mirrored_parts(replace(source, points=points))
+    assert np.flatnonzero(np.isnan(read.points).all(axis=(1, 2))).tolist() == list(range(first, after))
+    assert f"from {source.times[first]:.2f} to {source.times[after - 1]:.2f} s: taken for missing" in read.notes[-1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", km.InputWarning)
+        run = km.retarget(replace(source, points=points), HUMAN, method="frames", out=tmp_path / "a.run")
+    joints = run.body.bounded_q
+    assert np.degrees(np.abs(run.q - motion.q)[:, joints]).mean() < 3.0
+    assert read.notes[-1] in run.header.notes
+    backwards = replace(source, points=source.points[:, mirror_index(source.names)])
+    for other in (source, backwards):
+        assert without_mirrored_parts(other) is other
 
 
 @pytest.mark.parametrize(("limb", "first", "after"), [("left", 4, 8), ("right", 10, 11)])

@@ -8,13 +8,16 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimator.numerics.stretches import stretches
 from estimator.retargeting.source import SourceMotion
+from humanoid.support.errors import first_of
 
 _SIDES = ("left", "right")
 _PARTS = ("hip", "knee", "ankle", "big_toe")
 _BACK = -0.2
 """Cosine of foot and front, in the middle of all frames. Of 126 motions the least is 0.32."""
 _SHORTEST = 1e-9  # m
+_LISTED = 4
 _FASTEST = 2400.0
 """[degrees/s] Faster than anybody turns: a figure skater's record are 342 turns a minute, 2050 degrees a second."""
 _ROUND = 120.0  # degrees: a turn that no noise of a line across the body makes
@@ -45,6 +48,19 @@ def mirrored_frames(source: SourceMotion) -> np.ndarray:
         part = slice(first, after)
         mirrored[part] = is_mirrored(replace(source, points=source.points[part], times=source.times[part]))
     return mirrored
+
+
+def without_mirrored_parts(source: SourceMotion) -> SourceMotion:
+    """The motion without its parts in which left and right are exchanged, which are missing then, with a note; as it is
+    where all of it is mirrored, or nothing."""
+    mirrored = mirrored_frames(source)
+    if not mirrored.any() or mirrored.all():
+        return source
+    spans = [f"{source.times[first]:.2f} to {source.times[after - 1]:.2f} s" for first, after in stretches(mirrored)]
+    what = "left and right are exchanged, as hips or shoulders turn round at once and toes point backwards,"
+    note = f"{source.source}: {what} from {first_of(spans, _LISTED)}: taken for missing"
+    points = np.where(mirrored[:, None, None], np.nan, source.points)
+    return replace(source, points=points, notes=(*source.notes, note))
 
 
 def is_mirrored(source: SourceMotion) -> bool:
