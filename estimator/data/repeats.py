@@ -62,14 +62,18 @@ def _goes_on(places: np.ndarray, first: int, after: int) -> bool:
 def _is_cut(places: np.ndarray, first: int, after: int) -> bool:
     """Whether places (T, N, D) that are the same in three frames or more, from `first` to `after`, stop and leave at
     full speed: whoever comes to rest is slower just before, and just afterwards, than one frame away from that."""
-    if after - first < _LEAST - 1 or first < 2 or after + 2 >= len(places):
+    if after - first < _LEAST - 1:
         return False
-    step = np.linalg.norm(np.diff(places[[*range(first - 2, first + 1), *range(after, after + 3)]], axis=0), axis=2)
-    known = step[:, np.isfinite(step).all(axis=0)]
-    if known.shape[1] < _FEWEST:
-        return False
-    before, stops, _, leaves, behind = np.median(known, axis=1)
-    return bool(stops > 0.5 * before and leaves > 0.5 * behind)
+    step = np.linalg.norm(np.diff(places, axis=0), axis=2)
+    beside, away = (_typical(step, frames) for frames in ((first - 1, after), (first - 2, after + 1)))
+    known = np.isfinite(beside).any() and np.isfinite(away).any()
+    return bool(known and np.nanmean(beside) > 0.5 * np.nanmean(away))
+
+
+def _typical(step: np.ndarray, frames: tuple[int, int]) -> list[float]:
+    """The median of steps (T, N) at some frames, NaN at those that are not there or have too few."""
+    known = [step[t][np.isfinite(step[t])] if 0 <= t < len(step) else step[:0, 0] for t in frames]
+    return [float(np.median(own)) if len(own) >= _FEWEST else float("nan") for own in known]
 
 
 def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
