@@ -17,6 +17,7 @@ from estimator.numerics.banded import inverse_diagonal
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
+from humanoid.support.compiled import jit
 
 DAMPING = Damping(first=1e-6)
 _LEAST = 1e-4  # precision of what nothing holds
@@ -126,7 +127,7 @@ class FrameChain:
         """
         model = self._model(q)
         free = free_mask(self._body, q, model.gradient)
-        bands = _banded(_definite(model.blocks, free, model.blocks))
+        bands = _banded(model.blocks, free, added=_LEAST)
         del model
         factor = cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False)
         moved, _ = dtbtrs(factor, rng.standard_normal((free.size, count)), uplo="L", trans="T")
@@ -175,12 +176,7 @@ class FrameChain:
         q, gradient = model.q, model.gradient
         count, nv = gradient.shape
         free = free_mask(self._body, q, gradient) & ~held[:, None]
-        blocks = _only(model.blocks, free, np.empty_like(model.blocks))
-        diagonal = np.einsum("tii->ti", blocks[0])
-        diagonal *= 1.0 + damping
-        diagonal[~free] = 1.0
-        bands = _banded(blocks)
-        del blocks, diagonal  # large
+        bands = _banded(model.blocks, free, factor=1.0 + damping)
         right = np.where(free, -gradient, 0.0).ravel()
         step = solveh_banded(bands, right, lower=True, check_finite=False, overwrite_ab=True)
         return np.asarray(step).reshape(count, nv)
@@ -202,31 +198,39 @@ class _Poses(Problem[ChainModel]):
         return self._chain.at(model.q, step[0])
 
 
-def _only(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Blocks (1 + REACH, T, nv, nv) with the rows and columns of variables that are not free (T, nv) at zero, in `out`,
-    which may be the blocks themselves."""
+def _definite(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Blocks (1 + REACH, T, nv, nv), in `out`, which may be the blocks themselves, with rows and columns of the
+    identity for variables that are not free (T, nv), and a little more than nothing for those that nothing holds."""
     np.multiply(blocks, free[None, :, :, None], out=out)
     for k in range(len(blocks)):
         out[k, : max(0, len(free) - k)] *= free[k:, None, :]
+    np.einsum("tii->ti", out[0])[:] += np.where(free, _LEAST, 1.0)
     return out
 
 
-def _definite(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """The same with ones for variables that are not free, and a little more than nothing for those that nothing
-    holds."""
-    kept = _only(blocks, free, out)
-    np.einsum("tii->ti", kept[0])[:] += np.where(free, _LEAST, 1.0)
-    return kept
-
-
-def _banded(blocks: np.ndarray) -> np.ndarray:
-    """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`."""
+def _banded(blocks: np.ndarray, free: np.ndarray, factor: float = 1.0, added: float = 0.0) -> np.ndarray:
+    """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`, with rows and columns of
+    the identity for variables that are not free (T, nv), and the diagonal of the others times a factor plus a
+    number."""
     _, count, nv, _ = blocks.shape
-    n = count * nv
-    bands = np.zeros((len(blocks) * nv, n), order="F")  # as LAPACK has them, which then needs no copy
-    for k, there in enumerate(blocks[:count]):
-        for i in range(nv):  # row of the upper block: variable i of frame t; columns: those of frame t + k
-            first = i if k == 0 else 0
-            offset = k * nv - i
-            bands[offset + first : offset + nv, i : n - k * nv : nv] = there[: count - k, i, first:].T
+    bands = np.zeros((len(blocks) * nv, count * nv), order="F")  # as LAPACK has them, which then needs no copy
+    fill_bands(blocks, free, factor, added, bands.T)
     return bands
+
+
+@jit
+def fill_bands(blocks, free, factor, added, columns):  # type: ignore[no-untyped-def]
+    """Fill columns (N, M) of `_banded`, N = T nv, M = K nv, zero before, from blocks (K, T, nv, nv), free (T, nv)."""
+    reach, count, nv = blocks.shape[0], blocks.shape[1], blocks.shape[2]
+    for t in range(count):
+        for i in range(nv):
+            column = columns[t * nv + i]
+            if not free[t, i]:
+                column[0] = 1.0
+                continue
+            for k in range(min(reach, count - t)):
+                row = blocks[k, t, i]
+                for j in range(i if k == 0 else 0, nv):
+                    if free[t + k, j]:
+                        column[k * nv + j - i] = row[j]
+            column[0] = factor * column[0] + added
