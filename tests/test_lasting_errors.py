@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import body_of, observe
+from builders import body_of, camera_at, observe
 from test_smoothing import CAMERA, FPS, points
 
 from estimator.energy.term import Cost
@@ -32,7 +32,7 @@ def residuals(new: float, lasting: float, count: int = 600, fps: float = FPS, pl
     pixels = lasting * correlated_noise(rng, (count, 1, places, 2), persistence)
     pixels += new * rng.normal(size=pixels.shape)
     shape = pixels.shape[:-1]
-    return Residuals(times, pixels, np.full(shape, np.hypot(new, lasting)), np.ones(shape))
+    return Residuals(times, pixels, np.full(shape, np.hypot(new, lasting)), np.ones(shape), np.ones(shape))
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0])
@@ -62,13 +62,12 @@ def test_what_lasts_is_found_and_what_does_not_change_keeps_its_pull() -> None:
     errors = lasting_errors(made, share, LASTING)
     assert np.sqrt(np.square(errors - truth).mean()) < 0.5 * np.sqrt(np.square(made.pixels).mean())
     still = made._replace(pixels=np.full_like(made.pixels, 5.0))
-    left = still.pixels - lasting_errors(still, share, LASTING)
     new, whole = share[0] * made.sigma[0, 0, 0], made.sigma[0, 0, 0]
-    np.testing.assert_allclose(left / new**2, still.pixels / whole**2, rtol=0.1)
-    assert (
-        not lasting_errors(made, np.ones(1), LASTING).any()
-        or np.abs(lasting_errors(made, np.ones(1), LASTING)).max() < 1e-3
-    )
+    for seen in (still, still._replace(confidence=0.5 * still.confidence)):
+        left = seen.pixels - lasting_errors(seen, share, LASTING)
+        np.testing.assert_allclose(left / new**2, still.pixels / whole**2, rtol=1e-9)
+    far = made._replace(left=np.full_like(made.left, 0.3))  # of outliers
+    assert np.abs(lasting_errors(far, np.ones(1), LASTING)).max() < 1e-3  # all is new in every frame
 
 
 def test_sudden_movements_are_followed_where_errors_stay() -> None:
@@ -89,6 +88,25 @@ def test_sudden_movements_are_followed_where_errors_stay() -> None:
     assert after < 0.95 * before
     for whole, cost in zip(detected, costs, strict=True):
         assert by_whole_error(cost).value_at(truth[0]) == whole.value_at(truth[0])
+
+
+@pytest.mark.parametrize("count", [1, 2, 12])
+def test_clips_of_few_frames_and_cameras_that_see_nothing(count: int) -> None:
+    body, cameras = body_of("human34"), (CAMERA, camera_at(80.0))
+    seen = [
+        observe(body, body.neutral, cameras, noise=3.0, rng=np.random.default_rng(i), index=i, time=i / FPS)
+        for i in range(count)
+    ]
+    for observation in seen[4:]:
+        observation.confidence[1], observation.pixels[1] = 0.0, np.nan
+    for observation in seen[2:3]:
+        observation.confidence[:], observation.pixels[:] = 0.0, np.nan
+    model = CostModel(body)
+    costs: list[Cost] = [model.cost(model.observation_term(o)) for o in seen]
+    q = np.tile(body.neutral, (count, 1))
+    corrected = list(without_lasting(body, costs, np.arange(count) / FPS, q, LASTING))
+    assert np.isfinite([cost.value_at(body.neutral) for cost in corrected]).all()
+    assert (corrected == costs) == (count == 1)
 
 
 def test_frames_without_cameras_stay_as_they_are() -> None:

@@ -115,13 +115,13 @@ class Reprojection(BatchTerm):
         projected = np.array([camera.project(points) for camera in self.cameras])
         return np.where(self._confidence[..., None] > 0.0, self._pixels - projected, np.nan)
 
-    def pull(self, residuals: np.ndarray) -> np.ndarray:
-        """What the potential leaves of the pull that residuals (C, L, 2) [px] would have by least squares, times the
-        confidence, (C, L); 0 where they are NaN."""
+    def robust_share(self, residuals: np.ndarray) -> np.ndarray:
+        """What the potential leaves of the pull that residuals (C, L, 2) [px] would have by least squares, (C, L); 0
+        where they are NaN."""
         square = np.square(residuals).sum(axis=-1) * self._precision
         left = np.zeros(square.size)
         slopes(self._kind, square.ravel(), self._nu, left)
-        return np.where(np.isfinite(square), self._confidence * left.reshape(square.shape), 0.0)
+        return np.where(np.isfinite(square), left.reshape(square.shape), 0.0)
 
     def corrected(self, errors: np.ndarray, sigma: np.ndarray) -> Reprojection:
         """The same term with keypoints that are without errors (C, L, 2) [px], by other deviations (C, L) [px]; its

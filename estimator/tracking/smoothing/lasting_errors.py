@@ -28,27 +28,28 @@ class Residuals(NamedTuple):
     """Keypoints less the body's, along a trajectory of T frames that C cameras see, L landmarks.
 
     times (T,) [s], rising. pixels (T, C, L, 2) [px], NaN where missing. sigma (T, C, L) [px]: standard deviations of
-    the whole error. pull (T, C, L): what the robust potential leaves of a keypoint's pull, 0 where missing.
+    the whole error. confidence (T, C, L). left (T, C, L): what the robust potential leaves of a keypoint's pull, 0
+    where it is missing.
     """
 
     times: np.ndarray
     pixels: np.ndarray
     sigma: np.ndarray
-    pull: np.ndarray
+    confidence: np.ndarray
+    left: np.ndarray
 
 
 def without_lasting(
     body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray, lasting: float
 ) -> Iterator[Cost]:
     """Energies of frames, (T) of `costs`, whose keypoints are without the errors that last for some `lasting` [s] along
-    poses q (T, nq) at times (T,) [s], rising; as they are where no camera has keypoints."""
+    poses q (T, nq) at times (T,) [s], rising; as they are where no camera's keypoints show which these are."""
     residuals = residuals_along(body, costs, times, q)
-    if residuals is None:
+    share = np.ones(0) if residuals is None else frame_shares(residuals)
+    if residuals is None or (share == 1.0).all():
         yield from costs
         return
-    share = frame_shares(residuals)
-    offset = lasting_errors(residuals, share, lasting)
-    for own, cost in zip(offset, costs, strict=True):
+    for own, cost in zip(lasting_errors(residuals, share, lasting), costs, strict=True):
         yield _corrected(body, cost, own, share)
 
 
@@ -64,11 +65,13 @@ def residuals_along(body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.
         term = _keypoints(cost)
         if term is None:
             continue
-        shape = (len(q), *term.sigma.shape)
         if residuals is None:
-            residuals = Residuals(times, np.full((*shape, 2), np.nan), np.ones(shape), np.zeros(shape))
-        residuals.pixels[t], residuals.sigma[t] = term.residuals(body.at(q[t])), term.sigma
-        residuals.pull[t] = term.pull(residuals.pixels[t])
+            shape = (len(q), *term.sigma.shape)
+            missing, nothing = np.full((*shape, 2), np.nan), np.zeros(shape)
+            residuals = Residuals(times, missing, np.ones(shape), nothing, nothing.copy())
+        pixels = term.residuals(body.at(q[t]))
+        residuals.pixels[t], residuals.sigma[t] = pixels, term.sigma
+        residuals.confidence[t], residuals.left[t] = term.observation.confidence, term.robust_share(pixels)
     return residuals
 
 
@@ -96,19 +99,20 @@ def lasting_errors(residuals: Residuals, share: np.ndarray, lasting: float) -> n
 
     What stays for the whole clip, and the mean of a first-order process in time about it, of which the residuals are
     measurements with what is new in a frame as noise. So much of both is left to the keypoints that residuals which do
-    not change pull as they did by the whole error.
+    not change pull as they did by the whole error; the potential takes less from what is left than it took from them.
     """
     errors, process = np.zeros_like(residuals.pixels), _process_precision(residuals.times, lasting)
-    for c, k in np.argwhere(residuals.pull.any(axis=0)):
-        new = share[c] ** 2
-        sigma, pull = residuals.sigma[:, c, k], residuals.pull[:, c, k]
-        system = process / ((1.0 - new) * np.median(sigma[pull > 0.0]) ** 2 + _TINY)
-        precision = pull / (new * sigma**2)
+    weight = np.where(residuals.left > 0.0, residuals.confidence * residuals.left / np.square(residuals.sigma), 0.0)
+    for c, k in np.argwhere(weight.any(axis=0)):
+        new, left = share[c] ** 2, residuals.left[:, c, k]
+        precision = weight[:, c, k] / new
+        typical = np.median(residuals.sigma[precision > 0.0, c, k])
+        system = process / ((1.0 - new) * typical**2 + _TINY)
         system[0] += precision
         shown = np.nan_to_num(residuals.pixels[:, c, k])
         always = precision @ shown / precision.sum()
         changing = solveh_banded(system, precision[:, None] * (shown - always), lower=True, check_finite=False)
-        errors[:, c, k] = (1.0 - new * pull)[:, None] * (always + changing)
+        errors[:, c, k] = (1.0 - new * left ** (1.0 - new))[:, None] * (always + changing)
     return errors
 
 
