@@ -147,8 +147,9 @@ def test_where_no_foot_is_seen_the_smoother_leaves_feet_alone() -> None:
 
 def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
     """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
-    for what the smoother alone does: it holds feet that stand, on a floor, remembers accelerations, tells the pace."""
-    whole = {"stance": 0.0, "memory": 0.0, "pace_rounds": 0, "iterations": 60, "tolerance": 1e-9}
+    for what the smoother alone does: it holds feet that stand, on a floor, remembers accelerations, tells the pace, and
+    takes away what lasts of errors."""
+    whole = {"stance": 0.0, "lasting": 0.0, "memory": 0.0, "pace_rounds": 0, "iterations": 60, "tolerance": 1e-9}
     settings = SmoothSettings(lag=FRAMES, lag_iterations=40, even_pace=1.0, **whole)
     offline = smooth_track(track.search, track.seen, track.results, settings, floor="off").q
     apart = distances(track.body, poses(track, settings), offline)
