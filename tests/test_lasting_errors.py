@@ -104,12 +104,12 @@ def test_clips_of_few_frames_and_cameras_that_see_nothing(count: int) -> None:
     model = CostModel(body)
     costs: list[Cost] = [model.cost(model.observation_term(o)) for o in seen]
     q = np.tile(body.neutral, (count, 1))
-    corrected = list(without_lasting(body, costs, np.arange(count) / FPS, q, LASTING))
-    assert np.isfinite([cost.value_at(body.neutral) for cost in corrected]).all()
-    assert (corrected == costs) == (count == 1)
+    corrected = without_lasting(body, costs, np.arange(count) / FPS, q, LASTING)
+    assert (corrected is None) == (count == 1)
+    assert np.isfinite([cost.value_at(body.neutral) for cost in corrected or costs]).all()
 
 
 def test_frames_without_cameras_stay_as_they_are() -> None:
     body = body_of("arm8")
     costs = [CostModel(body).cost(None)] * 3
-    assert list(without_lasting(body, costs, np.arange(3) / FPS, np.tile(body.neutral, (3, 1)), LASTING)) == costs
+    assert without_lasting(body, costs, np.arange(3) / FPS, np.tile(body.neutral, (3, 1)), LASTING) is None

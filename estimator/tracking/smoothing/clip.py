@@ -152,8 +152,10 @@ class _Track:
         body, motion, ties = self._search.body, trajectory.motion, trajectory.ties
         if self._settings.lasting <= 0.0:
             return trajectory
-        own = without_lasting(body, trajectory.costs, self._times, trajectory.q, self._settings.lasting)
-        costs = self._spill.list(own)
+        new = without_lasting(body, trajectory.costs, self._times, trajectory.q, self._settings.lasting)
+        if new is None:
+            return trajectory
+        costs = self._spill.list(new)
         q = smooth(body, costs, self._times, trajectory.q, motion, self._settings, ties=ties)
         return replace(trajectory, q=q, costs=costs)
 

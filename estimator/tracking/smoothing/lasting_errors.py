@@ -41,16 +41,15 @@ class Residuals(NamedTuple):
 
 def without_lasting(
     body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray, lasting: float
-) -> Iterator[Cost]:
+) -> Iterator[Cost] | None:
     """Energies of frames, (T) of `costs`, whose keypoints are without the errors that last for some `lasting` [s] along
-    poses q (T, nq) at times (T,) [s], rising; as they are where no camera's keypoints show which these are."""
+    poses q (T, nq) at times (T,) [s], rising; None where no camera's keypoints show which these are."""
     residuals = residuals_along(body, costs, times, q)
     share = np.ones(0) if residuals is None else frame_shares(residuals)
     if residuals is None or (share == 1.0).all():
-        yield from costs
-        return
-    for own, cost in zip(lasting_errors(residuals, share, lasting), costs, strict=True):
-        yield _corrected(body, cost, own, share)
+        return None
+    errors = lasting_errors(residuals, share, lasting)
+    return (_corrected(body, cost, own, share) for cost, own in zip(costs, errors, strict=True))
 
 
 def by_whole_error(cost: Cost) -> Cost:
