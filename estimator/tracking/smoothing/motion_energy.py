@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from estimator.inference.motion import MotionPrior
 from humanoid.kinematics.body import Body
+from humanoid.support.compiled import jit
 
 
 class Movements(NamedTuple):
@@ -58,8 +59,13 @@ class MotionEnergy:
     def __init__(self, body: Body, prior: MotionPrior, dt: np.ndarray) -> None:
         self._body, self._prior, self._dt = body, prior, dt
         model = body.model
-        turning = [range(v, v + n) for v, n in zip(model.idx_vs, model.nvs, strict=True) if n > 1]
-        self._turning = np.array([i for joint in turning for i in joint], dtype=np.int64)
+        self._turns, turning, places = pin.Model(), list[int](), list[int]()  # a model of what turns alone
+        for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:
+            if joint.nv > 1:
+                self._turns.addJoint(0, joint, pin.SE3.Identity(), name)
+                turning += range(joint.idx_v, joint.idx_v + joint.nv)
+                places += range(joint.idx_q, joint.idx_q + joint.nq)
+        self._turning, self._turning_q = (np.array(i, dtype=np.int64) for i in (turning, places))
         self._adding = np.setdiff1d(np.arange(body.nv), self._turning)
         pace = np.ones((len(dt) + 1, body.nv)) if prior.pace is None else prior.pace
         self._velocity_precision = 1.0 / np.square(prior.velocity_std)
@@ -110,9 +116,9 @@ class MotionEnergy:
         values = rate[:, None] * np.array([pin.difference(model, a, b) for a, b in pairwise(q)])
         turns = np.zeros((len(rate), 2, len(turning), len(turning)))
         if len(turning):
-            some = np.ix_(turning, turning)
-            for t, pair in enumerate(pairwise(q)):
-                turns[t] = [rate[t] * J[some] for J in pin.dDifference(model, *pair)]
+            for t, pair in enumerate(pairwise(q[:, self._turning_q])):
+                turns[t] = pin.dDifference(self._turns, *pair)
+            turns *= rate[:, None, None, None]
         return Movements(values, np.stack([-rate, rate], axis=1), turns)
 
     def _add(
@@ -121,15 +127,38 @@ class MotionEnergy:
         """Add the derivatives of what movements cost, of precision (nv,) or (M, nv), each counted by its share (M,)."""
         square, nu = precision * np.square(moved.values), self._prior.nu
         weight = share[:, None] * precision / (1.0 + square / nu)
-        pull, reach = weight * moved.values, moved.rates.shape[1]
-        adding, turning = self._adding, self._turning
-        of = [slice(moved.first + k, moved.first + k + len(pull)) for k in range(reach)]
+        add_movements(
+            moved.values, moved.rates, moved.turns, moved.first, weight, self._adding, self._turning, gradient, blocks
+        )
+
+
+@jit
+def add_movements(values, rates, turns, first, weight, adding, turning, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add to gradient (T, nv) and blocks (R, T, nv, nv) the derivatives of 1/2 weight times squares of movements.
+
+    values, weight (M, nv), rates (M, K), turns (M, K, n, n), first: see `Movements`. adding (A,), turning (n,): the
+    degrees of freedom of rates and of turns.
+    """
+    count, reach, n = turns.shape[0], turns.shape[1], turns.shape[2]
+    loaded = np.empty((n, n))
+    for m in range(count):
         for k in range(reach):
-            gradient[of[k], adding] += moved.rates[:, k, None] * pull[:, adding]
-            gradient[of[k], turning] += np.einsum("mab,ma->mb", moved.turns[:, k], pull[:, turning])
-            loaded = (moved.turns[:, k] * weight[:, turning, None]).transpose(0, 2, 1)
+            t, rate, J = first + m + k, rates[m, k], turns[m, k]
+            for i in adding:
+                gradient[t, i] += rate * (weight[m, i] * values[m, i])
+            for a in range(n):
+                w = weight[m, turning[a]]
+                for b in range(n):
+                    loaded[b, a] = J[a, b] * w
+                    gradient[t, turning[b]] += J[a, b] * (w * values[m, turning[a]])
             for j in range(k, reach):
-                block = blocks[j - k]
-                diagonal = np.einsum("tii->ti", block)
-                diagonal[of[k], adding] += (moved.rates[:, k] * moved.rates[:, j])[:, None] * weight[:, adding]
-                block[of[k], turning[:, None], turning] += loaded @ moved.turns[:, j]
+                block, product, other = blocks[j - k, t], rate * rates[m, j], turns[m, j]
+                for i in adding:
+                    block[i, i] += product * weight[m, i]
+                for a in range(n):
+                    row = block[turning[a]]
+                    for b in range(n):
+                        s = 0.0
+                        for c in range(n):
+                            s += loaded[a, c] * other[c, b]
+                        row[turning[b]] += s
