@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -52,7 +53,7 @@ class Reprojection(BatchTerm):
         self._body, self.beside = body, tuple(beside)
         # a smoother keeps the terms of all frames, which must not keep all pictures
         self.observation, self.cameras = replace(observation, cues=()), observation.cameras
-        self.sigma, self._potential = sigma, potential
+        self.sigma = sigma
         self._whole: Reprojection | None = None
         self._kind, self._nu = POTENTIALS[potential], float(nu)
         self._intrinsics, self._distortion, self._R, self._t = pack_cameras(observation.cameras)
@@ -126,8 +127,9 @@ class Reprojection(BatchTerm):
     def corrected(self, errors: np.ndarray, sigma: np.ndarray) -> Reprojection:
         """The same term with keypoints that are without errors (C, L, 2) [px], by other deviations (C, L) [px]; its
         `whole` is this one."""
-        seen = replace(self.observation, pixels=self.observation.pixels - errors)
-        term = Reprojection(self._body, seen, sigma, self._potential, self._nu, self.beside)
+        term = copy(self)
+        term.observation = replace(self.observation, pixels=self.observation.pixels - errors)
+        term.sigma, term._precision, term._pixels = sigma, 1.0 / np.square(sigma), self._pixels - errors
         term._whole = self
         return term
 

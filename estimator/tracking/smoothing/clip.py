@@ -145,19 +145,18 @@ class _Track:
             for r, path in zip(rivals, paths, strict=True)
         ]
         best = int(np.argmin(total))
-        return self._held(self._followed(rivals[best]), paths[best])
+        return self._followed(self._held(rivals[best], paths[best]))
 
-    def _followed(self, trajectory: Trajectory) -> Trajectory:
-        """A trajectory that was smoothed by the whole error of the keypoints, by what is new in each frame."""
-        body, motion, ties = self._search.body, trajectory.motion, trajectory.ties
+    def _followed(self, end: _Held) -> _Held:
+        """A trajectory that was smoothed and held by the whole error of the keypoints, by what is new in each frame."""
+        body, before = self._search.body, end.before
         if self._settings.lasting <= 0.0:
-            return trajectory
-        new = without_lasting(body, trajectory.costs, self._times, trajectory.q, self._settings.lasting)
-        if new is None:
-            return trajectory
-        costs = self._spill.list(new)
-        q = smooth(body, costs, self._times, trajectory.q, motion, self._settings, ties=ties)
-        return replace(trajectory, q=q, costs=costs)
+            return end
+        costs = without_lasting(body, end.costs, self._times, end.q, self._settings.lasting)
+        if costs is None:
+            return end
+        q = smooth(body, costs, self._times, end.q, before.motion, self._settings, ties=before.ties)
+        return end._replace(costs=costs, q=q)
 
     def _other_path(self) -> np.ndarray:
         """The path (T,) of least energy; where one camera has both readings of the trunk, that with the better one in

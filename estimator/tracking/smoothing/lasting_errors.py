@@ -9,7 +9,7 @@ it away from keypoints in the long run stays as it was.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost
 from estimator.numerics.typical import measured_deviation
 from humanoid.kinematics.body import SHORTEST_STEP, Body
+from humanoid.support.spilled import MadeList
 
 _STEP = 1.0 / 30.0  # s over which what is new in a frame is measured, however many frames a second there are
 _TINY = 1e-9  # px^2: where nothing lasts
@@ -41,7 +42,7 @@ class Residuals(NamedTuple):
 
 def without_lasting(
     body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray, lasting: float
-) -> Iterator[Cost] | None:
+) -> Sequence[Cost] | None:
     """Energies of frames, (T) of `costs`, whose keypoints are without the errors that last for some `lasting` [s] along
     poses q (T, nq) at times (T,) [s], rising; None where no camera's keypoints show which these are."""
     residuals = residuals_along(body, costs, times, q)
@@ -49,7 +50,7 @@ def without_lasting(
     if residuals is None or (share == 1.0).all():
         return None
     errors = lasting_errors(residuals, share, lasting)
-    return (_corrected(body, cost, own, share) for cost, own in zip(costs, errors, strict=True))
+    return MadeList(len(costs), lambda t: _corrected(costs[t], errors[t], share))
 
 
 def by_whole_error(cost: Cost) -> Cost:
@@ -131,11 +132,11 @@ def _keypoints(cost: Cost) -> Reprojection | None:
     return next((term for term in cost.terms if isinstance(term, Reprojection)), None)
 
 
-def _corrected(body: Body, cost: Cost, errors: np.ndarray, share: np.ndarray) -> Cost:
+def _corrected(cost: Cost, errors: np.ndarray, share: np.ndarray) -> Cost:
     """The energy of a frame whose keypoints are without errors (C, L, 2), and count by share (C,) of their
     deviations."""
     terms = [
         term.corrected(errors, share[:, None] * term.sigma) if isinstance(term, Reprojection) else term
         for term in cost.terms
     ]
-    return Cost(body, terms)
+    return Cost(cost.body, terms)
