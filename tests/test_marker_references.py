@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,18 @@ def test_the_clock_of_a_file_and_its_offset(run: Run, tmp_path: Path) -> None:
         assert (result.frames_compared, result.frames_missing) == ((4, 0) if file[0] == "a" else (3, 1))
         assert result.mpjpe < 0.05
     assert errors(run, tmp_path / "a.trc", offset=100.0).frames_compared == 0
+
+
+def test_a_signalling_nan_is_a_missing_number(tmp_path: Path) -> None:
+    points = np.tile([[1500.0, 0.0, 0.0], [0.0, 700.0, 0.0]], (3, 1, 1))
+    content = c3d_file(("A", "B"), points, rate=30.0, whole=False)
+    number, quiet = np.float32(1500.0).tobytes(), np.uint32(0x7FA00000).tobytes()
+    at = content.rindex(number)
+    (tmp_path / "a.c3d").write_bytes(content[:at] + quiet + content[at + 4 :])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = read_c3d(tmp_path / "a.c3d")
+    assert np.isnan(read.points).any(axis=2).tolist() == [[False, False], [False, False], [True, False]]
 
 
 TRC = "PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\tRHJC\t\t\tC7\t\t\n\tX\n1\t0\t0\t900\t0\t0\t1400\t0\n"

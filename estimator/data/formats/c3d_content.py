@@ -51,11 +51,12 @@ class _Bytes:
     def numbers(self, start: int, count: int, kind: str, what: str) -> np.ndarray:
         """float64 of numbers of one kind: i1, i2, u2 or f4."""
         content = self.piece(start, count * int(kind[1]), what)
-        if kind == "f4" and self.processor == _DEC:  # words the other way round, exponents larger by 2
-            swapped = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1].tobytes()
-            return np.frombuffer(swapped, "<f4").astype(np.float64) / 4.0
-        order = ">" if self.processor == _MIPS else "<"
-        return np.frombuffer(content, order + kind).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # any bytes may be a signalling NaN
+            if kind == "f4" and self.processor == _DEC:  # words the other way round, exponents larger by 2
+                swapped = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1].tobytes()
+                return np.frombuffer(swapped, "<f4").astype(np.float64) / 4.0
+            order = ">" if self.processor == _MIPS else "<"
+            return np.frombuffer(content, order + kind).astype(np.float64)
 
     def whole(self, start: int, kind: str = "u2") -> int:
         """One whole number of the header or of the parameters."""
