@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,19 @@ def test_keypoints_that_are_all_off_by_three_pixels_fit_by_three_and_by_as_much_
     (facing, aside) = keypoints_part(residuals).split("<tbody>")[1:]
     assert f'<td>{CAMERAS[1].name}</td><td class="n">3.0</td>' in facing
     assert "left_elbow" in aside
+
+
+def test_keypoints_on_one_place_are_off_by_no_more_than_can_be(tmp_path: Path) -> None:
+    """Nothing shows how large the person is in that picture."""
+    body, made = body_of("human34"), good(body_of("human34"))
+    pixels = made.pixels.copy()
+    pixels[0, 1] = 200.0
+    run = replace(made, pixels=pixels).written(tmp_path / "a.run", body)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        residuals = keypoint_residuals(run, CostSettings(), range(FRAMES))
+    assert residuals is not None
+    assert np.isfinite(residuals.at_person[0, 1]).all()
 
 
 def told_deviation(made: Made, path: Path, landmark: int) -> np.ndarray:

@@ -15,6 +15,8 @@ from estimator.search.hypothesis import EXCHANGED
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 
+_SMALLEST = 1.0  # px: nobody is seen smaller, though all keypoints may lie on one place
+
 
 class KeypointPlaces(NamedTuple):
     """Where a detector marks a body's landmarks. names (L,). apart (L,) [m]: from the landmark to there. std (L,) [m]:
@@ -82,7 +84,7 @@ def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.nd
     in_pixels = np.reshape(pixels, shape)
     if not np.isfinite(in_pixels).any():
         return None
-    per_pixel = body.extent / np.reshape(extents, (*shape[:2], 1))
+    per_pixel = body.extent / np.maximum(np.reshape(extents, (*shape[:2], 1)), _SMALLEST)
     noise = run.observation(0).noise or (1.0,) * shape[1]
     return KeypointResiduals(
         tuple(camera.name for camera in run.header.cameras), keypoint_places(body), in_pixels, per_pixel * in_pixels,
