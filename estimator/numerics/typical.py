@@ -24,7 +24,7 @@ def measured_deviation(distances: np.ndarray, data: float) -> float:
     """Standard deviation along an axis, without outliers, of distances in a plane of which 1 was expected: as `data`
     independent numbers show it beside `PRIOR_DATA` that are as expected; 1 where there are none."""
     known = distances[np.isfinite(distances)]
-    if data <= 0.0 or not len(known):
+    if not len(known):
         return 1.0
     square = 0.5 * float(typical_distance(known)) ** 2
     return float(np.sqrt((PRIOR_DATA + data * square) / (PRIOR_DATA + data)))

@@ -13,7 +13,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import shown
 
 LARGEST = 1e9  # of configurations, covariances and times
-_LEAST = 1e-20  # of variances
+LEAST_VARIANCE = 1e-20
 _NORM = 1e-3  # by how much a quaternion of a configuration may be off one
 
 
@@ -102,7 +102,7 @@ def check_covariances(covariance: np.ndarray) -> None:
     np.einsum("kii->ki", matrices)[variance == 0.0] = 1.0
     sound = (
         np.array_equal(covariance, covariance.transpose(0, 2, 1))
-        and not (np.abs(variance[variance != 0.0]) < _LEAST).any()
+        and not (np.abs(variance[variance != 0.0]) < LEAST_VARIANCE).any()
     )
     try:
         np.linalg.cholesky(matrices)

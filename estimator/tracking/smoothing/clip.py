@@ -65,7 +65,8 @@ def smooth_track(
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
     floor, given or found. Parts that the smoothing pushed into each other or into the floor are parted again
-    (`estimator.energy.descent.contact`). `progress` is called with how many frames of how many are done.
+    (`estimator.energy.descent.contact`). Before that, what lasts of the keypoints' errors is taken from them, and the
+    trajectory follows the rest (`lasting_errors`). `progress` is called with how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues, floor)

@@ -9,7 +9,7 @@ it away from keypoints in the long run stays as it was.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +55,7 @@ def without_lasting(
 
 def by_whole_error(cost: Cost) -> Cost:
     """The energy of a frame by its keypoints as they were detected: what says how sure a pose is."""
-    return Cost(cost.body, [term.whole if isinstance(term, Reprojection) else term for term in cost.terms])
+    return _with_keypoints(cost, lambda term: term.whole)
 
 
 def residuals_along(body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray) -> Residuals | None:
@@ -135,8 +135,8 @@ def _keypoints(cost: Cost) -> Reprojection | None:
 def _corrected(cost: Cost, errors: np.ndarray, share: np.ndarray) -> Cost:
     """The energy of a frame whose keypoints are without errors (C, L, 2), and count by share (C,) of their
     deviations."""
-    terms = [
-        term.corrected(errors, share[:, None] * term.sigma) if isinstance(term, Reprojection) else term
-        for term in cost.terms
-    ]
-    return Cost(cost.body, terms)
+    return _with_keypoints(cost, lambda term: term.corrected(errors, share[:, None] * term.sigma))
+
+
+def _with_keypoints(cost: Cost, changed: Callable[[Reprojection], Reprojection]) -> Cost:
+    return Cost(cost.body, [changed(term) if isinstance(term, Reprojection) else term for term in cost.terms])

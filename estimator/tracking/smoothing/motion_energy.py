@@ -75,7 +75,7 @@ class MotionEnergy:
         """Add to gradient (T, nv) and blocks (1 + K, T, nv, nv) at poses q (T, nq), block k of which couples frame t
         with frame t + k; return the energy."""
         energy = 0.0
-        for moved, precision, share in self._moved(q, self._turning):
+        for moved, precision, share in self._moved(q, turning=True):
             self._add(moved, precision, share, gradient, blocks)
             energy += self._cost(moved, precision, share)
         return energy
@@ -83,16 +83,16 @@ class MotionEnergy:
     def energy(self, q: np.ndarray) -> float:
         """What `add` returns, to the last bit, without derivatives."""
         energy = 0.0
-        for moved, precision, share in self._moved(q, self._turning[:0]):
+        for moved, precision, share in self._moved(q, turning=False):
             energy += self._cost(moved, precision, share)
         return energy
 
-    def _moved(self, q: np.ndarray, turning: np.ndarray) -> Iterator[tuple[Movements, np.ndarray, np.ndarray]]:
+    def _moved(self, q: np.ndarray, *, turning: bool) -> Iterator[tuple[Movements, np.ndarray, np.ndarray]]:
         """Velocities, accelerations and what is new in these, those that count, each with its precision, (nv,) or
-        (M, nv), and its share (M,); with the Jacobians of the degrees of freedom `turning`."""
+        (M, nv), and its share (M,); with the Jacobians of what turns where these are asked for."""
         if len(q) < 2:
             return
-        velocities = self._velocities(q, turning)
+        velocities = self._velocities(q, turning=turning)
         yield velocities, self._velocity_precision, self._shares(self._dt)
         if len(q) < 3:
             return
@@ -111,11 +111,12 @@ class MotionEnergy:
     def _shares(self, dt: np.ndarray) -> np.ndarray:
         return np.array([self._prior.share(d) for d in dt.tolist()])
 
-    def _velocities(self, q: np.ndarray, turning: np.ndarray) -> Movements:
+    def _velocities(self, q: np.ndarray, *, turning: bool) -> Movements:
         model, rate = self._body.model, 1.0 / self._dt
         values = rate[:, None] * np.array([pin.difference(model, a, b) for a, b in pairwise(q)])
-        turns = np.zeros((len(rate), 2, len(turning), len(turning)))
-        if len(turning):
+        count = len(self._turning) if turning else 0
+        turns = np.zeros((len(rate), 2, count, count))
+        if count:
             for t, pair in enumerate(pairwise(q[:, self._turning_q])):
                 turns[t] = pin.dDifference(self._turns, *pair)
             turns *= rate[:, None, None, None]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import LEAST_VARIANCE
 from estimator.data.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
 from estimator.inference.beliefs.learning import TURNS, RelativePlacements
 from estimator.inference.beliefs.space import PLACEMENTS
@@ -26,7 +27,6 @@ SHIPPED = Path(__file__).with_name("potentials.json")
 Edge = tuple[int, int]
 
 _DIGITS = 6  # of numbers in a file
-_LEAST = 1e-20  # of variances
 _FARTHEST = 2.0  # times the longest time step: as far as its kernels are stretched
 _OTHER = 2.0  # times a limb's offset on another at rest: no person's lengths differ so much
 _REMEDY = (
@@ -213,10 +213,8 @@ def _read(entry: Mapping[str, Any], path: str | Path, place: str) -> RelativePla
     if covariance.shape != (count, 6, 6):
         problem = f"{count} x 6 or {count} x 6 x 6 numbers are needed"
         raise InputError(path, problem, place=f"{place}.covariance")
-    if (
-        not np.allclose(covariance, covariance.transpose(0, 2, 1))
-        or not (np.linalg.eigvalsh(covariance) > _LEAST).all()
-    ):
+    symmetric = np.allclose(covariance, covariance.transpose(0, 2, 1))
+    if not symmetric or not (np.linalg.eigvalsh(covariance) > LEAST_VARIANCE).all():
         raise InputError(path, "is not symmetric and positive definite", place=f"{place}.covariance")
     mean = np.concatenate([t, quaternion / length[:, None]], axis=1)
     return RelativePlacements(weight / weight.sum(), mean, covariance)
