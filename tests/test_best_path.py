@@ -10,7 +10,7 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.best_path import best_path, path_weights
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch

@@ -8,7 +8,7 @@ from builders import body_of, camera_at, observe, random_pose
 from scipy.stats import multivariate_normal
 
 from estimator.data.observation import Observation
-from estimator.energy.term import Cost, QuadraticModel
+from estimator.energy.cost import Cost, QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes

@@ -11,7 +11,7 @@ from test_run_file import header, state_of
 from test_run_file import walk as random_walk
 
 import kinemode as km
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.ground import Ground
 from estimator.inference.hand_points import HandPoints
 from estimator.runs.run_file import RunWriter

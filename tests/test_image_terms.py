@@ -12,7 +12,8 @@ import pytest
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import image_extent
-from estimator.energy.term import Cost, Term
+from estimator.energy.cost import Cost
+from estimator.energy.term import Term
 from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
 from estimator.vision.cues.assigned import AssignedPoints, Assignments

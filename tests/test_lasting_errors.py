@@ -9,7 +9,7 @@ import pytest
 from builders import body_of, camera_at, observe
 from test_smoothing import CAMERA, FPS, points
 
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.search.cost_model import CostModel
 from estimator.synthesis.detector import correlated_noise
 from estimator.tracking.smoothing import SmoothSettings, smooth

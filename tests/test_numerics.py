@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.numerics.alignment import rotation_onto, similarity_onto
 from estimator.numerics.closest import closest
-from estimator.numerics.linear import eliminate, solve_definite
+from estimator.numerics.linear import eliminate, invert_definite, solve_definite
 
 
 def definite(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -47,6 +47,18 @@ def test_definite_systems_are_solved_on_any_rows() -> None:
         again = b[:n].copy()
         assert solve_definite(own, np.arange(n), n, 0.0, own, again)  # in place
         assert np.array_equal(again, x[:n])
+
+
+def test_definite_blocks_are_inverted_and_the_rest_is_left_alone() -> None:
+    rng = np.random.default_rng(5)
+    for n in (1, 2, 9, 16):
+        A, rows = definite(rng, 16), np.sort(rng.permutation(16)[:n]).astype(np.int64)
+        inverse, block = np.full((16, 16), 7.0), np.ix_(rows, rows)
+        assert invert_definite(A, rows, n, *np.empty((2, 16, 16)), inverse)
+        assert inverse[block] == pytest.approx(np.linalg.inv(A[block]), rel=1e-9, abs=1e-12)
+        assert np.count_nonzero(inverse == 7.0) == 256 - n * n
+        assert np.array_equal(inverse, inverse.T)
+    assert not invert_definite(-A, rows, 16, *np.empty((2, 16, 16)), inverse)
 
 
 def test_pivots_below_the_floor() -> None:

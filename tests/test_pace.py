@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders import body_of, random_pose
 
+from estimator.energy.cost import Cost
 from estimator.energy.priors import Transition
-from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.search.cost_model import CostModel
 from estimator.tracking.smoothing import SmoothSettings, smooth

@@ -10,7 +10,7 @@ import pytest
 from builders import body_of, camera_at
 
 import kinemode
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.numerics.robust import LORENTZIAN
 from estimator.runs.run_file import Run
 from estimator.trackers.capabilities import energy_of

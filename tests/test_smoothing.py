@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.search.cost_model import CostModel
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker

@@ -10,8 +10,8 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.priors import Transition
-from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.runs.contact import contact_of_points
 from estimator.tracking.smoothing import smooth

@@ -11,9 +11,10 @@ from builders import observe, random_pose
 from term_family import CAMERAS, FAMILY, Made, evaluated
 from test_image_terms import frame, terms
 
+from estimator.energy.cost import Cost
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
-from estimator.energy.term import BatchTerm, Cost
+from estimator.energy.term import BatchTerm
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.collision.self_collision import SelfCollision

@@ -12,8 +12,8 @@ from test_fixed_lag import FEW, FPS, Track, tracked
 from test_run_file import header, state_of
 
 from estimator.data.formats.checked_arrays import DamageError
+from estimator.energy.cost import Cost
 from estimator.energy.priors import Transition
-from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.runs import run_reader
 from estimator.runs import smoothed_arrays as smoothed_arrays_of_runs

@@ -13,6 +13,7 @@ from benchmarks.speed.surface import Frame, hypotheses, rendered_frame
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
+from estimator.energy.cost import Cost
 from estimator.energy.descent.qp import StepSolver
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
@@ -21,7 +22,7 @@ from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.term import Cost, Term
+from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings

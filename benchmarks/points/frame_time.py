@@ -13,12 +13,12 @@ from threadpoolctl import threadpool_limits
 from benchmarks.points.tracked_points import TRACKER
 from benchmarks.support.stopwatch import Stopwatch
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.descent.qp import StepSolver
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
-from estimator.energy.term import Cost
 from estimator.runs.run_file import Run
 from estimator.search.frame_search import FrameSearch
 from estimator.search.mode_search import ModeSearch

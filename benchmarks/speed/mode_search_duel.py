@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.speed.mode_search_residuals import Change, Residuals
 from benchmarks.speed.mode_search_scipy import Watched, scipy_search
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.gravity_prior import world_up
-from estimator.energy.term import Cost
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import scene_cameras

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from estimator.data.cameras.projection import pack_cameras, project_with_jacobian
 from estimator.data.observation import Observation
-from estimator.energy.reprojection import BEHIND
+from estimator.energy.kernels.keypoints import BEHIND
 from humanoid.kinematics.body import ROOT_JOINT, Body, PosedBody
 
 FREE = 6  # degrees of freedom of a free root

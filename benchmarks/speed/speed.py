@@ -18,9 +18,9 @@ from benchmarks.speed.meter import KINDS, Meter
 from benchmarks.support.common import Changes, Data, Json, data_folder, nested, save, spread
 from benchmarks.support.tracking import timed_track
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, StepCounts
-from estimator.energy.term import Cost
 from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.fitting.person import fit_person

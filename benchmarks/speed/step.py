@@ -21,12 +21,13 @@ from pink.tasks import FrameTask
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS, StepSolver
 from estimator.energy.descent.seek import trust_box
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.term import Cost, Term
+from estimator.energy.term import Term
 from estimator.synthesis import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17

@@ -26,10 +26,10 @@ from benchmarks.training.pose_learning import (
     learned,
     marginal,
 )
+from estimator.energy.cost import Cost
 from estimator.energy.pose_mixture import SHIPPED, PoseMixture
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers
-from estimator.energy.term import Cost
 from estimator.trackers.defaults import NO_CAPTURE, together
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -21,7 +21,7 @@ from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work
 from benchmarks.support.result_store import Figures, ResultStore, all_done, removed
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.standing import with_standing
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.numerics.angles import unit
 from estimator.runs.run_file import Run
 from estimator.search.cost_model import CostModel, parts_apart

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.gravity_prior import up_is_assumed, world_up
-from estimator.energy.points import add_by_column, to_world
-from estimator.energy.term import BatchTerm
+from estimator.energy.kernels.balance import balance_record, balance_values, offset_of, whitened
+from estimator.energy.kernels.records import BALANCE, Record
+from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.axes import axes_across
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
 from humanoid.shape.segment_masses import mass_points
 from humanoid.subject.landmarks import foot_landmarks
-from humanoid.support.compiled import jit
 from humanoid.support.per_object import per_object
 from humanoid.support.settings import CheckedSettings, setting
 
@@ -143,7 +144,7 @@ def balance_terms(body: Body, observation: Observation, settings: BalanceSetting
     return [Balance(body, feet.landmark[some], masses, world_up(observation.cameras), stance, settings.weight)]
 
 
-class Balance(BatchTerm):
+class Balance(RecordedTerm):
     """-log((1 - held) p(x) + held p'(x)), x = r' C^-1 r, of the horizontal offset r of the centre of mass from the
     middle of its support, the landmarks that stand.
 
@@ -162,7 +163,7 @@ class Balance(BatchTerm):
     curvature of the kinematics and how C bends with the feet.
     """
 
-    name = "balance"
+    name, kind = "balance", BALANCE
 
     def __init__(
         self,
@@ -180,137 +181,19 @@ class Balance(BatchTerm):
         odds = 2.0 * stance.held / ((1.0 - stance.held) * stance.tail)
         self._shape = np.array([stance.spread**2, stance.width**2, stance.tail, odds, weight])
 
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.energy.term.Term`."""
-        value, tree = 0.0, self._body.tree
-
-        def add(gradient: np.ndarray, hessian: np.ndarray) -> None:
-            nonlocal value
-            value = _add_balance(
-                posed.placements, posed.spatial_jacobian, tree.joint_parent, tree.column_joint, *self._points,
-                self._axes, self._shape, gradient, hessian,
-            )  # fmt: skip
-
-        add_by_column(self._body, gradient, hessian, add)
-        return value
+    @cached_property
+    def record(self) -> Record:
+        """See `RecordedTerm`."""
+        return balance_record(*self._points, self._axes, self._shape)
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
-        _balance_values(placed.placements, *self._points, self._axes, self._shape, values)
+        balance_values(placed.placements, *self._points, self._axes, self._shape, values)
         return values
 
     def deviations(self, posed: PosedBody) -> float:
         """How far the centre of mass is from the middle of its support, in standard deviations of who is not held."""
         around, offset, pull = np.empty((len(self._points[0]), 2)), np.empty(2), np.empty(2)
-        _offset(posed.placements, *self._points, self._axes, around, offset)
-        return math.sqrt(_whitened(around, offset, self._shape, pull, np.empty((2, 2))))
-
-
-@jit
-def _offset(placements, joint, local, mass_joint, mass_local, share, axes, around, offset):  # type: ignore[no-untyped-def]
-    """Fill offset (2,) [m] from the middle of the support to the centre of mass, along the axes (2, 3), and around
-    (P, 2) [m] from there to the support's points (joint (P,), local (P, 3)).
-
-    placements (njoints, 12); mass_joint (M,), mass_local (M, 3), share (M,): see `Balance`.
-    """
-    count = joint.shape[0]
-    x, middle = np.empty(3), np.zeros(2)
-    offset[:] = 0.0
-    for m in range(share.shape[0]):
-        to_world(placements[mass_joint[m]], mass_local[m], x)
-        for a in range(2):
-            offset[a] += share[m] * (axes[a, 0] * x[0] + axes[a, 1] * x[1] + axes[a, 2] * x[2])
-    for n in range(count):
-        to_world(placements[joint[n]], local[n], x)
-        for a in range(2):
-            around[n, a] = axes[a, 0] * x[0] + axes[a, 1] * x[1] + axes[a, 2] * x[2]
-            middle[a] += around[n, a] / count
-    for a in range(2):
-        offset[a] -= middle[a]
-        for n in range(count):
-            around[n, a] -= middle[a]
-
-
-@jit
-def _whitened(around, offset, shape, pull, precision):  # type: ignore[no-untyped-def]
-    """x of `Balance` for an offset (2,) and the support's points `around` (P, 2) their middle; fills pull (2,), C^-1 r,
-    and precision (2, 2), C^-1. shape (5,): spread^2, width^2, tail, odds of being held, weight."""
-    count = around.shape[0]
-    a, b, c = shape[1], 0.0, shape[1]
-    for n in range(count):
-        a += shape[0] * around[n, 0] * around[n, 0] / count
-        b += shape[0] * around[n, 0] * around[n, 1] / count
-        c += shape[0] * around[n, 1] * around[n, 1] / count
-    det = a * c - b * b
-    precision[0, 0], precision[1, 1] = c / det, a / det
-    precision[0, 1] = precision[1, 0] = -b / det
-    for i in range(2):
-        pull[i] = precision[i, 0] * offset[0] + precision[i, 1] * offset[1]
-    return pull[0] * offset[0] + pull[1] * offset[1]
-
-
-@jit
-def _potential(x, shape):  # type: ignore[no-untyped-def]
-    """Value and derivative by x; shape (5,): see `_whitened`."""
-    _, _, tail, odds, weight = shape
-    near, far = math.exp(-0.5 * x), 1.0 / (1.0 + x / tail)
-    density = near + odds * far * far
-    slope = (0.5 * near + 2.0 * odds * far * far * far / tail) / density
-    return -weight * math.log(density / (1.0 + odds)), weight * slope
-
-
-@jit
-def _add_balance(  # type: ignore[no-untyped-def]
-    placements, J, joint_parent, dof_joint, joint, local, mass_joint, mass_local, share, axes, shape, gradient, hessian
-):
-    """Value of `Balance`; adds its derivatives to gradient (nv,) and hessian (nv, nv).
-
-    J (nv, 6), joint_parent (njoints,), dof_joint (nv,): see `estimator.energy.points`; shape (5,): see `_whitened`. The
-    others: see `_offset`. As x is r' C^-1 r and C a sum over the support's points, dx is 2 (C^-1 r)' of a weighted sum
-    of all points, whose weights and moments are summed over subtrees.
-    """
-    count, njoints = joint.shape[0], joint_parent.shape[0]
-    around, offset, pull, precision = np.empty((count, 2)), np.empty(2), np.empty(2), np.empty((2, 2))
-    _offset(placements, joint, local, mass_joint, mass_local, share, axes, around, offset)
-    value, slope = _potential(_whitened(around, offset, shape, pull, precision), shape)
-    weight, moment, x = np.zeros(njoints), np.zeros((njoints, 3)), np.empty(3)
-    for m in range(share.shape[0]):
-        to_world(placements[mass_joint[m]], mass_local[m], x)
-        weight[mass_joint[m]] += share[m]
-        for i in range(3):
-            moment[mass_joint[m], i] += share[m] * x[i]
-    for n in range(count):
-        to_world(placements[joint[n]], local[n], x)
-        w = (1.0 + shape[0] * (pull[0] * around[n, 0] + pull[1] * around[n, 1])) / count
-        weight[joint[n]] -= w
-        for i in range(3):
-            moment[joint[n], i] -= w * x[i]
-    for j in range(njoints - 1, 0, -1):
-        weight[joint_parent[j]] += weight[j]
-        for i in range(3):
-            moment[joint_parent[j], i] += moment[j, i]
-    rows = np.empty((dof_joint.shape[0], 2))
-    for d in range(dof_joint.shape[0]):
-        w, q = weight[dof_joint[d]], moment[dof_joint[d]]
-        x[0] = w * J[d, 0] + J[d, 4] * q[2] - J[d, 5] * q[1]
-        x[1] = w * J[d, 1] + J[d, 5] * q[0] - J[d, 3] * q[2]
-        x[2] = w * J[d, 2] + J[d, 3] * q[1] - J[d, 4] * q[0]
-        for a in range(2):
-            rows[d, a] = axes[a, 0] * x[0] + axes[a, 1] * x[1] + axes[a, 2] * x[2]
-        gradient[d] += 2.0 * slope * (pull[0] * rows[d, 0] + pull[1] * rows[d, 1])
-    for d in range(dof_joint.shape[0]):
-        first = 2.0 * slope * (precision[0, 0] * rows[d, 0] + precision[0, 1] * rows[d, 1])
-        second = 2.0 * slope * (precision[1, 0] * rows[d, 0] + precision[1, 1] * rows[d, 1])
-        for k in range(dof_joint.shape[0]):
-            hessian[d, k] += first * rows[k, 0] + second * rows[k, 1]
-    return value
-
-
-@jit
-def _balance_values(placements, joint, local, mass_joint, mass_local, share, axes, shape, values):  # type: ignore[no-untyped-def]
-    """Fill values (N,) with those of `_add_balance` for placements (N, njoints, 12)."""
-    around, offset, pull, precision = np.empty((joint.shape[0], 2)), np.empty(2), np.empty(2), np.empty((2, 2))
-    for s in range(placements.shape[0]):
-        _offset(placements[s], joint, local, mass_joint, mass_local, share, axes, around, offset)
-        values[s] = _potential(_whitened(around, offset, shape, pull, precision), shape)[0]
+        offset_of(posed.placements, *self._points, self._axes, around, offset)
+        return math.sqrt(whitened(around, offset, self._shape, pull, np.empty((2, 2))))

@@ -11,7 +11,8 @@ import pinocchio as pin
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.energy.points import LoadedPoints, accumulate_points, add_by_column, to_world
+from estimator.energy.kernels.points import to_world
+from estimator.energy.points import LoadedPoints, accumulate_points, add_by_column
 from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import LORENTZIAN, rho
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.energy.points import add_by_column, bend, gather
+from estimator.energy.kernels.points import bend, gather
+from estimator.energy.points import add_by_column
 from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.numerics.rotations import half_sine_ratio, turn_between, turn_of, turned, turned_back

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.energy.kernels.points import to_world
 from estimator.energy.point_targets import PointTargets
-from estimator.energy.points import to_world
 from estimator.numerics.robust import LORENTZIAN, rho
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.compiled import jit

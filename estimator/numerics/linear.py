@@ -36,6 +36,42 @@ def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
 
 
 @jit
+def invert_definite(A, rows, n, L, X, inverse):  # type: ignore[no-untyped-def]
+    """Fill the entries of `inverse` (N, N) at the leading n of `rows` (N,) and of the columns of the same names with
+    the inverse of A (N, N) there; False, with nothing filled, where that block is not positive definite.
+
+    L, X (N, N): overwritten with the block's Cholesky factor and the inverse of that, row by row, along many numbers.
+    """
+    for a in range(n):
+        for b in range(a + 1):
+            L[a, b] = A[rows[a], rows[b]]
+    if not _factor(L, n, 0.0):
+        return False
+    for a in range(n):
+        row = X[a]
+        row[:n] = 0.0
+        for c in range(a):
+            f, other = L[a, c], X[c]
+            for k in range(c + 1):
+                row[k] -= f * other[k]
+        for k in range(a):
+            row[k] /= L[a, a]
+        row[a] = 1.0 / L[a, a]
+    for a in range(n):  # the factor is done with: its room takes the product X' X
+        L[a][: a + 1] = 0.0
+    for r in range(n):
+        row = X[r]
+        for a in range(r + 1):
+            f, target = row[a], L[a]
+            for k in range(a + 1):
+                target[k] += f * row[k]
+    for a in range(n):
+        for b in range(a + 1):
+            inverse[rows[a], rows[b]] = inverse[rows[b], rows[a]] = L[a, b]
+    return True
+
+
+@jit
 def _factor(L, n, floor):  # type: ignore[no-untyped-def]
     """Replace the lower triangle of the leading n x n of L (N, N) by its Cholesky factor; see `solve_definite`.
 

@@ -11,12 +11,13 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
+from estimator.energy.cost import Cost
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.standing import StandingTie, standing_targets, standing_ties
-from estimator.energy.term import Cost, Term
+from estimator.energy.term import Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
 from estimator.search.term_source import PER_CAMERAS, PER_FRAME, TermContext

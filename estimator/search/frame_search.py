@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.energy.limb_targets import LimbPull, LimbTargets
-from estimator.energy.term import Cost, QuadraticModel, Term
+from estimator.energy.term import Term
 from estimator.inference.mixture import Mode
 from estimator.inference.origin import Origin, PoseKey, PreviousPose
 from estimator.search.cost_model import CostModel

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.solution import StepCounts
 from estimator.energy.reprojection import Reprojection
 from estimator.inference.merge import best_distinct, body_size
@@ -55,7 +55,7 @@ class ModeSearch:
         self.model = model
         self.body = model.body
         self.settings = settings or ModeSearchSettings()
-        self.seeker = Seeker(self.body, self.settings.refine, self.settings.step_solver)
+        self.seeker = CompiledSeeker(self.body, self.settings.refine, self.settings.step_solver)
         self.self_collision: SelfCollision | None = model.self_collision
         self.mirror = mirror_index(self.body.landmark_names)
         self.jumps = KinematicJumps(self.body)

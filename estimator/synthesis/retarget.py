@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from estimator.energy.cost import Cost
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
-from estimator.energy.term import Cost, Term
+from estimator.energy.term import Term
 from estimator.numerics.alignment import similarity_onto
 from estimator.search.cost_model import per_dof
 from estimator.search.cost_settings import CostSettings

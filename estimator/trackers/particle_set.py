@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.solution import SAMPLED
-from estimator.energy.term import Cost, QuadraticModel, Term
+from estimator.energy.term import Term
 from estimator.inference.clusters import clusters, mean_and_covariance
 from estimator.inference.merge import body_size
 from estimator.inference.mixture import Mixture, Mode, mixture_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.cameras.lens import is_parallel
 from estimator.data.cameras.projection import AWAY, project_point, project_with_jacobian
-from estimator.energy.points import to_world, turn
+from estimator.energy.kernels.points import to_world, turn
 from humanoid.support.compiled import jit
 
 

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from humanoid.kinematics.compiled_tree import CompiledTree, clamp_limits, compiled_tree
 from humanoid.kinematics.placements import columns_of, kinematics_of
 from humanoid.subject.joint_names import JointPlace, joint_place, q_names, v_names
 from humanoid.subject.subject import Subject
 from humanoid.support.compiled import jit
 from humanoid.support.summary import Facts, Summarised
 
-ON_LIMIT = 1e-12  # rad or m
 _LEAST_EXTENT = 0.05  # m
 SHORTEST_STEP = 1e-3
 """[s] Frames nearer in time count as this far apart: no clip has more frames a second than 1000, but equal time stamps
@@ -207,6 +207,11 @@ class Body(Summarised):
         return self.clamp(q)
 
     @cached_property
+    def compiled(self) -> CompiledTree | None:
+        """The joints for compiled loops, see `compiled_tree`; None where these cannot have them."""
+        return compiled_tree(self.model, self.bounded_q, self.lower, self.upper)
+
+    @cached_property
     def extent(self) -> float:
         """Root mean square distance [m] of the landmarks from their centre as somebody sees them who faces the body in
         its neutral pose: what the extent of keypoints is in a picture."""
@@ -266,7 +271,7 @@ class Body(Summarised):
     def clamp(self, q: np.ndarray) -> np.ndarray:
         """q with its bounded joints moved into their limits, and onto them from within rounding; quaternions stay."""
         q = q.copy()
-        _clamp(q, self.bounded_q, self.lower, self.upper)
+        clamp_limits(q, self.bounded_q, self.lower, self.upper)
         return q
 
     def tangent_bounds(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -385,28 +390,15 @@ def _place_points(placements, joints, local, points):  # type: ignore[no-untyped
     for n in range(placements.shape[0]):
         for i in range(joints.shape[0]):
             M, x = placements[n, joints[i]], local[i]
-            for k in range(3):  # summed in the order of `points_in_world`
+            for k in range(3):
                 points[n, i, k] = (M[k] * x[0] + M[3 + k] * x[1] + M[6 + k] * x[2]) + M[9 + k]
 
 
 @jit
-def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
-    """Clamp q (nq,) in place, entries bounded_q (B,) to lower, upper (nq,).
-
-    A step to a limit may miss it by an ulp, and would then not count as on it.
-    """
-    for i in bounded_q:
-        if q[i] < lower[i] + ON_LIMIT:
-            q[i] = lower[i]
-        elif q[i] > upper[i] - ON_LIMIT:
-            q[i] = upper[i]
-
-
-@jit
 def _clamp_each(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
-    """`_clamp` of q (N, nq)."""
+    """`clamp_limits` of q (N, nq), bounded_q (B,), lower, upper (nq,)."""
     for n in range(q.shape[0]):
-        _clamp(q[n], bounded_q, lower, upper)
+        clamp_limits(q[n], bounded_q, lower, upper)
 
 
 def points_on_links(
@@ -424,7 +416,9 @@ def points_on_links(
 
 def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Points fixed to joints, in the world [m], (N, 3)."""
-    return directions_in_world(posed, joints, local) + posed.translations[joints]
+    points = np.empty((1, *local.shape))
+    _place_points(posed.placements[None], joints, local, points)
+    return points[0]
 
 
 def points_of_each(placed: PlacedBodies, joints: np.ndarray, local: np.ndarray) -> np.ndarray:

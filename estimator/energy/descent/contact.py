@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
+from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import CONVERGED, SEPARATED, Solution, StepCounts
-from estimator.energy.term import Cost, QuadraticModel
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.numerics.linear import invert_definite
 from humanoid.kinematics.body import Body
 
 MAX_STD = 2.0  # rad or m: directions that nothing observes
@@ -17,11 +18,14 @@ def mode_covariance(
     A limit is active where q lies on it and the gradient (nv,) presses against it. `hessian` (nv, nv) is positive
     semi-definite; a weak isotropic prior of standard deviation `max_std` bounds what is not observed at all.
     """
-    index = free_directions(body, q, gradient)
-    precision = hessian[np.ix_(index, index)] + np.eye(len(index)) / max_std**2
-    covariance = np.zeros((body.nv, body.nv))
-    covariance[np.ix_(index, index)] = np.linalg.inv(precision)
-    return 0.5 * (covariance + covariance.T)
+    index, nv = free_directions(body, q, gradient), body.nv
+    precision, covariance = hessian + np.eye(nv) / max_std**2, np.zeros((nv, nv))
+    factor, inverse_factor = np.empty((2, nv, nv))
+    if not invert_definite(precision, index, len(index), factor, inverse_factor, covariance):
+        block = np.ix_(index, index)
+        covariance[block] = np.linalg.inv(precision[block])
+        covariance = 0.5 * (covariance + covariance.T)
+    return covariance
 
 
 def free_directions(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -45,8 +45,9 @@ class StepSolver:
     bound's multiplier is rounding); then the active set is tried.
 
     places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their lower and upper
-    limit. tally: how many steps each solver solved, in the order of `StepCounts`. uncertified: how many of
-    ProxQP's answers were not certified, the first and the sharper one of a step both counted.
+    limit. proxqp: the solver, with room for its problem. tally: how many steps each solver solved, in the order of
+    `StepCounts`. uncertified: how many of ProxQP's answers were not certified, the first and the sharper one of a step
+    both counted.
     """
 
     body: Body
@@ -57,7 +58,7 @@ class StepSolver:
             raise InputError("step solver", f"is {self.step_solver!r}", remedy="one of " + ", ".join(STEP_SOLVERS))
         body, n = self.body, self.body.nv
         self._M, self._bounds = np.zeros((n, n)), np.zeros((2, n))
-        self._sets, self._proxqp = np.zeros(n, dtype=np.int8), ProxQP(n)
+        self._sets, self.proxqp = np.zeros(n, dtype=np.int8), ProxQP(n)
         self._no_rows = np.zeros((0, n)), np.zeros(0)
         self.tally = [0, 0, 0, 0]
         self.uncertified = 0
@@ -86,7 +87,7 @@ class StepSolver:
         hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
         active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
         """
-        step, proxqp = np.empty(self.body.nv), self._proxqp
+        step, proxqp = np.empty(self.body.nv), self.proxqp
         if self.step_solver == ACTIVE_SET:
             verdict, promised = damped_step(
                 hessian, gradient, damping, radius, q, self.places, self.limits, active, ROUNDS, self._M,
@@ -114,7 +115,7 @@ class StepSolver:
         """Make the problem ready for ProxQP; False where it is not convex. x (nv,): overwritten."""
         if not free_minimum(self._M, gradient, x):
             return False
-        scale(self._M, gradient, self._bounds, x, self._proxqp.scaled, self._proxqp.start)
+        scale(self._M, gradient, self._bounds, x, self.proxqp.scaled, self.proxqp.start)
         return True
 
     def _by_proxqp(
@@ -122,7 +123,7 @@ class StepSolver:
     ) -> Step | None:
         """The step of the problem that is ready, counted; `step` (nv,) is overwritten."""
         A, b = self._no_rows if rows is None else rows
-        proxqp = self._proxqp
+        proxqp = self.proxqp
         for ask, rounds in ((proxqp.multipliers, 1), (proxqp.sharper, MENDED)):
             certified, promised = settle(
                 hessian, self._M, gradient, self._bounds, A, b, ask(rows), self._sets, rounds, step

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.energy.term import QuadraticModel
+from estimator.energy.cost import QuadraticModel
 
 # How a descent ended: the condition of a minimum holds; a step gained too little for another; no step helps; the
 # budget was spent.

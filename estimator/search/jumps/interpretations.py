@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.energy.gravity_prior import world_up
-from estimator.energy.priors import STABILISER_NU
+from estimator.energy.kernels.stabilisers import STABILISER_NU
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored

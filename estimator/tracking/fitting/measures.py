@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.cost import QuadraticModel
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.newton import Problem, Step
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.priors import Transition
-from estimator.energy.term import QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.linalg import cholesky_banded, solveh_banded
 from scipy.linalg.lapack import dtbtrs
 
+from estimator.energy.cost import Cost
 from estimator.energy.descent.covariance import free_mask
 from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
-from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.banded import inverse_diagonal
 from estimator.tracking.smoothing.motion_energy import MotionEnergy

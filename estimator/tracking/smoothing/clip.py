@@ -13,10 +13,10 @@ from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
 from estimator.energy.above_floor import AboveFloor
+from estimator.energy.cost import Cost
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import STALLED, Solution
 from estimator.energy.priors import Transition
-from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.ground import Ground
 from estimator.search.hypothesis import EXCHANGED

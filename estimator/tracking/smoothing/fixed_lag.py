@@ -9,7 +9,7 @@ import numpy as np
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.energy.above_floor import AboveFloor
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.term import Cost, Term
+from estimator.energy.cost import Cost
+from estimator.energy.term import Term
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
+from estimator.energy.cost import Cost
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.term import Cost
 from estimator.numerics.typical import measured_deviation
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.tracking.smoothing.chain import FrameChain, windows
 from estimator.tracking.smoothing.settings import SmoothSettings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.smoothing.chain import REACH, FrameChain

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.sequence import Progress
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.ground import Ground
 from estimator.inference.motion import MotionPrior
 from estimator.tracking.smoothing.chain import FrameChain, windows

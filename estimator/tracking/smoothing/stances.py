@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
+from estimator.energy.cost import Cost
 from estimator.energy.gravity_prior import world_up
 from estimator.energy.point_targets import PointTargets
-from estimator.energy.term import Cost
 from estimator.inference.foot_contact import stances_of
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import STEP, Ground

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from estimator.data.cameras.projection import project_with_jacobian
-from estimator.energy.points import to_world
-from estimator.energy.reprojection import BEHIND
+from estimator.energy.kernels.keypoints import BEHIND
+from estimator.energy.kernels.points import to_world
 from estimator.energy.standing import StandingTie
 from estimator.energy.term import Term
 from estimator.numerics.robust import rho

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from estimator.energy.term import Cost
+from estimator.energy.cost import Cost
 from estimator.inference.best_path import path_weights
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.tracking.smoothing.chain import FrameChain

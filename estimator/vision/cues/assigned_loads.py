@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.data.cameras.projection import add_projection_curvature, project_point, project_with_jacobian
-from estimator.energy.points import to_world
-from estimator.energy.reprojection import BEHIND
+from estimator.energy.kernels.keypoints import BEHIND
+from estimator.energy.kernels.points import to_world
 from estimator.numerics.robust import rho
 from humanoid.support.compiled import jit
 

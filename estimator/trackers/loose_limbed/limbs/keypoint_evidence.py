@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.projection import in_camera, pack_cameras, project_point
 from estimator.data.observation import Observation
-from estimator.energy.reprojection import BEHIND
+from estimator.energy.kernels.keypoints import BEHIND
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from humanoid.kinematics.body import Body

@@ -1,0 +1,119 @@
+"""Mode seeking in compiled code, for bodies and energies that allow it: the search is that of `Seeker.seek`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.energy.cost import Cost, QuadraticModel
+from estimator.energy.descent import search_loop as loop
+from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS
+from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.descent.solution import CONVERGED, ITERATIONS, STALLED, Solution, StepCounts
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.compiled_tree import CompiledTree
+
+_STATUS = {loop.CONVERGED: CONVERGED, loop.STALLED: STALLED, loop.ITERATIONS: ITERATIONS}
+
+
+class _State(NamedTuple):
+    """Room for one search, used again by the next; see `search_loop.advance`."""
+
+    integers: np.ndarray
+    numbers: np.ndarray
+    q: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    placements: np.ndarray
+    columns: np.ndarray
+    step: np.ndarray
+    matrix: np.ndarray
+    bounds: np.ndarray
+    active: np.ndarray
+    sets: np.ndarray
+
+    @staticmethod
+    def of(body: Body) -> _State:
+        nq, nv = body.nq, body.nv
+        active, sets = np.zeros((2, nv), dtype=np.int8)
+        return _State(
+            np.zeros(loop.INTEGERS, dtype=np.int64), np.zeros(loop.NUMBERS), np.zeros((2, nq)), np.zeros((2, nv)),
+            np.zeros((2, nv, nv)), np.zeros((body.njoints, 12)), np.zeros((nv, 6)), np.zeros(nv), np.zeros((nv, nv)),
+            np.zeros((2, nv)), active, sets,
+        )  # fmt: skip
+
+
+class CompiledSeeker(Seeker):
+    """A `Seeker` whose searches run in compiled code where the body allows it; their ends are its own, to rounding.
+
+    It stops for what compiled code cannot do: ProxQP solves the steps that bounds stop, and terms without a kernel,
+    such as the pictures', are added to each model.
+    """
+
+    def __init__(self, body: Body, settings: SeekSettings | None = None, step_solver: str = PROXQP) -> None:
+        super().__init__(body, settings, step_solver)
+        self._state = _State.of(body)
+        self._settings = dict[SeekSettings, np.ndarray]()
+        self._nothing = np.zeros(body.nv), np.zeros((0, body.nv)), np.zeros(0)
+
+    def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
+        """See `Seeker.seek`."""
+        tree, settings = self.body.compiled, settings or self.settings
+        if tree is None or self.solver.step_solver == PROXQP_ALWAYS:
+            return super().seek(cost, q, settings)
+        state, proxqp = self._state, self.solver.proxqp
+        state.integers[:], state.q[1] = 0, q
+        asks, multipliers = loop.START, self._nothing[0]
+        while (asks := self._advance(tree, cost, settings, multipliers)) != loop.DONE:
+            if asks == loop.ASKS_TERMS:
+                self._add_terms(cost)
+            elif asks == loop.ASKS_STEP:
+                multipliers = proxqp.multipliers(None)
+            else:
+                multipliers = proxqp.sharper(None)
+        return self._solution()
+
+    def _advance(self, tree: CompiledTree, cost: Cost, settings: SeekSettings, multipliers: np.ndarray) -> int:
+        """Go on until the search ends or asks; which."""
+        solver, joints, recorded = self.solver, self.body.tree, cost.recorded
+        asks: int = loop.advance(
+            tree, *recorded.own, *recorded.kept, joints.column_joint, joints.column_parent, self._numbers(settings),
+            self.trust_box(settings), solver.places, solver.limits, len(cost.others), multipliers, *self._nothing[1:],
+            solver.proxqp.scaled, solver.proxqp.start, *self._state,
+        )  # fmt: skip
+        return asks
+
+    def _numbers(self, settings: SeekSettings) -> np.ndarray:
+        """The settings as the loop reads them, (6,)."""
+        if settings not in self._settings:
+            self._settings[settings] = np.array([
+                settings.max_iterations, settings.kkt_tolerance, settings.decrease_tolerance, settings.damping,
+                settings.exact_below, self.solver.step_solver == ACTIVE_SET,
+            ], dtype=float)  # fmt: skip
+        return self._settings[settings]
+
+    def _add_terms(self, cost: Cost) -> None:
+        """Add to the trial what has no kernel, and the repulsion where its kernel could not solve a contact."""
+        state = self._state
+        trial = 1 - int(state.integers[loop.CURRENT])
+        posed = PosedBody(state.q[trial].copy(), state.placements.copy(), state.columns.copy())
+        exact = bool(state.integers[loop.EXACT + trial])
+        left = [cost.recorded.last] if state.integers[loop.LEFT] > 0 else []
+        for term in (*left, *cost.others):
+            assert term is not None
+            value = term.accumulate(posed, state.gradient[trial], state.hessian[trial], exact)
+            state.numbers[loop.VALUE + trial] += value
+
+    def _solution(self) -> Solution:
+        state = self._state
+        now, tally = int(state.integers[loop.CURRENT]), state.integers[loop.COUNTS :].tolist()
+        for k, count in enumerate(tally):
+            self.solver.tally[k] += count
+        quadratic = QuadraticModel(
+            self.body.at(state.q[now].copy()), float(state.numbers[loop.VALUE + now]), state.gradient[now].copy(),
+            state.hessian[now].copy(), bool(state.integers[loop.EXACT + now]),
+        )  # fmt: skip
+        status = _STATUS[int(state.integers[loop.STATUS])]
+        residual, tried = float(state.numbers[loop.RESIDUAL + now]), int(state.integers[loop.TRIED])
+        return Solution(quadratic, status, residual, tried, StepCounts(*tally))

@@ -1,0 +1,215 @@
+"""The loop of a search as compiled code, operation by operation that of `newton.minimise` on `seek.Seeker`'s problem.
+
+The whole state is in arrays, so that the loop can stop and ask: for the multipliers of a step that bounds stop, and for
+the terms that have no kernel. Whoever calls it writes the answer into the state and calls it again.
+"""
+
+from __future__ import annotations
+
+from estimator.energy.descent.active_sets import settle
+from estimator.energy.descent.box_step import (
+    FREE,
+    NOT_CONVEX,
+    UNSETTLED,
+    damped_step,
+    free_minimum,
+    free_or_scaled,
+    model_decrease,
+    projected_gradient,
+    scale,
+    solve_box,
+)
+from estimator.energy.descent.newton import LARGEST_RATIO, LEAST_PROMISE, RETRIED
+from estimator.energy.descent.qp import MENDED, ROUNDS
+from estimator.energy.descent.seek import ACCEPTED, DAMPING, ROUNDING, TOO_CAUTIOUS
+from estimator.energy.kernels.evaluate import evaluate
+from humanoid.kinematics.compiled_tree import clamp_limits, integrate, place_joints
+from humanoid.support.compiled import jit
+
+# what the loop does next
+START, BEGUN, NEXT, SOLVE, ANSWERED, ANSWERED_AGAIN, MOVE, COMPARE, TAKE, END = range(10)
+# what it returns: the search has ended; it asks for ProxQP's multipliers, for sharper ones, or for terms
+DONE, ASKS_STEP, ASKS_SHARPER, ASKS_TERMS = range(4)
+# of the state's integers: what is next, steps tried, which model is the current one (the other is the trial), how the
+# search ended, whether the repulsion was left out of the trial, whether either model is exact, and `StepCounts`
+STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, COUNTS = 0, 1, 2, 3, 4, 5, 7
+BY_NOTHING, BY_ACTIVE_SET, BY_PROXQP, BY_NONE, INTEGERS = COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3, COUNTS + 4
+# of the state's numbers: energy and KKT residual of both models, damping and its growth, what the step promises
+VALUE, RESIDUAL, DAMPED, GROWTH, PROMISED, NUMBERS = 0, 2, 4, 5, 6, 7
+# of the settings: steps, tolerance, least promise, first damping, exact below, whether the active set comes first
+MOST_STEPS, TOLERANCE, LEAST, FIRST, EXACT_BELOW, BY_SETS, SETTINGS = range(7)
+CONVERGED, STALLED, ITERATIONS = range(3)  # STATUS
+_RETRY_FACTOR, _RETRY_LEAST = RETRIED
+_LEAST_DAMPING, _MOST_DAMPING, _GROWTH = DAMPING.least, DAMPING.most, DAMPING.growth
+_SHRINK, _GROWN_FROM = DAMPING.shrink, DAMPING.grown_from
+
+
+@jit
+def advance(  # type: ignore[no-untyped-def]
+    tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
+    column_parent, settings, radius, places, limits, others, multipliers, no_rows, no_sides, scaled, start, integers,
+    numbers, q, gradient, hessian, placements, columns, step, matrix, bounds, active, sets,
+):  # fmt: skip
+    """Go on with a search until it ends or asks; returns which.
+
+    tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint, column_parent (nv,): see `Tree`. settings (6,),
+    integers, numbers: see above. radius (nv,): half-width of the trust box. places (B, 2), limits (2, B): see
+    `damped_step`. others: how many terms have no kernel. multipliers (nv,): what was asked for. no_rows (0, nv),
+    no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the problem asked about, see `scale`. q (2, nq),
+    gradient (2, nv), hessian (2, nv, nv): the current model and the trial. placements (njoints, 12), columns (nv, 6):
+    of the trial. step (nv,), matrix (nv, nv), bounds (2, nv): of the current model. active, sets (nv,): of bounds.
+    """
+    while True:
+        stage, now = integers[STAGE], integers[CURRENT]
+        trial = 1 - now
+        if stage in (START, MOVE):
+            exact = False
+            if stage == START:
+                clamp_limits(q[trial], tree.bounded_q, tree.lower, tree.upper)
+            else:
+                if numbers[PROMISED] < settings[LEAST]:
+                    integers[STAGE], integers[STATUS] = END, STALLED
+                    continue
+                integers[TRIED] += 1
+                integrate(tree, q[now], step, q[trial])
+                exact = numbers[PROMISED] < settings[EXACT_BELOW]
+            _model(
+                tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
+                column_parent, exact, trial, integers, numbers, q, gradient, hessian, placements, columns,
+            )  # fmt: skip
+            integers[STAGE] = BEGUN if stage == START else COMPARE
+            if others > 0 or integers[LEFT] > 0:
+                return ASKS_TERMS
+        elif stage == BEGUN:
+            _begin(settings, places, limits, trial, integers, numbers, q, gradient, step, active)
+        elif stage == NEXT:
+            integers[STAGE] = SOLVE
+            if numbers[RESIDUAL + now] < settings[TOLERANCE]:
+                integers[STAGE], integers[STATUS] = END, CONVERGED
+            elif integers[TRIED] >= settings[MOST_STEPS]:
+                integers[STAGE], integers[STATUS] = END, ITERATIONS
+        elif stage == SOLVE:
+            verdict, promised = _solve(
+                hessian[now], gradient[now], numbers[DAMPED], radius, q[now], places, limits, active, matrix, bounds,
+                step, scaled, start, settings[BY_SETS] > 0.0,
+            )  # fmt: skip
+            if verdict == UNSETTLED:
+                integers[STAGE] = ANSWERED
+                return ASKS_STEP
+            if verdict == NOT_CONVEX:
+                _damp_more(integers, numbers)
+            else:
+                integers[BY_NOTHING if verdict == FREE else BY_ACTIVE_SET] += 1
+                numbers[PROMISED], integers[STAGE] = promised, MOVE
+        elif stage in (ANSWERED, ANSWERED_AGAIN):
+            certified, promised = settle(
+                hessian[now], matrix, gradient[now], bounds, no_rows, no_sides, multipliers, sets,
+                1 if stage == ANSWERED else MENDED, step,
+            )  # fmt: skip
+            if certified:
+                active[:] = sets
+                integers[BY_PROXQP] += 1
+                numbers[PROMISED], integers[STAGE] = promised, MOVE
+            elif stage == ANSWERED:
+                integers[STAGE] = ANSWERED_AGAIN
+                return ASKS_SHARPER
+            elif solve_box(matrix, gradient[now], bounds[0], bounds[1], active, ROUNDS, step) > 0:
+                integers[BY_ACTIVE_SET] += 1
+                numbers[PROMISED], integers[STAGE] = model_decrease(hessian[now], gradient[now], step), MOVE
+            else:
+                integers[BY_NONE] += 1
+                _damp_more(integers, numbers)
+        elif stage == COMPARE:
+            residual = projected_gradient(gradient[trial], q[trial], places, limits, step)
+            if _taken(residual, now, integers, numbers):
+                integers[STAGE] = TAKE
+                if integers[LEFT] < 0:  # too cautious a step: the trial again, with its true curvature
+                    _model(
+                        tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers,
+                        column_joint, column_parent, True, trial, integers, numbers, q, gradient, hessian, placements,
+                        columns,
+                    )  # fmt: skip
+                    if others > 0 or integers[LEFT] > 0:
+                        return ASKS_TERMS
+        elif stage == TAKE:
+            integers[CURRENT], integers[STAGE] = trial, NEXT
+        else:
+            return DONE
+
+
+@jit
+def _model(  # type: ignore[no-untyped-def]
+    tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
+    column_parent, exact, trial, integers, numbers, q, gradient, hessian, placements, columns,
+):  # fmt: skip
+    """Evaluate the trial's q; the arrays: see `advance`."""
+    place_joints(tree, q[trial], placements, columns)
+    gradient[trial][:] = 0.0
+    hessian[trial][:] = 0.0
+    numbers[VALUE + trial], integers[LEFT] = evaluate(
+        own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, tree.parent, column_joint,
+        column_parent, placements, columns, q[trial], exact, gradient[trial], hessian[trial], gradient[trial],
+        hessian[trial],
+    )  # fmt: skip
+    integers[EXACT + trial] = exact
+
+
+@jit
+def _begin(settings, places, limits, trial, integers, numbers, q, gradient, step, active):  # type: ignore[no-untyped-def]
+    """Take the trial as the first model; settings (6,), integers (11,), numbers (7,), the others: see `advance`."""
+    numbers[RESIDUAL + trial] = projected_gradient(gradient[trial], q[trial], places, limits, step)
+    numbers[DAMPED], numbers[GROWTH] = settings[FIRST], _GROWTH
+    integers[CURRENT], integers[TRIED], integers[STAGE] = trial, 0, NEXT
+    active[:] = 0
+
+
+@jit
+def _solve(  # type: ignore[no-untyped-def]
+    H, g, damping, radius, q, places, limits, active, matrix, bounds, step, scaled, start, by_sets
+):
+    """The step of a model H (nv, nv), g (nv,); the others: see `advance`. Its verdict, UNSETTLED where the problem is
+    ready for ProxQP, and what it promises."""
+    if not by_sets:
+        return free_or_scaled(
+            H, g, damping, radius, q, places, limits, active, ROUNDS, matrix, bounds, step, scaled, start
+        )
+    verdict, promised = damped_step(H, g, damping, radius, q, places, limits, active, ROUNDS, matrix, bounds, step)
+    if verdict == UNSETTLED:
+        if not free_minimum(matrix, g, step):  # the active set looks only at what it leaves free
+            return NOT_CONVEX, 0.0
+        scale(matrix, g, bounds, step, scaled, start)
+    return verdict, promised
+
+
+@jit
+def _damp_more(integers, numbers):  # type: ignore[no-untyped-def]
+    """Another try with more damping, or the end; integers (11,), numbers (7,)."""
+    if numbers[DAMPED] < _MOST_DAMPING:
+        numbers[DAMPED], integers[STAGE] = max(_RETRY_FACTOR * numbers[DAMPED], _RETRY_LEAST), SOLVE
+    else:
+        integers[STAGE], integers[STATUS] = END, STALLED
+
+
+@jit
+def _taken(residual, now, integers, numbers):  # type: ignore[no-untyped-def]
+    """Whether the trial is taken, its KKT residual being this; sets the damping, and LEFT to -1 where the step was too
+    cautious. integers (11,), numbers (7,); now: the current model."""
+    trial = 1 - now
+    value = numbers[VALUE + now]
+    gain = value - numbers[VALUE + trial]
+    ratio = gain / max(numbers[PROMISED], LEAST_PROMISE)
+    numbers[RESIDUAL + trial] = residual
+    equal = numbers[VALUE + trial] <= value + ROUNDING * max(1.0, abs(value))
+    if ratio > ACCEPTED or (equal and residual < 0.9 * numbers[RESIDUAL + now]):
+        factor = _SHRINK
+        if ratio < 1.0:
+            factor = max(factor, 1.0 - (2.0 * max(ratio, -LARGEST_RATIO) - 1.0) ** 3)
+        numbers[DAMPED], numbers[GROWTH] = max(_LEAST_DAMPING, numbers[DAMPED] * factor), _GROWTH
+        integers[LEFT] = -1 if ratio > TOO_CAUTIOUS and integers[EXACT + trial] == 0 else 0
+        return True
+    numbers[DAMPED] = max(numbers[DAMPED], _GROWN_FROM) * numbers[GROWTH]
+    numbers[GROWTH] *= 2.0
+    integers[STAGE] = NEXT
+    if numbers[DAMPED] > _MOST_DAMPING:
+        integers[STAGE], integers[STATUS] = END, STALLED
+    return False

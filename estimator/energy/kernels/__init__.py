@@ -1,0 +1,1 @@
+"""The terms of the energy as compiled kernels, on plain arrays, and their sum."""

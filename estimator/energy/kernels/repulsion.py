@@ -1,0 +1,104 @@
+"""Compiled kernels of the repulsion of body parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.energy.kernels.records import REPULSION, Record, record_of
+from humanoid.collision.broad_phase import candidates, place
+from humanoid.support.compiled import jit
+
+_DEEPEST = 3.0  # exponent beyond which the potential goes on as a parabola: for power 1, from three scales inside
+
+
+@jit
+def potential(distance: float, scale: float, power: float) -> tuple[float, float, float]:
+    """exp(-z |z|^(power - 1)), capped, with its first and second derivative by the distance."""
+    z = distance / scale
+    deepest = -(_DEEPEST ** (1.0 / power))
+    at = max(z, deepest)
+    size = abs(at)
+    f = np.exp(-at * size ** (power - 1.0))
+    slope = power * size ** (power - 1.0)
+    # the curvature of the exponent is infinite at contact for powers between 1 and 2
+    bend = power * (power - 1.0) * max(size, 0.1) ** (power - 2.0) if power > 1.0 else 0.0
+    first, second = -f * slope, f * (slope * slope + (bend if at < 0.0 else -bend))
+    beyond = z - at
+    value = f + beyond * (first + 0.5 * beyond * second)
+    return value, (first + beyond * second) / scale, second / (scale * scale)
+
+
+@jit
+def slopes_of(distance: np.ndarray, settings: np.ndarray) -> np.ndarray:
+    """Derivatives (M,) of the energy by the distance (M,) of each contact; settings (6,)."""
+    scale, weight, power, _, slope, _ = settings
+    slopes = np.empty(distance.size)
+    for m in range(distance.size):
+        slopes[m] = weight * (potential(distance[m], scale, power)[1] - slope)
+    return slopes
+
+
+@jit
+def add_repulsion(
+    distance: np.ndarray,
+    rows: np.ndarray,
+    settings: np.ndarray,
+    gradient: np.ndarray,
+    hessian: np.ndarray,
+    exact: bool,
+) -> float:
+    """Sum over contacts: distance (M,), rows (M, nv) its gradients; adds to gradient (nv,) and hessian (nv, nv)."""
+    scale, weight, power, value, slope, margin = settings
+    moving = np.empty(rows.shape[1], dtype=np.int64)
+    total = 0.0
+    for m in range(distance.size):
+        d = distance[m]
+        f, first, second = potential(d, scale, power)
+        total += weight * (f - value - slope * (d - margin))
+        first, second = weight * (first - slope), weight * (second if exact else max(second, 0.0))
+        count = 0
+        for k in range(rows.shape[1]):
+            if rows[m, k] != 0.0:
+                moving[count] = k
+                count += 1
+        for i in moving[:count]:
+            gradient[i] += first * rows[m, i]
+            for j in moving[:count]:
+                hessian[i, j] += second * (rows[m, i] * rows[m, j])  # symmetric to the last bit
+    return total
+
+
+@jit
+def repulsion_values(first: np.ndarray, distance: np.ndarray, settings: np.ndarray, values: np.ndarray) -> None:
+    """Fill values (N,) with those of `add_repulsion`; first (N + 1,): contacts first[n] to first[n + 1] - 1, of
+    distance (C,) [m], are those of pose n."""
+    scale, weight, power, value, slope, margin = settings
+    for n in range(values.size):
+        total = 0.0
+        for m in range(first[n], first[n + 1]):
+            f = potential(distance[m], scale, power)[0]
+            total += weight * (f - value - slope * (distance[m] - margin))
+        values[n] = total
+
+
+def repulsion_record(
+    joint: np.ndarray, kind: np.ndarray, pairs: np.ndarray, pair_column: np.ndarray, solids: tuple[np.ndarray, ...],
+    settings: np.ndarray,
+) -> Record:  # fmt: skip
+    """The term of S solids in P pairs; solids: local, core, radius, radii."""
+    return record_of(REPULSION, [len(joint), len(pairs), joint, kind, pairs, pair_column], [settings, *solids])
+
+
+@jit
+def recorded_repulsion(  # type: ignore[no-untyped-def]
+    integers, numbers, placements, J, dof_joint, dof_parent, exact, gradient, hessian
+):
+    """Value of the term and whether it is done, of a record's integers (I,) and numbers (F,); where it is not it adds
+    nothing."""
+    S, P = integers[0], integers[1]
+    joint, pairs = integers[2 : 2 + S], integers[2 + 2 * S : 2 + 2 * S + 2 * P].reshape(P, 2)
+    settings, local, core = numbers[:6], numbers[6 : 6 + 12 * S].reshape(S, 12), numbers[6 + 12 * S : 6 + 18 * S]
+    radius, radii = numbers[6 + 18 * S : 6 + 19 * S], numbers[6 + 19 * S : 6 + 22 * S].reshape(S, 3)
+    world, segment, near = np.empty((S, 12)), np.empty((S, 6)), np.empty(P, dtype=np.int64)
+    place(placements, joint, local, core.reshape(S, 6), world, segment)
+    return 0.0, candidates(world, segment, radius, radii, pairs, settings[5], near) == 0
