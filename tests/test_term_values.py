@@ -17,6 +17,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import BatchTerm
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.collision import curvature
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -105,6 +106,7 @@ def test_distances_survive_failed_queries() -> None:
     """Every query fails here, so that the guesses that stand in for them are compared too."""
     body = frame().body
     self_collision = SelfCollision(body)
+    self_collision.arrays.kind[:] = curvature.UNKNOWN  # so that coal is asked for every pair
     term = Interpenetration(self_collision)
     many = poses(body, frame().q)
     before = [evaluated(term, body, q)[0] for q in many]

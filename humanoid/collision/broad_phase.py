@@ -7,7 +7,7 @@ import numpy as np
 from humanoid.support.compiled import jit
 
 _SLACK = 1e-6  # [m] what rounding may add to a lower bound where two cores are nearly parallel
-_DIRECTIONS = 4  # tried for a pair with an ellipsoid; each costs a hundredth of a distance query
+_DIRECTIONS = 4  # tried for a pair with an ellipsoid; each costs a tenth of the search that it may save
 
 
 @jit
@@ -55,19 +55,20 @@ def candidates(
     A pair is dropped only on a lower bound: the distance of the two capsules, and for ellipsoids (which their capsule
     overstates) the gap between the two solids seen along some directions.
     """
-    count = 0
-    direction = np.empty(3)
-    for k in range(pairs.shape[0]):
+    direction, reach = np.empty(3), np.empty(radius.size)  # reach: of a ball around each capsule
+    for i in range(radius.size):
+        reach[i] = radius[i] + np.sqrt(segment[i, 3] ** 2 + segment[i, 4] ** 2 + segment[i, 5] ** 2)
+    close = 0
+    for k in range(pairs.shape[0]):  # most pairs end here, so that a branch would often be predicted wrongly
         a, b = pairs[k, 0], pairs[k, 1]
-        # two balls around the capsules: most pairs end here
         x, y, z = segment[b, 0] - segment[a, 0], segment[b, 1] - segment[a, 1], segment[b, 2] - segment[a, 2]
-        uu = segment[a, 3] ** 2 + segment[a, 4] ** 2 + segment[a, 5] ** 2
-        vv = segment[b, 3] ** 2 + segment[b, 4] ** 2 + segment[b, 5] ** 2
-        reach = max(radius[a] + radius[b] + limit + _SLACK, 0.0)
-        ball = reach + np.sqrt(uu) + np.sqrt(vv)
-        if x * x + y * y + z * z > ball * ball:
-            continue
-        if _core_distance(segment, a, b, uu, vv, direction) > reach:
+        far = max(reach[a] + reach[b] + limit + _SLACK, 0.0)
+        index[close] = k
+        close += int(not x * x + y * y + z * z > far * far)
+    count = 0
+    for k in index[:close]:
+        a, b = pairs[k, 0], pairs[k, 1]
+        if closest_on_cores(segment, a, b, direction)[0] > max(radius[a] + radius[b] + limit + _SLACK, 0.0):
             continue
         if (
             radii[a, 0] + radii[b, 0] > 0.0
@@ -80,48 +81,20 @@ def candidates(
 
 
 @jit
-def candidates_of_poses(
-    placements: np.ndarray,
-    joint: np.ndarray,
-    local: np.ndarray,
-    core: np.ndarray,
-    radius: np.ndarray,
-    radii: np.ndarray,
-    pairs: np.ndarray,
-    limit: float,
-    world: np.ndarray,
-    segment: np.ndarray,
-    first: np.ndarray,
-) -> np.ndarray:
-    """`place` and `candidates` for N poses: returns the pairs of all of them, (M,), one pose after the other.
+def closest_on_cores(segment: np.ndarray, a: int, b: int, direction: np.ndarray) -> tuple[float, float, float]:
+    """Distance [m] of two segments centre -+ half-axis, of segment (S, 6), and where it is, -1.0 to 1.0 along each.
 
-    placements (N, njoints, 12). Written: world (N, S, 12), segment (N, S, 6); first (N + 1,): where the pairs of each
-    pose begin.
+    direction (3,): filled with the way from the closest point of a to that of b [m]. Where the segments are parallel
+    the points are any of several.
     """
-    near, count = np.empty(64, dtype=np.int64), 0
-    of_pose = np.empty(pairs.shape[0], dtype=np.int64)
-    first[0] = 0
-    for n in range(placements.shape[0]):
-        place(placements[n], joint, local, core, world[n], segment[n])
-        more = candidates(world[n], segment[n], radius, radii, pairs, limit, of_pose)
-        while count + more > near.size:
-            near = np.concatenate((near, np.empty_like(near)))
-        near[count : count + more] = of_pose[:more]
-        count += more
-        first[n + 1] = count
-    return near[:count]
-
-
-@jit
-def _core_distance(segment: np.ndarray, a: int, b: int, uu: float, vv: float, direction: np.ndarray) -> float:
-    """Distance [m] of two segments centre -+ half-axis, of segment (S, 6); direction (3,): from the closest point of a
-    to that of b. uu, vv: squared lengths of the half-axes."""
-    cu = cv = uv = 0.0
+    cu = cv = uu = uv = vv = 0.0
     for i in range(3):
         c, u, v = segment[b, i] - segment[a, i], segment[a, 3 + i], segment[b, 3 + i]
         cu += c * u
         cv += c * v
+        uu += u * u
         uv += u * v
+        vv += v * v
     determinant = uu * vv - uv * uv
     s = t = 0.0
     if determinant > 1e-12 * uu * vv:
@@ -134,7 +107,7 @@ def _core_distance(segment: np.ndarray, a: int, b: int, uu: float, vv: float, di
     for i in range(3):
         direction[i] = segment[b, i] + t * segment[b, 3 + i] - segment[a, i] - s * segment[a, 3 + i]
         square += direction[i] ** 2
-    return np.sqrt(square)
+    return np.sqrt(square), s, t
 
 
 @jit
@@ -151,7 +124,8 @@ def _gap(
     """Largest gap of two solids along a few directions, n.x over b at its least - over a at its most: a lower bound.
 
     The best direction is that from a's nearest point to b's; each direction tried is halfway between the last one and
-    the line joining the two points that the last one gave. direction (3,), overwritten; world (S, 12), segment (S, 6),
+    the line joining the two points that the last one gave. It ends early where that bound is above the limit, or those
+    points, and so the solids, are nearer than it. direction (3,), overwritten; world (S, 12), segment (S, 6),
     radius (S,), radii (S, 3): see `candidates`.
     """
     best = -np.inf
@@ -169,7 +143,7 @@ def _gap(
             gap += direction[i] * (q[i] - p[i])
             far += (q[i] - p[i]) ** 2
         best = max(best, gap)
-        if best > limit + _SLACK or far == 0.0:
+        if best > limit + _SLACK or far <= max(limit, 0.0) ** 2:
             break
         for i in range(3):
             direction[i] += (q[i] - p[i]) / np.sqrt(far)

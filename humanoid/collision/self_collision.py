@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.collision import broad_phase, curvature, witness
+from humanoid.collision.compiled_contacts import find_contacts, find_distances
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import ConvexSolid, Geometry, solids_of
 from humanoid.support.errors import InputError
@@ -48,6 +49,27 @@ class Contacts(NamedTuple):
     gradient: np.ndarray
 
 
+class SolidArrays(NamedTuple):
+    """The solids and pairs of a `SelfCollision`, as `compiled_contacts.find_contacts` takes them; not to be changed.
+
+    joint (S,): index of the joint that moves each of S solids.
+    local (S, 12): T_joint_solid, rotation column by column, and translation [m].
+    core (S, 6): centre and half-axis of a capsule around each solid, in its frame [m]. radius (S,): of it [m].
+    radii (S, 3): half-axes of ellipsoids [m], zero for other shapes.
+    kind (S,): see `curvature`.
+    pairs (P, 2): solids of each pair. pair_column (P, 2): last column of the spatial Jacobian that moves either.
+    """
+
+    joint: np.ndarray
+    local: np.ndarray
+    core: np.ndarray
+    radius: np.ndarray
+    radii: np.ndarray
+    kind: np.ndarray
+    pairs: np.ndarray
+    pair_column: np.ndarray
+
+
 class _Buffers(NamedTuple):
     """Room for contacts, reused from pose to pose; see `Contacts`. near: index of a pair."""
 
@@ -63,7 +85,10 @@ class _Buffers(NamedTuple):
 
 
 class SelfCollision:
-    """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
+    """Signed distances between the parts of a body, by a compiled kernel, and by coal where that is not certain.
+
+    Coal measures pairs with a hull, ellipsoids deep in another part, capsules whose axes are parallel or cross, and
+    searches that fail, see `compiled_contacts`.
 
     A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
     contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
@@ -81,6 +106,7 @@ class SelfCollision:
     ----------
     solids: see `humanoid.shape.solids`.
     pairs: links (a, b) of every pair of solids looked at; a link with several solids occurs several times.
+    arrays: solids and pairs for compiled code that calls `compiled_contacts.find_contacts` itself.
     overlapping_at_rest: pairs of links left out because they overlap at `body.neutral`, with their depth [m].
 
     Raises
@@ -144,29 +170,20 @@ class SelfCollision:
     def distances(self, placed: PlacedBodies) -> tuple[np.ndarray, np.ndarray]:
         """The signed distances of `near` alone, of N poses: where those of each pose begin, (N + 1,), and they, (M,).
 
-        Each is that of `near` to the last bit. Makes no witness points and no gradients.
+        Each is that of `near` to the last bit. Makes no gradients.
         """
         count, size = len(placed.q), len(self.solids)
         world, segment = np.empty((count, size, 12)), np.empty((count, size, 6))
-        first = np.empty(count + 1, dtype=np.int64)
-        pair = broad_phase.candidates_of_poses(
-            placed.placements, self._joint, self._local, self._core, self._radius, self._radii, self._solid_pairs,
-            self.margin, world, segment, first,
-        )  # fmt: skip
-        buffers, total, starts = _Buffers.of(len(pair)), 0, np.zeros_like(first)
-        candidates, begins = pair.tolist(), first.tolist()
-        for n, (begin, end) in enumerate(pairwise(begins)):
-            if begin < end:
-                self._world[:] = world[n]
-                total = self._ask(candidates[begin:end], self.margin, buffers, total, every_point=False)
-            starts[n + 1] = total
-        if total:  # every solid of every pose is one of many, so that one call sharpens the contacts of all poses
-            pose = np.repeat(np.arange(count), np.diff(starts))
-            pairs = self._solid_pairs[buffers.near[:total]] + size * pose[:, None]
-            buffers.near[:total] = np.arange(total)
-            solids = world.reshape(-1, 12), segment.reshape(-1, 6), np.tile(self._radius, count)
-            _sharpen((*solids, np.tile(self._radii, (count, 1))), pairs, buffers, total)
-        return starts, buffers.distance[:total]
+        first, first_left = np.empty((2, count + 1), dtype=np.int64)
+        pair, distance, left = find_distances(
+            placed.placements, *self._kernel_arrays, self.margin, world, segment, first, first_left
+        )
+        if not len(left):
+            return first, distance
+        starts, measured = self._measured_by_coal(left, first_left, world, segment)
+        pose = np.concatenate([np.repeat(np.arange(count), np.diff(begins)) for begins in (first, starts)])
+        order = np.lexsort((np.concatenate((pair, measured.near)), pose))
+        return first + starts, np.concatenate((distance, measured.distance))[order]
 
     def penetration(self, posed: PosedBody) -> float:
         """Deepest overlap of two parts [m], 0 if none."""
@@ -175,22 +192,49 @@ class SelfCollision:
 
     def _measure(self, posed: PosedBody, margin: float) -> int:
         """Write the pairs below the margin into the buffers; returns how many."""
-        broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
-        candidates = broad_phase.candidates(
-            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._candidates
-        )
-        if candidates == 0:
-            return 0
-        count = self._ask(self._candidates[:candidates].tolist(), margin, self._contacts, 0, every_point=True)
-        if count:
+        contacts = self._contacts
+        count, remaining = find_contacts(
+            posed.placements, *self._kernel_arrays, margin, self._world, self._segment, self._candidates, *contacts,
+            self._left,
+        )  # fmt: skip
+        if remaining == 0:
+            return int(count)
+        total = self._ask(self._left[:remaining].tolist(), margin, contacts, count, every_point=True)
+        if total > count:
             solids = (self._world, self._segment, self._radius, self._radii)
-            _sharpen(solids, self._solid_pairs, self._contacts, count)
-        return count
+            _sharpen(solids, self._solid_pairs, contacts, count, total)
+        if 0 < count < total:
+            order = np.argsort(contacts.near[:total])
+            for array in contacts:
+                array[:total] = array[order]
+        return total
+
+    def _measured_by_coal(
+        self, left: np.ndarray, first: np.ndarray, world: np.ndarray, segment: np.ndarray
+    ) -> tuple[np.ndarray, _Buffers]:
+        """The contacts of N poses among the pairs left, see `find_distances`: where those of each pose begin, (N + 1,),
+        and they, without witness points."""
+        contacts, total, starts = _Buffers.of(len(left)), 0, np.zeros_like(first)
+        remaining = left.tolist()
+        for n, (begin, end) in enumerate(pairwise(first.tolist())):
+            if begin < end:
+                self._world[:] = world[n]
+                total = self._ask(remaining[begin:end], self.margin, contacts, total, every_point=False)
+            starts[n + 1] = total
+        contacts = _Buffers(*(array[:total] for array in contacts))
+        if total:  # every solid of every pose is one of many, so that one call sharpens the contacts of all poses
+            count, size = world.shape[:2]
+            pose = np.repeat(np.arange(count), np.diff(starts))
+            pairs = self._solid_pairs[contacts.near] + size * pose[:, None]
+            solids = world.reshape(-1, 12), segment.reshape(-1, 6), np.tile(self._radius, count)
+            each = contacts._replace(near=np.arange(total))
+            _sharpen((*solids, np.tile(self._radii, (count, 1))), pairs, each, 0, total)
+        return starts, contacts
 
     def _ask(self, pairs: list[int], margin: float, contacts: _Buffers, count: int, every_point: bool) -> int:
-        """Write those of some pairs of the solids in `_world` that are below the margin into buffers that hold `count`
-        contacts already; returns how many they hold then. Witness points are left out, unless `every_point`, where
-        `_sharpen` does not look at them."""
+        """Ask coal for some pairs of the solids in `_world`, and write those below the margin into buffers that hold
+        `count` contacts already; returns how many they hold then. Witness points that `_sharpen` does not use are left
+        out, unless `every_point`."""
         near, distances, points_a, points_b, normals = contacts
         transforms, result, pointless = self._transforms, self._result, self._requests[0]
         for k in pairs:
@@ -230,7 +274,13 @@ class SelfCollision:
         self._pair_column = last_column[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
-        self._candidates, self._contacts = np.zeros(count, dtype=np.int64), _Buffers.of(count)
+        self._candidates, self._left = np.zeros((2, count), dtype=np.int64)
+        self._contacts = _Buffers.of(count)
+        self.arrays = SolidArrays(
+            self._joint, self._local, self._core, self._radius, self._radii, self._kind, self._solid_pairs,
+            self._pair_column,
+        )  # fmt: skip
+        self._kernel_arrays = self.arrays[:-1]
         empty = np.zeros((0, 3))
         self._nothing = Contacts(
             np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty, np.zeros((0, self._body.nv))
@@ -290,11 +340,12 @@ class SelfCollision:
         return frozenset((self.solids[i].link, self.solids[j].link))
 
 
-def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffers, count: int) -> None:
-    """`count` contacts to the last digits, in place; pairs (., 2): of solids, see `broad_phase.candidates`."""
+def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffers, first: int, count: int) -> None:
+    """Coal's contacts, from `first` to `count`, to the last digits, in place; pairs (., 2): of solids, see
+    `broad_phase.candidates`."""
     points = contacts[2:]
     listed: list[Any] = [*solids, pairs, contacts.near, count, contacts.distance, *points]
-    failed = witness.sharpen(*[*listed, 0, False])
+    failed = witness.sharpen(*[*listed, first, False])
     while failed >= 0:
         i, j = pairs[contacts.near[failed]]
         guess: list[Any] = [*solids, i, j, *(array[failed] for array in points)]

@@ -62,9 +62,7 @@ def sharpen(
         if not (abs(square - 1.0) < 1e-6 and distance[m] > -_ABSURD):
             return m
         if radii[a, 0] + radii[b, 0] > 0.0:
-            improved = _sharpen_pair(
-                world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m]
-            )
+            improved = sharpen_pair(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m])
             if np.isfinite(improved):
                 distance[m] = improved
             elif not (guessed and m == first):
@@ -73,7 +71,7 @@ def sharpen(
 
 
 @jit
-def _sharpen_pair(
+def sharpen_pair(
     world: np.ndarray,
     segment: np.ndarray,
     radius: np.ndarray,
@@ -87,7 +85,9 @@ def _sharpen_pair(
 ) -> float:
     """A pair with an ellipsoid: writes p, q, n (3,), returns the distance [m]; on failure NaN, with nothing written.
 
-    Other arrays as in `sharpen`. They are passed one by one: in a tuple they would take a third longer.
+    The ascent begins at the normal n, and on the piece of a capsule that its witness point is on, p or q; that of an
+    ellipsoid is not read. An answer below `distance` by more than 0.1 mm is a failure. Other arrays as in `sharpen`.
+    They are passed one by one: in a tuple they would take a third longer.
     """
     capsule = a if radii[a, 0] == 0.0 else (b if radii[b, 0] == 0.0 else -1)
     if capsule < 0:
@@ -124,7 +124,9 @@ def _newton(
     Other arrays as in `sharpen`. In one piece: with the gap and its derivatives in a function of their own, a contact
     takes a quarter longer.
     """
-    x, c, u = n.copy(), np.empty(3), np.zeros(3)
+    room = np.zeros((7, 3))  # in one piece: seven take a sixth of a contact's time
+    x, c, u, pa, pb, first, second = room[0], room[1], room[2], room[3], room[4], room[5], room[6]
+    x[:] = n
     a, b, capsule, piece, end = touch
     thick = 0.0
     for i in range(3):
@@ -139,7 +141,6 @@ def _newton(
     uu = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     if on_cylinder and uu == 0.0:
         return np.nan
-    pa, pb, first, second = np.zeros(3), np.zeros(3), np.empty(3), np.empty(3)
     gap = np.nan
     for step in range(_STEPS):
         if on_cylinder:  # n at right angles to the axis: one direction is free
