@@ -59,9 +59,7 @@ class Interpenetration(RecordedTerm):
     @cached_property
     def record(self) -> Record:
         """See `RecordedTerm`."""
-        s = self.self_collision
-        solids = s._local, s._core, s._radius, s._radii
-        return repulsion_record(s._joint, s._kind, s._solid_pairs, s._pair_column, solids, self._settings)
+        return repulsion_record(self.self_collision.arrays, self._settings)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""

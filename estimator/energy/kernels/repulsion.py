@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.energy.kernels.records import REPULSION, Record, record_of
-from humanoid.collision.broad_phase import candidates, place
+from humanoid.collision.compiled_contacts import find_contacts
+from humanoid.collision.curvature import add_curvature
+from humanoid.collision.self_collision import SolidArrays
+from humanoid.collision.witness import gradients
 from humanoid.support.compiled import jit
 
 _DEEPEST = 3.0  # exponent beyond which the potential goes on as a parabola: for power 1, from three scales inside
@@ -81,24 +84,42 @@ def repulsion_values(first: np.ndarray, distance: np.ndarray, settings: np.ndarr
         values[n] = total
 
 
-def repulsion_record(
-    joint: np.ndarray, kind: np.ndarray, pairs: np.ndarray, pair_column: np.ndarray, solids: tuple[np.ndarray, ...],
-    settings: np.ndarray,
-) -> Record:  # fmt: skip
-    """The term of S solids in P pairs; solids: local, core, radius, radii."""
-    return record_of(REPULSION, [len(joint), len(pairs), joint, kind, pairs, pair_column], [settings, *solids])
+def repulsion_record(solids: SolidArrays, settings: np.ndarray) -> Record:
+    """The term of S solids in P pairs; settings (6,): see `add_repulsion`."""
+    joint, local, core, radius, radii, kind, pairs, pair_column = solids
+    numbers = [settings, local, core, radius, radii]
+    return record_of(REPULSION, [len(joint), len(pairs), joint, kind, pairs, pair_column], numbers)
 
 
 @jit
 def recorded_repulsion(  # type: ignore[no-untyped-def]
     integers, numbers, placements, J, dof_joint, dof_parent, exact, gradient, hessian
 ):
-    """Value of the term and whether it is done, of a record's integers (I,) and numbers (F,); where it is not it adds
-    nothing."""
-    S, P = integers[0], integers[1]
-    joint, pairs = integers[2 : 2 + S], integers[2 + 2 * S : 2 + 2 * S + 2 * P].reshape(P, 2)
-    settings, local, core = numbers[:6], numbers[6 : 6 + 12 * S].reshape(S, 12), numbers[6 + 12 * S : 6 + 18 * S]
+    """Value of the term and whether it is done, of a record's integers (I,) and numbers (F,); where it is not, as a
+    pair is left to coal, it adds nothing.
+
+    placements (njoints, 12), J (nc, 6), dof_joint, dof_parent (nc,), gradient (nc,), hessian (nc, nc): see `evaluate`.
+    """
+    S, P, settings = integers[0], integers[1], numbers[:6]
+    joint, kind, o = integers[2 : 2 + S], integers[2 + S : 2 + 2 * S], 2 + 2 * S
+    pairs, pair_column = integers[o : o + 2 * P].reshape(P, 2), integers[o + 2 * P : o + 4 * P].reshape(P, 2)
+    local, core = numbers[6 : 6 + 12 * S].reshape(S, 12), numbers[6 + 12 * S : 6 + 18 * S].reshape(S, 6)
     radius, radii = numbers[6 + 18 * S : 6 + 19 * S], numbers[6 + 19 * S : 6 + 22 * S].reshape(S, 3)
-    world, segment, near = np.empty((S, 12)), np.empty((S, 6)), np.empty(P, dtype=np.int64)
-    place(placements, joint, local, core.reshape(S, 6), world, segment)
-    return 0.0, candidates(world, segment, radius, radii, pairs, settings[5], near) == 0
+    world, segment, distance = np.empty((S, 12)), np.empty((S, 6)), np.empty(P)
+    candidates, near, left = np.empty(P, np.int64), np.empty(P, np.int64), np.empty(P, np.int64)
+    point_a, point_b, normal = np.empty((P, 3)), np.empty((P, 3)), np.empty((P, 3))
+    count, remaining = find_contacts(
+        placements, joint, local, core, radius, radii, kind, pairs, settings[5], world, segment, candidates, near,
+        distance, point_a, point_b, normal, left,
+    )  # fmt: skip
+    if remaining > 0 or count == 0:
+        return 0.0, remaining == 0
+    near, distance, last = near[:count], distance[:count], pair_column[near[:count]]
+    point_a, point_b, normal = point_a[:count], point_b[:count], normal[:count]
+    if exact:
+        add_curvature(
+            J, dof_joint, dof_parent, last, pairs[near], kind, world, segment, radius, radii, point_a, point_b, normal,
+            distance, slopes_of(distance, settings), hessian,
+        )  # fmt: skip
+    rows = gradients(J, dof_parent, last, point_a, point_b, normal)
+    return add_repulsion(distance, rows, settings, gradient, hessian, exact), True
