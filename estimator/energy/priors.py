@@ -10,11 +10,12 @@ import pinocchio as pin
 
 from estimator.energy.kernels.records import STABILISERS, TRANSITION, Record
 from estimator.energy.kernels.stabilisers import STABILISER_NU, stabiliser_record, stabiliser_values
-from estimator.energy.kernels.transition import diffuse, transition_record, transition_values
+from estimator.energy.kernels.transition import diffuse, transition_joints, transition_record, transition_values
 from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.robust import POTENTIALS, robust_sum
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.errors import InputError
+from humanoid.support.per_object import per_object
 
 
 class Stabilisers(RecordedTerm):
@@ -63,6 +64,12 @@ class Stabilisers(RecordedTerm):
         return values
 
 
+@per_object
+def _joints(body: Body) -> np.ndarray:
+    assert body.compiled is not None
+    return transition_joints(body.compiled.indices)
+
+
 class Transition(RecordedTerm):
     """Diffusion from a previous configuration, 1/2 sum rho((q (-) q_previous)_i^2 / std_i^2) in its tangent space.
 
@@ -85,10 +92,7 @@ class Transition(RecordedTerm):
     @cached_property
     def record(self) -> Record:
         """See `RecordedTerm`."""
-        assert self._body.compiled is not None
-        return transition_record(
-            self._body.compiled.indices, self._q_previous, self._precision, self._kind, self._nu
-        )  # fmt: skip
+        return transition_record(_joints(self._body), self._q_previous, self._precision, self._kind, self._nu)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""

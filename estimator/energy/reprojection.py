@@ -61,10 +61,11 @@ class Reprojection(RecordedTerm):
     @cached_property
     def record(self) -> Record:
         """See `RecordedTerm`."""
+        body, seen = self._body, (self._confidence > 0.0).any(axis=0)  # the others have no part in it
+        joints, local = body.landmark_joint[seen], body.keypoint_local[seen]
         cameras = self._intrinsics, self._distortion, self._R, self._t
-        keypoints = self._pixels, self._confidence, self._precision
-        body = self._body
-        return keypoint_record(body.landmark_joint, body.keypoint_local, cameras, keypoints, self._kind, self._nu)
+        keypoints = self._pixels[:, seen], self._confidence[:, seen], self._precision[:, seen]
+        return keypoint_record(joints, local, cameras, keypoints, self._kind, self._nu)
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""

@@ -36,6 +36,34 @@ def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
 
 
 @jit
+def inverse_entries(M, some, m, L, Y, S):  # type: ignore[no-untyped-def]
+    """Fill the leading m x m of S (m, m) with the entries of M^-1 at m rows and columns `some` (m,), by M (n, n)'s
+    Cholesky factor; False where M is not positive definite. L (n, n), Y (m, n): overwritten."""
+    n = M.shape[0]
+    for a in range(n):
+        for b in range(a + 1):
+            L[a, b] = M[a, b]
+    if not _factor(L, n, 0.0):
+        return False
+    for k in range(m):  # y = L^-1 e_k, zero before row k
+        y, first = Y[k], some[k]
+        for a in range(first):
+            y[a] = 0.0
+        for a in range(first, n):
+            t = 1.0 if a == first else 0.0
+            for b in range(first, a):
+                t -= L[a, b] * y[b]
+            y[a] = t / L[a, a]
+    for a in range(m):
+        for b in range(m):
+            t = 0.0
+            for i in range(n):
+                t += Y[a, i] * Y[b, i]
+            S[a, b] = t
+    return True
+
+
+@jit
 def invert_definite(A, rows, n, L, X, inverse):  # type: ignore[no-untyped-def]
     """Fill the entries of `inverse` (N, N) at the leading n of `rows` (N,) and of the columns of the same names with
     the inverse of A (N, N) there; False, with nothing filled, where that block is not positive definite.

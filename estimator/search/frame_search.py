@@ -52,6 +52,7 @@ class FrameSearch:
         self.flows: dict[PoseKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
         self._bases: dict[tuple[int, int, bool, PoseKey | None], Cost] = {}
+        self._statics: dict[int, Cost] = {}
         self._pulls: dict[int, list[Term]] = {}
         self._ties: dict[PoseKey, list[Term]] = {}
         self._warm_starts: dict[tuple[int, bool, PoseKey], Solution] = {}
@@ -208,7 +209,7 @@ class FrameSearch:
         # search that is static (CSS footnote 5)
         flow = self._flow(h) if self._settings.flow_in_covariance else []
         seen = [*flow, *assigned, *self._pulled(h.pull)]
-        static = self._model.cost(association.term, image_terms=seen).of(posed)
+        static = self._static(h.association, seen).of(posed)
         return Mode(
             q=posed.q,
             velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),
@@ -221,6 +222,15 @@ class FrameSearch:
             association=association.name,
             origin=self._origin(h, q_assigned),
         )
+
+    def _static(self, association: int, image_terms: Sequence[Term]) -> Cost:
+        """The energy of a frame by itself; that of keypoints alone is made once."""
+        term = self.case.associations[association].term
+        if image_terms:
+            return self._model.cost(term, image_terms=image_terms)
+        if association not in self._statics:
+            self._statics[association] = self._model.cost(term)
+        return self._statics[association]
 
     def _origin(self, h: Hypothesis, q_assigned: np.ndarray) -> Origin:
         extent = self.case.likelihood.extents

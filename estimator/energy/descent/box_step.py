@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from estimator.numerics.linear import solve_definite
+from estimator.numerics.linear import inverse_entries, invert_definite, solve_definite
 from humanoid.support.compiled import jit
 
+_NEAR = 0.1  # standard deviations of an unknown, the others held, from a bound that it may yet meet
 NOT_CONVEX, UNSETTLED, FREE, BOUNDED = -1, 0, 1, 2  # verdicts on a step; FREE: no bound is active
 
 
@@ -162,6 +163,41 @@ def scale(M, g, bounds, x, scaled, start):  # type: ignore[no-untyped-def]
         scaled[n, i] = g[i] / s[i]
         scaled[n + 1, i], scaled[n + 2, i] = bounds[0, i] * s[i], bounds[1, i] * s[i]
         start[i] = min(max(x[i], bounds[0, i]), bounds[1, i]) * s[i]
+
+
+@jit
+def reduce(M, g, bounds, x, near, few):  # type: ignore[no-untyped-def]
+    """The problem in the few unknowns that the free minimum x (n,) takes to a bound, or near one; returns how many, m.
+
+    M (n, n), g (n,), bounds (2, n): see `solve_box`. Without bounds on the others these are eliminated exactly: what is
+    left is min 1/2 (y - x)' S^-1 (y - x), S being the block of M^-1. near (F,): filled with their indices. few: filled
+    with the problem in variables in which its matrix has a diagonal of 1: matrix (m, m), then gradient, lower and upper
+    bounds, and start, m numbers each, in a row. 0 where there are more than F, or no convex problem.
+    """
+    n, m = M.shape[0], 0
+    for i in range(n):
+        room = min(x[i] - bounds[0, i], bounds[1, i] - x[i])
+        if room * math.sqrt(M[i, i]) < _NEAR:
+            if m == near.shape[0]:
+                return 0
+            near[m] = i
+            m += 1
+    S, identity, L = np.empty((m, m)), np.arange(m), np.empty((m, m))
+    if not inverse_entries(M, near, m, np.empty((n, n)), np.empty((m, n)), S):
+        return 0
+    inverse = np.empty((m, m))
+    if not invert_definite(S, identity, m, L, np.empty((m, m)), inverse):
+        return 0
+    for a in range(m):
+        i, size = near[a], math.sqrt(inverse[a, a])
+        t = 0.0
+        for b in range(m):
+            few[a * m + b] = inverse[a, b] / (size * math.sqrt(inverse[b, b]))
+            t -= inverse[a, b] * x[near[b]]
+        few[m * m + a] = t / size
+        few[m * m + m + a], few[m * m + 2 * m + a] = bounds[0, i] * size, bounds[1, i] * size
+        few[m * m + 3 * m + a] = min(max(x[i], bounds[0, i]), bounds[1, i]) * size
+    return m
 
 
 @jit

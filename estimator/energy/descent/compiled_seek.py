@@ -68,6 +68,8 @@ class CompiledSeeker(Seeker):
         while (asks := self._advance(tree, cost, settings, multipliers)) != loop.DONE:
             if asks == loop.ASKS_TERMS:
                 self._add_terms(cost)
+            elif asks == loop.ASKS_FEW:
+                multipliers = proxqp.multipliers_of_few(int(state.integers[loop.UNKNOWNS]))
             elif asks == loop.ASKS_STEP:
                 multipliers = proxqp.multipliers(None)
             else:
@@ -80,7 +82,7 @@ class CompiledSeeker(Seeker):
         asks: int = loop.advance(
             tree, *recorded.own, *recorded.kept, joints.column_joint, joints.column_parent, self._numbers(settings),
             self.trust_box(settings), solver.places, solver.limits, len(cost.others), multipliers, *self._nothing[1:],
-            solver.proxqp.scaled, solver.proxqp.start, *self._state,
+            solver.proxqp.scaled, solver.proxqp.start, solver.proxqp.near, solver.proxqp.few, *self._state,
         )  # fmt: skip
         return asks
 
@@ -110,8 +112,9 @@ class CompiledSeeker(Seeker):
         now, tally = int(state.integers[loop.CURRENT]), state.integers[loop.COUNTS :].tolist()
         for k, count in enumerate(tally):
             self.solver.tally[k] += count
+        posed = PosedBody(state.q[now].copy(), state.placements.copy(), state.columns.copy())
         quadratic = QuadraticModel(
-            self.body.at(state.q[now].copy()), float(state.numbers[loop.VALUE + now]), state.gradient[now].copy(),
+            posed, float(state.numbers[loop.VALUE + now]), state.gradient[now].copy(),
             state.hessian[now].copy(), bool(state.integers[loop.EXACT + now]),
         )  # fmt: skip
         status = _STATUS[int(state.integers[loop.STATUS])]

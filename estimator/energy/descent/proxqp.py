@@ -13,6 +13,7 @@ from proxsuite import proxqp
 ACCURACY, SHARP = 1e-6, 1e-9  # absolute, in scaled variables; the second where the first is not enough
 PENALTY, PROXIMAL = 1e-3, 1e-6  # of the augmented Lagrangian's first round, on rows and bounds, and on the variables
 OUTER, INNER = 25, 50  # iterations
+FEW = 8  # unknowns at most that a smaller problem is made of
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
 
 Rows = tuple[np.ndarray, np.ndarray]
@@ -22,14 +23,17 @@ Rows = tuple[np.ndarray, np.ndarray]
 class ProxQP:
     """min 1/2 x'Mx + g'x within bounds and above rows, for any number of rows; one persistent object for each.
 
-    scaled (n + 4, n), start (n,): a problem, written by `estimator.energy.descent.box_step.scale`. What multipliers
-    come out may depend, in their last digits, on what was solved before.
+    scaled (n + 4, n), start (n,): a problem, written by `estimator.energy.descent.box_step.scale`. near (FEW,),
+    few: the unknowns that bounds may stop, where they are few, and the problem in these, written by `box_step.reduce`.
+    What multipliers come out may depend, in their last digits, on what was solved before.
     """
 
     def __init__(self, n: int) -> None:
         self._n = n
         self.scaled, self.start = np.zeros((n + 4, n)), np.zeros(n)
         self._matrix, (self._gradient, self._lower, self._upper, self._scale) = self.scaled[:n], self.scaled[n:]
+        self.near, self.few = np.zeros(FEW, dtype=np.int64), np.zeros((FEW + 4) * FEW)
+        self._of_few: dict[int, proxqp.dense.QP] = {}
         self._solvers: dict[int, proxqp.dense.QP] = {}
         self._zeros = np.zeros(n)
 
@@ -42,7 +46,7 @@ class ProxQP:
         C, low, high = (None, None, None) if rows is None else self._scaled(rows)
         solver = self._solvers.get(m)
         if solver is None:
-            solver = self._solvers[m] = self._made(m)
+            solver = self._solvers[m] = _made(self._n, m)
             solver.init(
                 self._matrix, self._gradient, None, None, C, low, high, self._lower, self._upper,
                 compute_preconditioner=False,
@@ -54,6 +58,27 @@ class ProxQP:
         solver.solve()
         return results.z
 
+    def multipliers_of_few(self, m: int) -> np.ndarray:
+        """Multipliers (n,) of the bounds by the problem in m unknowns, zero for the others."""
+        matrix, (gradient, lower, upper, start) = (
+            self.few[: m * m].reshape(m, m),
+            self.few[m * m :][: 4 * m].reshape(4, m),
+        )
+        solver = self._of_few.get(m)
+        if solver is None:
+            solver = self._of_few[m] = _made(m, 0)
+            solver.init(
+                matrix, gradient, None, None, None, None, None, lower, upper, compute_preconditioner=False
+            )  # fmt: skip
+        else:
+            solver.update(matrix, gradient, None, None, None, None, None, lower, upper)
+        results = solver.results
+        results.x, results.z = start, self._zeros[:m]
+        solver.solve()
+        multipliers = np.zeros(self._n)
+        multipliers[self.near[:m]] = results.z
+        return multipliers
+
     def sharper(self, rows: Rows | None) -> np.ndarray:
         """The multipliers of the problem just solved, to a smaller residual, from where they are."""
         solver = self._solvers[0 if rows is None else len(rows[1])]
@@ -63,20 +88,21 @@ class ProxQP:
         settings.eps_abs, settings.initial_guess = ACCURACY, proxqp.InitialGuess.WARM_START
         return solver.results.z
 
-    def _made(self, m: int) -> proxqp.dense.QP:
-        dense = proxqp.dense
-        solver = dense.QP(self._n, 0, m, True, dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT)
-        settings = solver.settings
-        settings.eps_abs, settings.eps_rel = ACCURACY, 0.0
-        settings.default_mu_in, settings.default_rho = PENALTY, PROXIMAL
-        settings.max_iter, settings.max_iter_in = OUTER, INNER
-        settings.frequence_infeasibility_check = 1_000_000  # never: a step of nothing is feasible
-        settings.initial_guess = proxqp.InitialGuess.WARM_START
-        return solver
-
     def _scaled(self, rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The rows in scaled variables, each of length 1, and their bounds."""
         A = rows[0] / self._scale
         length = np.linalg.norm(A, axis=1)
         length = np.where(length > 0.0, length, 1.0)
         return A / length[:, None], rows[1] / length, np.full(len(length), UNBOUNDED)
+
+
+def _made(n: int, m: int) -> proxqp.dense.QP:
+    dense = proxqp.dense
+    solver = dense.QP(n, 0, m, True, dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT)
+    settings = solver.settings
+    settings.eps_abs, settings.eps_rel = ACCURACY, 0.0
+    settings.default_mu_in, settings.default_rho = PENALTY, PROXIMAL
+    settings.max_iter, settings.max_iter_in = OUTER, INNER
+    settings.frequence_infeasibility_check = 1_000_000  # never: a step of nothing is feasible
+    settings.initial_guess = proxqp.InitialGuess.WARM_START
+    return solver

@@ -16,6 +16,7 @@ from estimator.energy.descent.box_step import (
     free_or_scaled,
     model_decrease,
     projected_gradient,
+    reduce,
     scale,
     solve_box,
 )
@@ -27,12 +28,14 @@ from humanoid.kinematics.compiled_tree import clamp_limits, integrate, place_joi
 from humanoid.support.compiled import jit
 
 # what the loop does next
-START, BEGUN, NEXT, SOLVE, ANSWERED, ANSWERED_AGAIN, MOVE, COMPARE, TAKE, END = range(10)
-# what it returns: the search has ended; it asks for ProxQP's multipliers, for sharper ones, or for terms
-DONE, ASKS_STEP, ASKS_SHARPER, ASKS_TERMS = range(4)
+START, BEGUN, NEXT, SOLVE, FEW_ANSWERED, ANSWERED, ANSWERED_AGAIN, MOVE, COMPARE, TAKE, END = range(11)
+# what it returns: the search has ended; it asks for ProxQP's multipliers of the problem in few unknowns, of the whole
+# problem, for sharper ones, or for terms
+DONE, ASKS_FEW, ASKS_STEP, ASKS_SHARPER, ASKS_TERMS = range(5)
 # of the state's integers: what is next, steps tried, which model is the current one (the other is the trial), how the
-# search ended, whether the repulsion was left out of the trial, whether either model is exact, and `StepCounts`
-STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, COUNTS = 0, 1, 2, 3, 4, 5, 7
+# search ended, whether the repulsion was left out of the trial, whether either model is exact, how many unknowns the
+# problem asked about has, and `StepCounts`
+STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, UNKNOWNS, COUNTS = 0, 1, 2, 3, 4, 5, 7, 8
 BY_NOTHING, BY_ACTIVE_SET, BY_PROXQP, BY_NONE, INTEGERS = COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3, COUNTS + 4
 # of the state's numbers: energy and KKT residual of both models, damping and its growth, what the step promises
 VALUE, RESIDUAL, DAMPED, GROWTH, PROMISED, NUMBERS = 0, 2, 4, 5, 6, 7
@@ -47,7 +50,8 @@ _SHRINK, _GROWN_FROM = DAMPING.shrink, DAMPING.grown_from
 @jit
 def advance(  # type: ignore[no-untyped-def]
     tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
-    column_parent, settings, radius, places, limits, others, multipliers, no_rows, no_sides, scaled, start, integers,
+    column_parent, settings, radius, places, limits, others, multipliers, no_rows, no_sides, scaled, start, near, few,
+    integers,
     numbers, q, gradient, hessian, placements, columns, step, matrix, bounds, active, sets,
 ):  # fmt: skip
     """Go on with a search until it ends or asks; returns which.
@@ -55,9 +59,10 @@ def advance(  # type: ignore[no-untyped-def]
     tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint, column_parent (nv,): see `Tree`. settings (6,),
     integers, numbers: see above. radius (nv,): half-width of the trust box. places (B, 2), limits (2, B): see
     `damped_step`. others: how many terms have no kernel. multipliers (nv,): what was asked for. no_rows (0, nv),
-    no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the problem asked about, see `scale`. q (2, nq),
-    gradient (2, nv), hessian (2, nv, nv): the current model and the trial. placements (njoints, 12), columns (nv, 6):
-    of the trial. step (nv,), matrix (nv, nv), bounds (2, nv): of the current model. active, sets (nv,): of bounds.
+    no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the problem asked about, see `scale`. near (F,),
+    few (N,): that in few unknowns, see `reduce`. q (2, nq), gradient (2, nv), hessian (2, nv, nv): the current model
+    and the trial. placements (njoints, 12), columns (nv, 6): of the trial, at the end of the current model. step (nv,),
+    matrix (nv, nv), bounds (2, nv): of the current model. active, sets (nv,): of bounds.
     """
     while True:
         stage, now = integers[STAGE], integers[CURRENT]
@@ -94,22 +99,26 @@ def advance(  # type: ignore[no-untyped-def]
                 step, scaled, start, settings[BY_SETS] > 0.0,
             )  # fmt: skip
             if verdict == UNSETTLED:
-                integers[STAGE] = ANSWERED
-                return ASKS_STEP
+                integers[UNKNOWNS] = reduce(matrix, gradient[now], bounds, step, near, few)
+                integers[STAGE] = FEW_ANSWERED if integers[UNKNOWNS] > 0 else ANSWERED
+                return ASKS_FEW if integers[UNKNOWNS] > 0 else ASKS_STEP
             if verdict == NOT_CONVEX:
                 _damp_more(integers, numbers)
             else:
                 integers[BY_NOTHING if verdict == FREE else BY_ACTIVE_SET] += 1
                 numbers[PROMISED], integers[STAGE] = promised, MOVE
-        elif stage in (ANSWERED, ANSWERED_AGAIN):
+        elif stage in (FEW_ANSWERED, ANSWERED, ANSWERED_AGAIN):
             certified, promised = settle(
                 hessian[now], matrix, gradient[now], bounds, no_rows, no_sides, multipliers, sets,
-                1 if stage == ANSWERED else MENDED, step,
+                MENDED if stage == ANSWERED_AGAIN else 1, step,
             )  # fmt: skip
             if certified:
                 active[:] = sets
                 integers[BY_PROXQP] += 1
                 numbers[PROMISED], integers[STAGE] = promised, MOVE
+            elif stage == FEW_ANSWERED:
+                integers[STAGE] = ANSWERED
+                return ASKS_STEP
             elif stage == ANSWERED:
                 integers[STAGE] = ANSWERED_AGAIN
                 return ASKS_SHARPER
@@ -134,6 +143,7 @@ def advance(  # type: ignore[no-untyped-def]
         elif stage == TAKE:
             integers[CURRENT], integers[STAGE] = trial, NEXT
         else:
+            place_joints(tree, q[now], placements, columns)
             return DONE
 
 
@@ -156,7 +166,7 @@ def _model(  # type: ignore[no-untyped-def]
 
 @jit
 def _begin(settings, places, limits, trial, integers, numbers, q, gradient, step, active):  # type: ignore[no-untyped-def]
-    """Take the trial as the first model; settings (6,), integers (11,), numbers (7,), the others: see `advance`."""
+    """Take the trial as the first model; settings (6,), integers (12,), numbers (7,), the others: see `advance`."""
     numbers[RESIDUAL + trial] = projected_gradient(gradient[trial], q[trial], places, limits, step)
     numbers[DAMPED], numbers[GROWTH] = settings[FIRST], _GROWTH
     integers[CURRENT], integers[TRIED], integers[STAGE] = trial, 0, NEXT
@@ -183,7 +193,7 @@ def _solve(  # type: ignore[no-untyped-def]
 
 @jit
 def _damp_more(integers, numbers):  # type: ignore[no-untyped-def]
-    """Another try with more damping, or the end; integers (11,), numbers (7,)."""
+    """Another try with more damping, or the end; integers (12,), numbers (7,)."""
     if numbers[DAMPED] < _MOST_DAMPING:
         numbers[DAMPED], integers[STAGE] = max(_RETRY_FACTOR * numbers[DAMPED], _RETRY_LEAST), SOLVE
     else:
@@ -193,7 +203,7 @@ def _damp_more(integers, numbers):  # type: ignore[no-untyped-def]
 @jit
 def _taken(residual, now, integers, numbers):  # type: ignore[no-untyped-def]
     """Whether the trial is taken, its KKT residual being this; sets the damping, and LEFT to -1 where the step was too
-    cautious. integers (11,), numbers (7,); now: the current model."""
+    cautious. integers (12,), numbers (7,); now: the current model."""
     trial = 1 - now
     value = numbers[VALUE + now]
     gain = value - numbers[VALUE + trial]

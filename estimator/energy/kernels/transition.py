@@ -35,13 +35,19 @@ def diffuse(e, precision, kind, nu, exact, ranges, jacobian, pull, bend, gradien
 
 
 def transition_record(
-    indices: np.ndarray, q_previous: np.ndarray, precision: np.ndarray, kind: int, nu: float
+    joints: np.ndarray, q_previous: np.ndarray, precision: np.ndarray, kind: int, nu: float
 ) -> Record:
-    """The term from q_previous (nq,), precision (nv,); indices (njoints - 1, 3): see `CompiledTree.indices`."""
+    """The term from q_previous (nq,), precision (nv,); joints: what `transition_joints` makes of the body's."""
+    sizes = [len(q_previous), len(precision), kind]
+    return record_of(TRANSITION, [*sizes, joints], [nu, q_previous, precision])
+
+
+def transition_joints(indices: np.ndarray) -> np.ndarray:
+    """Integers that are the same in all records of a body: indices (njoints - 1, 3), see `CompiledTree.indices`, and
+    the ranges of its free joints in the tangent space."""
     free = indices[indices[:, 0] == FREE, 2]
     ranges = np.stack((free, free + 6), axis=1)
-    sizes = [len(q_previous), len(precision), kind, len(indices), len(ranges)]
-    return record_of(TRANSITION, [*sizes, indices, ranges], [nu, q_previous, precision])
+    return np.concatenate([[len(indices), len(ranges)], indices.ravel(), ranges.ravel()])
 
 
 @jit
