@@ -61,10 +61,10 @@ class PosePrior(RecordedTerm):
         share, mean, covariance = mixture.both_sides()
         mean, covariance = mean[:, kept], covariance[:, kept][:, :, kept]
         cholesky = np.linalg.cholesky(covariance)
-        self._whiten = np.linalg.inv(cholesky)
-        self._whiten_t = np.ascontiguousarray(self._whiten.reshape(-1, len(kept)).T)
-        self._white_mean = np.einsum("kij,kj->ki", self._whiten, mean).ravel()
-        product = self._whiten.transpose(0, 2, 1) @ self._whiten
+        whiten = np.linalg.inv(cholesky)
+        self._whiten = np.concatenate([whiten[:, j:, j].T.ravel() for j in range(len(kept))])
+        self._white_mean = np.einsum("kij,kj->ik", whiten, mean).ravel()
+        product = whiten.transpose(0, 2, 1) @ whiten
         precision = 0.5 * (product + product.transpose(0, 2, 1))
         self._pull = np.einsum("kij,kj->ki", precision, mean)
         below = np.tril_indices(len(kept))
@@ -76,7 +76,7 @@ class PosePrior(RecordedTerm):
     def record(self) -> Record:
         """See `RecordedTerm`."""
         return mixture_record(
-            self._q_index, self._v_index, self._log_share, self._whiten, self._whiten_t, self._white_mean,
+            self._q_index, self._v_index, self._log_share, self._whiten, self._white_mean,
             self._precision, self._pull, self._log_background, self._rest, self._rest_precision, self._weight,
         )  # fmt: skip
 
@@ -84,7 +84,7 @@ class PosePrior(RecordedTerm):
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
         mixture_values(
-            placed.q, self._q_index, self._log_share, self._whiten_t, self._white_mean, self._log_background,
+            placed.q, self._q_index, self._log_share, self._whiten, self._white_mean, self._log_background,
             self._rest, self._rest_precision, self._weight, values,
         )  # fmt: skip
         return values
