@@ -12,7 +12,7 @@ from benchmarks.speed.mode_search_residuals import Change, Residuals
 from benchmarks.speed.mode_search_scipy import Watched, scipy_search
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.gravity_prior import world_up
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -84,7 +84,7 @@ class Contest:
         self.cameras = scene_cameras()[:1]
         self.settings = CostSettings(interpenetration_weight=0.0, pose_prior_weight=0.0)  # neither is a sum of squares
         self.model = CostModel(self.body, self.settings)
-        self.seeker = Seeker(self.body)
+        self.seeker = CompiledSeeker(self.body)
         self._seen = np.isin(self.body.landmark_names, COCO17)
 
     def problem(self, rng: np.random.Generator) -> tuple[np.ndarray, Observation]:

@@ -19,7 +19,7 @@ from benchmarks.support.common import Changes, Data, Json, data_folder, nested, 
 from benchmarks.support.tracking import timed_track
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import energy_of
@@ -169,20 +169,20 @@ def speeds(
 @contextmanager
 def tallied(tally: Tally) -> Iterator[None]:
     """Count the searches, by the budget they were given, and their steps."""
-    seek = Seeker.seek
+    seek = CompiledSeeker.seek
 
-    def counted(self: Seeker, cost: Cost, q: np.ndarray, settings: Any = None) -> Solution:
+    def counted(self: CompiledSeeker, cost: Cost, q: np.ndarray, settings: Any = None) -> Solution:
         solution = seek(self, cost, q, settings)
         budget = (settings or self.settings).max_iterations
         tally.searches[budget] += 1
         tally.steps[budget] += solution.iterations
         return solution
 
-    Seeker.seek = counted  # type: ignore[method-assign]
+    CompiledSeeker.seek = counted  # type: ignore[method-assign]
     try:
         yield
     finally:
-        Seeker.seek = seek  # type: ignore[method-assign]
+        CompiledSeeker.seek = seek  # type: ignore[method-assign]
 
 
 def searched(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from estimator.energy.kernels.records import REPULSION, Record, Records, joined
 from estimator.energy.term import BatchTerm, Term
 from humanoid.kinematics.body import Body, PosedBody
 
-_MOST_ROWS = 32  # rows of lasting records that are kept
+_MOST_ROWS = 16  # rows of lasting records that are kept
 
 
 class RecordedTerm(BatchTerm):

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from humanoid.kinematics.body import Body
+from humanoid.support.compiled import jit
 
 Item = TypeVar("Item")
 
@@ -26,16 +27,37 @@ def best_distinct(
     count: int,
 ) -> list[Item]:
     """The `count` best items of which no two have all landmarks (L, 3) within `distance` [m] of each other."""
-    distinct: list[Item] = []
-    shapes: list[np.ndarray] = []
-    for item in sorted(items, key=score, reverse=True):
-        shape = points(item)
-        if all(np.max(np.sum(np.square(shape - other), axis=1)) > distance**2 for other in shapes):
-            distinct.append(item)
-            shapes.append(shape)
-            if len(distinct) == count:
+    ranked = sorted(items, key=score, reverse=True)
+    if not ranked:
+        return []
+    chosen = np.empty(len(ranked), dtype=np.int64)
+    some = choose_distinct(np.array([points(item) for item in ranked]), distance**2, count, chosen)
+    return [ranked[k] for k in chosen[:some].tolist()]
+
+
+@jit
+def choose_distinct(points, square, count, chosen):  # type: ignore[no-untyped-def]
+    """Fill chosen (N,) with the first of N sets of landmarks, points (N, L, 3), of which no two have all landmarks
+    within the root of `square` of each other, at most `count`; returns how many."""
+    some = 0
+    for n in range(points.shape[0]):
+        if some == count:
+            break
+        new = True
+        for k in chosen[:some]:
+            farthest = 0.0
+            for i in range(points.shape[1]):
+                away = 0.0
+                for c in range(3):
+                    away += (points[n, i, c] - points[k, i, c]) ** 2
+                farthest = max(farthest, away)
+            if not farthest > square:
+                new = False
                 break
-    return distinct
+        if new:
+            chosen[some] = n
+            some += 1
+    return some
 
 
 def bhattacharyya(

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.energy.cost import Cost
-from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.descent.compiled_seek import CompiledSeeker
+from estimator.energy.descent.seek import SeekSettings
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
@@ -121,7 +122,7 @@ def _followed(body: Body, index: list[int], names: tuple[str, ...], points: np.n
     always: list[Term] = [Stabilisers(body, _STABILISERS)]
     if self_collision.pairs:
         always.append(Interpenetration(self_collision, _CLEARANCE_SCALE))
-    seeker = Seeker(body, SeekSettings(decrease_tolerance=1e-4))
+    seeker = CompiledSeeker(body, SeekSettings(decrease_tolerance=1e-4))
     trunk = [names.index(name) for name in _TRUNK]
     q = _aligned(body, [index[i] for i in trunk], points[0, trunk])
     poses = []

@@ -9,9 +9,10 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.cost import QuadraticModel
+from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.newton import Problem, Step
-from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.descent.seek import SeekSettings
 from estimator.energy.priors import Transition
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
@@ -141,7 +142,7 @@ class MeasuresEnergy(Problem[MeasuresModel]):
     def model(self, measures: Measures, poses: Sequence[np.ndarray]) -> MeasuresModel:
         """The model at some measures; the poses (F) of (nq,) are searched from the given ones."""
         body = self.at_measures(measures)
-        frames, seeker = CostModel(body, self._settings), Seeker(body)
+        frames, seeker = CostModel(body, self._settings), CompiledSeeker(body)
         e = (_packed(measures) - self._mean) / self._std
         value, gradient, hessian = 0.5 * float(e @ e), e / self._std, np.diag(1.0 / self._std**2)
         minima: list[np.ndarray] = []
