@@ -11,7 +11,7 @@ import pytest
 from estimator.data.observation import Observation
 from estimator.data.standing import SPAN, StandingPoints, with_standing
 from estimator.energy.level_feet import LevelFeet, Soles
-from estimator.energy.standing import standing_targets, standing_ties
+from estimator.energy.standing import HeldPoints, standing_ties
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.smoothing import SmoothSettings, smooth
@@ -120,14 +120,14 @@ def test_targets_are_the_tie_with_the_earlier_pose_held() -> None:
     standing = np.zeros(len(NAMES))
     standing[HEEL] = 0.7
     before, after = (BODY.at(q) for q in squat(9, 0.3)[[2, 4]])
-    (target,) = standing_targets(BODY, standing, before, 0.02, 1.5)
+    (target,) = HeldPoints(BODY, standing, 0.02, 1.5).targets(before)
     gradient, hessian = np.zeros(2 * BODY.nv), np.zeros((2 * BODY.nv, 2 * BODY.nv))
     (tie,) = standing_ties(BODY, standing, 0.02, 1.5)
     tied = tie.accumulate_pair(before, after, gradient, hessian)
     own = np.zeros(BODY.nv)
     assert target.accumulate(after, own, np.zeros((BODY.nv, BODY.nv))) == pytest.approx(tied)
     np.testing.assert_allclose(own, gradient[BODY.nv :], atol=1e-9)
-    assert standing_targets(BODY, np.zeros(len(NAMES)), before, 0.02) == []
+    assert HeldPoints(BODY, np.zeros(len(NAMES)), 0.02).targets(before) == []
     assert standing_ties(BODY, np.zeros(len(NAMES)), 0.02) == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -62,6 +63,12 @@ class PointTargets(RecordedTerm):
         """See `RecordedTerm`."""
         arrays = self._joint, self._local, self._target, self._precision, self._weight
         return target_record(*arrays, self._kind, self._nu)
+
+    def with_targets(self, target: np.ndarray) -> PointTargets:
+        """The same points drawn to other places, target (N, 3) [m]."""
+        moved = copy(self)
+        moved._target = target
+        return moved
 
     def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (N, 3) [1/m] and Gauss-Newton Hessian (N, 3, 3) of the value with respect to each point."""

@@ -51,9 +51,10 @@ class Stabilisers(RecordedTerm):
     @cached_property
     def record(self) -> Record:
         """See `RecordedTerm`."""
-        return stabiliser_record(
-            self._q_index, self._v_index, self._rest, self._precision, self._weight, self._kind, self._nu
-        )
+        pulled = self._weight != 0.0
+        q_index, v_index, rest = self._q_index[pulled], self._v_index[pulled], self._rest[pulled]
+        precision, weight = self._precision[pulled], self._weight[pulled]
+        return stabiliser_record(q_index, v_index, rest, precision, weight, self._kind, self._nu)
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""

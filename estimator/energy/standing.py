@@ -7,31 +7,34 @@ import numpy as np
 from estimator.energy.kernels.points import to_world
 from estimator.energy.point_targets import PointTargets
 from estimator.numerics.robust import LORENTZIAN, rho
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.support.compiled import jit
 
 LEAST = 0.1  # probability of standing from which a point is held
 _NU = 8.0  # squared standard deviations from which a point has begun to move
 
 
-def standing_targets(
-    body: Body, standing: np.ndarray, before: PosedBody, std: float, weight: float = 1.0
-) -> list[PointTargets]:
-    """What holds standing points where an earlier pose has them, that pose being held; nothing where none stands.
+class HeldPoints:
+    """The landmarks that stand in a frame, to be held where an earlier pose has them, that pose being held.
 
     standing (L,): probability that each landmark stands. std [m]: of its movement since, and of the earlier pose.
     """
-    index = np.flatnonzero(standing >= LEAST)
-    if not len(index):
-        return []
-    where = body.landmarks(before)[index]
-    precision = np.repeat(np.eye(3)[None] / std**2, len(index), axis=0)
-    return [
-        PointTargets(
-            body, body.landmark_joint[index], body.landmark_local[index], where, precision,
-            weight=weight * standing[index], potential="lorentzian", nu=_NU, name="standing points",
-        )
-    ]  # fmt: skip
+
+    def __init__(self, body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> None:
+        index = np.flatnonzero(standing >= LEAST)
+        joint, local = body.landmark_joint[index], body.landmark_local[index]
+        precision = np.repeat(np.eye(3)[None] / std**2, len(index), axis=0)
+        self._joint, self._local = joint, local
+        self._targets = PointTargets(
+            body, joint, local, np.zeros((len(index), 3)), precision, weight=weight * standing[index],
+            potential="lorentzian", nu=_NU, name="standing points",
+        )  # fmt: skip
+
+    def targets(self, before: PosedBody) -> list[PointTargets]:
+        """What holds them where an earlier pose has them; nothing where none stands."""
+        if not len(self._joint):
+            return []
+        return [self._targets.with_targets(points_in_world(before, self._joint, self._local))]
 
 
 class StandingTie:
@@ -95,6 +98,6 @@ def _tie_rows(  # type: ignore[no-untyped-def]
 
 
 def standing_ties(body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> list[StandingTie]:
-    """A tie as `standing_targets` has targets; nothing where none stands."""
+    """A tie as `HeldPoints` has targets; nothing where none stands."""
     index = np.flatnonzero(standing >= LEAST)
     return [StandingTie(body, index, weight * standing[index], std)] if len(index) else []

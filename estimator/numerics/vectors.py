@@ -32,6 +32,16 @@ def times(factor, a):  # type: ignore[no-untyped-def]
 
 
 @jit
+def furthest(a, b):  # type: ignore[no-untyped-def]
+    """The largest distance of points a (N, 3) from points b (N, 3)."""
+    most = 0.0
+    for i in range(a.shape[0]):
+        way = plus(a[i], -1.0, b[i])
+        most = max(most, dot(way, way))
+    return math.sqrt(most)
+
+
+@jit
 def rotated(axis, angle, v):  # type: ignore[no-untyped-def]
     """v (3,) turned by `angle` [rad] about the unit vector `axis` (3,)."""
     c, s = math.cos(angle), math.sin(angle)

@@ -16,7 +16,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
-from estimator.energy.standing import StandingTie, standing_targets, standing_ties
+from estimator.energy.standing import HeldPoints, StandingTie, standing_ties
 from estimator.energy.term import Term
 from estimator.search.cost_settings import CostSettings
 from estimator.search.cost_terms import terms_of
@@ -64,6 +64,7 @@ class CostModel:
         self._fixed = tuple(terms_of(self._context))
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
+        self._last_standing: tuple[np.ndarray, float, HeldPoints] | None = None
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def rest_energies(self, q: np.ndarray) -> np.ndarray:
@@ -143,12 +144,21 @@ class CostModel:
     ) -> list[PointTargets | Transition]:
         """What the change since `q_previous` (nq,), `dt` seconds ago, costs, and what holds points there that stand in
         what is observed: the last terms of `cost`."""
-        s, held = self.settings, list[PointTargets]()
         standing = None if observed is None else observed.observation.standing
-        if standing is not None and s.standing_weight > 0.0:
-            std = math.hypot(s.standing_error, s.standing_slip * dt)
-            held += standing_targets(self.body, standing, self.body.at(q_previous), std, s.standing_weight)
+        if standing is None or self.settings.standing_weight <= 0.0:
+            return [self.transition(q_previous, dt)]
+        held = self._standing_points(standing, dt).targets(self.body.at(q_previous))
         return [*held, self.transition(q_previous, dt)]
+
+    def _standing_points(self, standing: np.ndarray, dt: float) -> HeldPoints:
+        """Of a frame whose landmarks stand with these probabilities (L,), `dt` seconds after the last; made once."""
+        known = self._last_standing
+        if known is None or known[0] is not standing or known[1] != dt:
+            s = self.settings
+            std = math.hypot(s.standing_error, s.standing_slip * dt)
+            points = HeldPoints(self.body, standing, std, s.standing_weight)
+            known = self._last_standing = standing, dt, points
+        return known[2]
 
     def standing_ties(self, standing: np.ndarray | None, dt: float) -> list[StandingTie]:
         """What holds two successive frames' standing points together, `dt` seconds apart; standing (L,): see

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,7 +65,8 @@ class CompiledSeeker(Seeker):
         state, proxqp = self._state, self.solver.proxqp
         state.integers[:], state.q[1] = 0, q
         asks, multipliers = loop.START, self._nothing[0]
-        while (asks := self._advance(tree, cost, settings, multipliers)) != loop.DONE:
+        arguments = self._arguments(tree, cost, settings)
+        while (asks := loop.advance(multipliers, *arguments)) != loop.DONE:
             if asks == loop.ASKS_TERMS:
                 self._add_terms(cost)
             elif asks == loop.ASKS_FEW:
@@ -76,15 +77,15 @@ class CompiledSeeker(Seeker):
                 multipliers = proxqp.sharper(None)
         return self._solution()
 
-    def _advance(self, tree: CompiledTree, cost: Cost, settings: SeekSettings, multipliers: np.ndarray) -> int:
-        """Go on until the search ends or asks; which."""
+    def _arguments(self, tree: CompiledTree, cost: Cost, settings: SeekSettings) -> tuple[Any, ...]:
+        """What `search_loop.advance` takes after the multipliers."""
         solver, joints, recorded = self.solver, self.body.tree, cost.recorded
-        asks: int = loop.advance(
+        proxqp = solver.proxqp
+        return (
             tree, *recorded.own, *recorded.kept, joints.column_joint, joints.column_parent, self._numbers(settings),
-            self.trust_box(settings), solver.places, solver.limits, len(cost.others), multipliers, *self._nothing[1:],
-            solver.proxqp.scaled, solver.proxqp.start, solver.proxqp.near, solver.proxqp.few, *self._state,
+            self.trust_box(settings), solver.places, solver.limits, len(cost.others), *self._nothing[1:],
+            proxqp.scaled, proxqp.start, proxqp.near, proxqp.few, *self._state,
         )  # fmt: skip
-        return asks
 
     def _numbers(self, settings: SeekSettings) -> np.ndarray:
         """The settings as the loop reads them, (6,)."""

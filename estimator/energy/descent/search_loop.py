@@ -49,16 +49,16 @@ _SHRINK, _GROWN_FROM = DAMPING.shrink, DAMPING.grown_from
 
 @jit
 def advance(  # type: ignore[no-untyped-def]
-    tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
-    column_parent, settings, radius, places, limits, others, multipliers, no_rows, no_sides, scaled, start, near, few,
+    multipliers, tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
+    column_parent, settings, radius, places, limits, others, no_rows, no_sides, scaled, start, near, few,
     integers,
     numbers, q, gradient, hessian, placements, columns, step, matrix, bounds, active, sets,
 ):  # fmt: skip
     """Go on with a search until it ends or asks; returns which.
 
-    tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint, column_parent (nv,): see `Tree`. settings (6,),
-    integers, numbers: see above. radius (nv,): half-width of the trust box. places (B, 2), limits (2, B): see
-    `damped_step`. others: how many terms have no kernel. multipliers (nv,): what was asked for. no_rows (0, nv),
+    multipliers (nv,): what was asked for. tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint,
+    column_parent (nv,): see `Tree`. settings (6,), integers, numbers: see above. radius (nv,): half-width of the trust
+    box. places (B, 2), limits (2, B): see `damped_step`. others: how many terms have no kernel. no_rows (0, nv),
     no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the problem asked about, see `scale`. near (F,),
     few (N,): that in few unknowns, see `reduce`. q (2, nq), gradient (2, nv), hessian (2, nv, nv): the current model
     and the trial. placements (njoints, 12), columns (nv, 6): of the trial, at the end of the current model. step (nv,),

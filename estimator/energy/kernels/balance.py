@@ -94,20 +94,21 @@ def add_balance(  # type: ignore[no-untyped-def]
         weight[joint_parent[j]] += weight[j]
         for i in range(3):
             moment[joint_parent[j], i] += moment[j, i]
-    rows = np.empty((dof_joint.shape[0], 2))
+    rows = np.empty((2, dof_joint.shape[0]))
     for d in range(dof_joint.shape[0]):
         w, q = weight[dof_joint[d]], moment[dof_joint[d]]
         x[0] = w * J[d, 0] + J[d, 4] * q[2] - J[d, 5] * q[1]
         x[1] = w * J[d, 1] + J[d, 5] * q[0] - J[d, 3] * q[2]
         x[2] = w * J[d, 2] + J[d, 3] * q[1] - J[d, 4] * q[0]
         for a in range(2):
-            rows[d, a] = axes[a, 0] * x[0] + axes[a, 1] * x[1] + axes[a, 2] * x[2]
-        gradient[d] += 2.0 * slope * (pull[0] * rows[d, 0] + pull[1] * rows[d, 1])
+            rows[a, d] = axes[a, 0] * x[0] + axes[a, 1] * x[1] + axes[a, 2] * x[2]
+        gradient[d] += 2.0 * slope * (pull[0] * rows[0, d] + pull[1] * rows[1, d])
     for d in range(dof_joint.shape[0]):
-        first = 2.0 * slope * (precision[0, 0] * rows[d, 0] + precision[0, 1] * rows[d, 1])
-        second = 2.0 * slope * (precision[1, 0] * rows[d, 0] + precision[1, 1] * rows[d, 1])
+        first = 2.0 * slope * (precision[0, 0] * rows[0, d] + precision[0, 1] * rows[1, d])
+        second = 2.0 * slope * (precision[1, 0] * rows[0, d] + precision[1, 1] * rows[1, d])
+        row = hessian[d]
         for k in range(dof_joint.shape[0]):
-            hessian[d, k] += first * rows[k, 0] + second * rows[k, 1]
+            row[k] += first * rows[0, k] + second * rows[1, k]
     return value
 
 

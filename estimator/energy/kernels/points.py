@@ -43,28 +43,48 @@ def load_joints(joints, points, force, weight, exact, joint_force, joint_load, m
     """Add B'f and B'WB of every point to its joint, B = [I, -[p]x] taking a spatial velocity to the point's.
 
     joints (N,), points (N, 3) [m], force (N, 3) and weight (N, 3, 3) as in `LoadedPoints`. Adds to joint_force
-    (njoints, 6) and joint_load (njoints, 6, 6), and with `exact` p f' to moment (njoints, 3, 3).
+    (njoints, 6) and the upper triangles of joint_load (njoints, 6, 6), and with `exact` p f' to moment (njoints, 3, 3).
     """
-    half = np.zeros((3, 6))
     for n in range(joints.shape[0]):
         p, f, W = points[n], force[n], weight[n]
         F, A = joint_force[joints[n]], joint_load[joints[n]]
-        for i in range(3):  # W B: the angular part of a row w is p x w
-            half[i, 0], half[i, 1], half[i, 2] = W[i, 0], W[i, 1], W[i, 2]
-            half[i, 3] = p[1] * W[i, 2] - p[2] * W[i, 1]
-            half[i, 4] = p[2] * W[i, 0] - p[0] * W[i, 2]
-            half[i, 5] = p[0] * W[i, 1] - p[1] * W[i, 0]
-            F[i] += f[i]
-        F[3] += p[1] * f[2] - p[2] * f[1]
-        F[4] += p[2] * f[0] - p[0] * f[2]
-        F[5] += p[0] * f[1] - p[1] * f[0]
-        for k in range(6):
-            A[0, k] += half[0, k]
-            A[1, k] += half[1, k]
-            A[2, k] += half[2, k]
-            A[3, k] += p[1] * half[2, k] - p[2] * half[1, k]
-            A[4, k] += p[2] * half[0, k] - p[0] * half[2, k]
-            A[5, k] += p[0] * half[1, k] - p[1] * half[0, k]
+        x, y, z = p[0], p[1], p[2]
+        F[0] += f[0]
+        F[1] += f[1]
+        F[2] += f[2]
+        F[3] += y * f[2] - z * f[1]
+        F[4] += z * f[0] - x * f[2]
+        F[5] += x * f[1] - y * f[0]
+        # W B: the angular part of a row w is p x w; then B' (W B) in the same way, its upper triangle alone
+        a, b, c, d, e, g = W[0, 0], W[0, 1], W[0, 2], W[1, 1], W[1, 2], W[2, 2]
+        a3, a4, a5 = y * c - z * b, z * a - x * c, x * b - y * a
+        d3, d4, d5 = y * e - z * d, z * b - x * e, x * d - y * b
+        g3, g4, g5 = y * g - z * e, z * c - x * g, x * e - y * c
+        row = A[0]
+        row[0] += a
+        row[1] += b
+        row[2] += c
+        row[3] += a3
+        row[4] += a4
+        row[5] += a5
+        row = A[1]
+        row[1] += d
+        row[2] += e
+        row[3] += d3
+        row[4] += d4
+        row[5] += d5
+        row = A[2]
+        row[2] += g
+        row[3] += g3
+        row[4] += g4
+        row[5] += g5
+        row = A[3]
+        row[3] += y * g3 - z * d3
+        row[4] += y * g4 - z * d4
+        row[5] += y * g5 - z * d5
+        A[4, 4] += z * a4 - x * g4
+        A[4, 5] += z * a5 - x * g5
+        A[5, 5] += x * d5 - y * a5
         if exact:
             M = moment[joints[n]]
             for i in range(3):
@@ -77,15 +97,17 @@ def gather(J, joint_parent, dof_joint, dof_parent, force, load, gradient, hessia
     """Joint loads to gradient and Hessian: sums go up the tree first, as in the composite rigid body algorithm.
 
     J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,): see `accumulate_loads`. Adds sum_j J_j' force_j to
-    gradient (nv,) and sum_j J_j' load_j J_j to hessian (nv, nv) in O(nv depth). Overwrites load (njoints, 6, 6) and
-    force (njoints, 6) with their sums over subtrees.
+    gradient (nv,) and sum_j J_j' load_j J_j to hessian (nv, nv) in O(nv depth). Overwrites load (njoints, 6, 6), of
+    which the upper triangles count, and force (njoints, 6) with their sums over subtrees.
     """
     for j in range(joint_parent.shape[0] - 1, 0, -1):
         parent = joint_parent[j]
         for i in range(6):
             force[parent, i] += force[j, i]
-            for k in range(6):
+            for k in range(i, 6):
                 load[parent, i, k] += load[j, i, k]
+            for k in range(i):
+                load[j, i, k] = load[j, k, i]
     moved = np.zeros(6)
     for d in range(dof_joint.shape[0]):
         j = dof_joint[d]

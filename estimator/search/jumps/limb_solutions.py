@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.numerics.vectors import dot, plus
 from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.angles import limb_alternatives
 from estimator.search.jumps.lines import axes_of
 from estimator.search.jumps.pose_on_rays import PoseOnRays
 from humanoid.kinematics.body import Body
+from humanoid.support.compiled import jit
 
 REACHED = 0.06  # m; near enough to be refined by the mode search
 ROUGHLY = 0.25  # m; where a limb that takes another's place may start its search from
@@ -36,11 +39,26 @@ def limb_solutions(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, near: 
     limb_alternatives(
         axes, through, points, limb.counts, eyes, rays, lower[limb.dofs], upper[limb.dofs], turns, errors, reached
     )
-    off = reached - eyes
-    missed = np.sqrt((np.square(off).sum(axis=2) - np.square((off * rays).sum(axis=2)).clip(0.0)).clip(0.0).max(axis=1))
-    moved = np.sqrt(np.square(reached - points[1:]).sum(axis=2).max(axis=1))
-    distinct: list[int] = []
-    for k in np.argsort(errors, kind="stable"):
-        if errors[k] < near and all(np.abs(reached[k] - reached[i]).max() > SAME_PLACE for i in distinct):
-            distinct.append(int(k))
-    return [LimbSolution(turns[k], float(missed[k]), float(moved[k])) for k in sorted(distinct)]
+    missed, moved, chosen = np.zeros(4), np.zeros(4), np.zeros(4, dtype=np.bool_)
+    _choose(reached, errors, eyes, rays, points[1:], near, missed, moved, chosen)
+    return [LimbSolution(turns[k], float(missed[k]), float(moved[k])) for k in np.flatnonzero(chosen).tolist()]
+
+
+@jit
+def _choose(reached, errors, eyes, rays, points, near, missed, moved, chosen):  # type: ignore[no-untyped-def]
+    """Mark in chosen (4,) which of four alternatives, reached (4, 2, 3), errors (4,), have an error below `near`, the
+    best of each place; fill missed (4,) [m], how far they are from the rays, eyes, rays (2, 3), and moved (4,) [m], how
+    far from points (2, 3)."""
+    for k in range(4):
+        for i in range(2):
+            off = plus(reached[k, i], -1.0, eyes[i])
+            along = dot(off, rays[i])
+            missed[k] = max(missed[k], math.sqrt(max(dot(off, off) - along * along, 0.0)))
+            way = plus(reached[k, i], -1.0, points[i])
+            moved[k] = max(moved[k], math.sqrt(dot(way, way)))
+    for k in np.argsort(errors, kind="mergesort"):
+        new = errors[k] < near
+        for other in range(4):
+            if chosen[other] and np.abs(reached[k] - reached[other]).max() <= SAME_PLACE:
+                new = False
+        chosen[k] = new

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pinocchio as pin
 
 from estimator.numerics.alignment import rotation_onto
+from estimator.numerics.vectors import cross, furthest
 from estimator.search.jumps.anatomy import Anatomy, RigidPart, TwoSegmentLimb
 from estimator.search.jumps.angles import part_turns
 from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, LimbSolution, limb_solutions
@@ -85,15 +84,17 @@ def _pivot(on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
 
 
 def _furthest(a: np.ndarray, b: np.ndarray) -> float:
-    return math.sqrt(np.square(a - b).sum(axis=1).max())
+    return float(furthest(a, b))
 
 
 def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) that brings vectors (k, 3) nearest to others; the smallest where one direction is all there
     is."""
-    axis = np.cross(before, after).sum(axis=0)
-    rows = np.vstack([before, 1e-3 * axis]), np.vstack([after, 1e-3 * axis])
-    return rotation_onto(*rows)
+    axis = np.zeros((1, 3))
+    for a, b in zip(before, after, strict=True):
+        axis += cross(a, b)
+    axis *= 1e-3
+    return rotation_onto(np.concatenate((before, axis)), np.concatenate((after, axis)))
 
 
 def _root_turned(q: np.ndarray, turn: np.ndarray, pivot: np.ndarray) -> np.ndarray:
