@@ -16,6 +16,8 @@ from threadpoolctl import threadpool_limits
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.energy.balance import Balance
+from estimator.energy.descent.compiled_seek import compile_search
+from estimator.energy.descent.search_loop import advance
 from estimator.numerics.pool import checked_count
 from estimator.runs.diagnosis import contradicted
 from estimator.runs.out_of_balance import out_of_balance
@@ -35,6 +37,7 @@ from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.keypoint_places import with_layout_places
 from humanoid.subject.subject import BUILT_IN, Subject, is_built_in
+from humanoid.support.compiled import is_compiled
 from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
@@ -148,6 +151,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
+    _compile(body, job.progress)
     with opened_cues(subject, inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
@@ -170,6 +174,15 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         seen = [replace(o, estimate=fitted.first.get(o.index), noise=noise) for o in clip]
         inputs, own = replace(inputs, observations=seen), fitted.subject
         return _track_into(job, _header(job, own, inputs, names_of(chosen), notes), own, inputs, cues, subject)
+
+
+def _compile(body: Body, progress: Reporter) -> None:
+    """Compile the search where that was never done on this machine, and say so: it is longer than many clips take."""
+    if not is_compiled(advance):
+        with progress("compiling, once after an installation") as report:
+            report(0, 1)
+            compile_search(body)
+            report(1, 1)
 
 
 class _Fitted(NamedTuple):

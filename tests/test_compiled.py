@@ -86,6 +86,17 @@ def test_a_constant_of_another_file_is_not_served_stale(toy: Toy) -> None:
     assert toy.run(3.0) == (21.0, 1)
 
 
+def test_it_is_known_whether_a_function_was_ever_compiled(toy: Toy) -> None:
+    assert not compiled.is_compiled(toy.kernel().scaled)
+    toy.run(3.0)
+    assert compiled.is_compiled(toy.kernel().scaled)  # by an earlier process
+    toy.write("inner/values.py", "SCALE = 7.0  # no longer\n")
+    scaled = toy.kernel().scaled
+    assert not compiled.is_compiled(scaled)
+    scaled(3.0)
+    assert compiled.is_compiled(scaled)
+
+
 def test_another_checkout_of_the_same_sources_is_served(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
     assert toy.run(3.0) == (6.0, 0)
     elsewhere = toy.folder.parent / "elsewhere"

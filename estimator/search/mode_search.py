@@ -63,6 +63,7 @@ class ModeSearch:
         self.steps = StepCounts()
         self.distinct_by = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
+        self._last_terms: tuple[Observation, dict[str, Reprojection]] | None = None
 
     @cached_property
     def evidence(self) -> PersonEvidence:
@@ -82,8 +83,13 @@ class ModeSearch:
         return observation.exchanged(self.mirror) if association == EXCHANGED else observation
 
     def term(self, observation: Observation, association: str) -> Reprojection:
-        """The keypoint term of a frame in one association."""
-        return self.model.observation_term(self.associated(observation, association))
+        """The keypoint term of a frame in one association; made once while one frame is asked about."""
+        if self._last_terms is None or self._last_terms[0] is not observation:
+            self._last_terms = observation, {}
+        terms = self._last_terms[1]
+        if association not in terms:
+            terms[association] = self.model.observation_term(self.associated(observation, association))
+        return terms[association]
 
     def likelihood(self, observation: Observation, q: np.ndarray) -> ImageLikelihood:
         """What the frame's pictures say; q (nq,): about where the body is."""

@@ -45,6 +45,14 @@ def jit(function: Function) -> Function:
     return cast(Function, compiled)
 
 
+def is_compiled(function: Callable[..., Any]) -> bool:
+    """Whether a function's code is there, compiled by this process or kept by an earlier one, for some arguments."""
+    if not isinstance(function, Dispatcher) or function.signatures:
+        return True
+    cache = cast(Any, function)._cache
+    return isinstance(cache, _SharedCache) and Path(cast(Any, cache)._cache_file._index_path).exists()
+
+
 def _cache(function: Callable[..., Any]) -> FunctionCache | None:
     """Where a function's code is kept; None where it cannot be."""
     try:

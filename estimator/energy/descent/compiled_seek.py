@@ -13,6 +13,7 @@ from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.descent.solution import CONVERGED, ITERATIONS, STALLED, Solution, StepCounts
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.kinematics.compiled_tree import CompiledTree
+from humanoid.support.compiled import is_compiled
 
 _STATUS = {loop.CONVERGED: CONVERGED, loop.STALLED: STALLED, loop.ITERATIONS: ITERATIONS}
 
@@ -42,6 +43,12 @@ class _State(NamedTuple):
             np.zeros((2, nv, nv)), np.zeros((body.njoints, 12)), np.zeros((nv, 6)), np.zeros(nv), np.zeros((nv, nv)),
             np.zeros((2, nv)), active, sets,
         )  # fmt: skip
+
+
+def compile_search(body: Body) -> None:
+    """Compile the search, which takes a while, before the first is needed; at once where its code is kept."""
+    if not is_compiled(loop.advance):
+        CompiledSeeker(body, SeekSettings(max_iterations=1)).seek(Cost(body, []), body.neutral)
 
 
 class CompiledSeeker(Seeker):

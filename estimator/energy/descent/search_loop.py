@@ -28,14 +28,14 @@ from humanoid.kinematics.compiled_tree import clamp_limits, integrate, place_joi
 from humanoid.support.compiled import jit
 
 # what the loop does next
-START, BEGUN, NEXT, SOLVE, FEW_ANSWERED, ANSWERED, ANSWERED_AGAIN, MOVE, COMPARE, TAKE, END = range(11)
+START, BEGUN, NEXT, SOLVE, FEW_ANSWERED, ANSWERED, ANSWERED_AGAIN, MOVE, EVALUATE, COMPARE, TAKE, END = range(12)
 # what it returns: the search has ended; it asks for ProxQP's multipliers of the problem in few unknowns, of the whole
 # problem, for sharper ones, or for terms
 DONE, ASKS_FEW, ASKS_STEP, ASKS_SHARPER, ASKS_TERMS = range(5)
 # of the state's integers: what is next, steps tried, which model is the current one (the other is the trial), how the
 # search ended, whether the repulsion was left out of the trial, whether either model is exact, how many unknowns the
-# problem asked about has, and `StepCounts`
-STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, UNKNOWNS, COUNTS = 0, 1, 2, 3, 4, 5, 7, 8
+# problem asked about has, what follows an evaluation, and `StepCounts`
+STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, UNKNOWNS, AFTER, COUNTS = 0, 1, 2, 3, 4, 5, 7, 8, 9
 BY_NOTHING, BY_ACTIVE_SET, BY_PROXQP, BY_NONE, INTEGERS = COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3, COUNTS + 4
 # of the state's numbers: energy and KKT residual of both models, damping and its growth, what the step promises
 VALUE, RESIDUAL, DAMPED, GROWTH, PROMISED, NUMBERS = 0, 2, 4, 5, 6, 7
@@ -50,8 +50,7 @@ _SHRINK, _GROWN_FROM = DAMPING.shrink, DAMPING.grown_from
 @jit
 def advance(  # type: ignore[no-untyped-def]
     multipliers, tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
-    column_parent, settings, radius, places, limits, others, no_rows, no_sides, scaled, start, near, few,
-    integers,
+    column_parent, settings, radius, places, limits, others, no_rows, no_sides, scaled, start, near, few, integers,
     numbers, q, gradient, hessian, placements, columns, step, matrix, bounds, active, sets,
 ):  # fmt: skip
     """Go on with a search until it ends or asks; returns which.
@@ -67,22 +66,26 @@ def advance(  # type: ignore[no-untyped-def]
     while True:
         stage, now = integers[STAGE], integers[CURRENT]
         trial = 1 - now
-        if stage in (START, MOVE):
-            exact = False
-            if stage == START:
-                clamp_limits(q[trial], tree.bounded_q, tree.lower, tree.upper)
-            else:
-                if numbers[PROMISED] < settings[LEAST]:
-                    integers[STAGE], integers[STATUS] = END, STALLED
-                    continue
-                integers[TRIED] += 1
-                integrate(tree, q[now], step, q[trial])
-                exact = numbers[PROMISED] < settings[EXACT_BELOW]
-            _model(
-                tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
-                column_parent, exact, trial, integers, numbers, q, gradient, hessian, placements, columns,
+        if stage == START:
+            clamp_limits(q[trial], tree.bounded_q, tree.lower, tree.upper)
+            _evaluate_next(False, BEGUN, integers)
+        elif stage == MOVE:
+            if numbers[PROMISED] < settings[LEAST]:
+                integers[STAGE], integers[STATUS] = END, STALLED
+                continue
+            integers[TRIED] += 1
+            integrate(tree, q[now], step, q[trial])
+            _evaluate_next(numbers[PROMISED] < settings[EXACT_BELOW], COMPARE, integers)
+        elif stage == EVALUATE:  # in one place, as all terms are compiled into it
+            place_joints(tree, q[trial], placements, columns)
+            gradient[trial][:] = 0.0
+            hessian[trial][:] = 0.0
+            numbers[VALUE + trial], integers[LEFT] = evaluate(
+                own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, tree.parent,
+                column_joint, column_parent, placements, columns, q[trial], integers[EXACT + trial] > 0,
+                gradient[trial], hessian[trial], gradient[trial], hessian[trial],
             )  # fmt: skip
-            integers[STAGE] = BEGUN if stage == START else COMPARE
+            integers[STAGE] = integers[AFTER]
             if others > 0 or integers[LEFT] > 0:
                 return ASKS_TERMS
         elif stage == BEGUN:
@@ -130,16 +133,7 @@ def advance(  # type: ignore[no-untyped-def]
                 _damp_more(integers, numbers)
         elif stage == COMPARE:
             residual = projected_gradient(gradient[trial], q[trial], places, limits, step)
-            if _taken(residual, now, integers, numbers):
-                integers[STAGE] = TAKE
-                if integers[LEFT] < 0:  # too cautious a step: the trial again, with its true curvature
-                    _model(
-                        tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers,
-                        column_joint, column_parent, True, trial, integers, numbers, q, gradient, hessian, placements,
-                        columns,
-                    )  # fmt: skip
-                    if others > 0 or integers[LEFT] > 0:
-                        return ASKS_TERMS
+            _compare(residual, now, integers, numbers)
         elif stage == TAKE:
             integers[CURRENT], integers[STAGE] = trial, NEXT
         else:
@@ -148,25 +142,15 @@ def advance(  # type: ignore[no-untyped-def]
 
 
 @jit
-def _model(  # type: ignore[no-untyped-def]
-    tree, own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, column_joint,
-    column_parent, exact, trial, integers, numbers, q, gradient, hessian, placements, columns,
-):  # fmt: skip
-    """Evaluate the trial's q; the arrays: see `advance`."""
-    place_joints(tree, q[trial], placements, columns)
-    gradient[trial][:] = 0.0
-    hessian[trial][:] = 0.0
-    numbers[VALUE + trial], integers[LEFT] = evaluate(
-        own_starts, own_integers, own_numbers, kept_starts, kept_integers, kept_numbers, tree.parent, column_joint,
-        column_parent, placements, columns, q[trial], exact, gradient[trial], hessian[trial], gradient[trial],
-        hessian[trial],
-    )  # fmt: skip
-    integers[EXACT + trial] = exact
+def _evaluate_next(exact, after, integers):  # type: ignore[no-untyped-def]
+    """Have the trial evaluated, and what then; integers (13,)."""
+    integers[EXACT + 1 - integers[CURRENT]] = exact
+    integers[STAGE], integers[AFTER] = EVALUATE, after
 
 
 @jit
 def _begin(settings, places, limits, trial, integers, numbers, q, gradient, step, active):  # type: ignore[no-untyped-def]
-    """Take the trial as the first model; settings (6,), integers (12,), numbers (7,), the others: see `advance`."""
+    """Take the trial as the first model; settings (6,), integers (13,), numbers (7,), the others: see `advance`."""
     numbers[RESIDUAL + trial] = projected_gradient(gradient[trial], q[trial], places, limits, step)
     numbers[DAMPED], numbers[GROWTH] = settings[FIRST], _GROWTH
     integers[CURRENT], integers[TRIED], integers[STAGE] = trial, 0, NEXT
@@ -193,7 +177,7 @@ def _solve(  # type: ignore[no-untyped-def]
 
 @jit
 def _damp_more(integers, numbers):  # type: ignore[no-untyped-def]
-    """Another try with more damping, or the end; integers (12,), numbers (7,)."""
+    """Another try with more damping, or the end; integers (13,), numbers (7,)."""
     if numbers[DAMPED] < _MOST_DAMPING:
         numbers[DAMPED], integers[STAGE] = max(_RETRY_FACTOR * numbers[DAMPED], _RETRY_LEAST), SOLVE
     else:
@@ -201,9 +185,9 @@ def _damp_more(integers, numbers):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _taken(residual, now, integers, numbers):  # type: ignore[no-untyped-def]
-    """Whether the trial is taken, its KKT residual being this; sets the damping, and LEFT to -1 where the step was too
-    cautious. integers (12,), numbers (7,); now: the current model."""
+def _compare(residual, now, integers, numbers):  # type: ignore[no-untyped-def]
+    """Take the trial, whose KKT residual this is, or refuse it, and set the damping. integers (13,), numbers (7,); now:
+    the current model. After too cautious a step the trial is evaluated again, with its true curvature."""
     trial = 1 - now
     value = numbers[VALUE + now]
     gain = value - numbers[VALUE + trial]
@@ -215,11 +199,13 @@ def _taken(residual, now, integers, numbers):  # type: ignore[no-untyped-def]
         if ratio < 1.0:
             factor = max(factor, 1.0 - (2.0 * max(ratio, -LARGEST_RATIO) - 1.0) ** 3)
         numbers[DAMPED], numbers[GROWTH] = max(_LEAST_DAMPING, numbers[DAMPED] * factor), _GROWTH
-        integers[LEFT] = -1 if ratio > TOO_CAUTIOUS and integers[EXACT + trial] == 0 else 0
-        return True
+        if ratio > TOO_CAUTIOUS and integers[EXACT + trial] == 0:
+            _evaluate_next(True, TAKE, integers)
+        else:
+            integers[STAGE] = TAKE
+        return
     numbers[DAMPED] = max(numbers[DAMPED], _GROWN_FROM) * numbers[GROWTH]
     numbers[GROWTH] *= 2.0
     integers[STAGE] = NEXT
     if numbers[DAMPED] > _MOST_DAMPING:
         integers[STAGE], integers[STATUS] = END, STALLED
-    return False
