@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +26,7 @@ from estimator.trackers.capabilities import energy_of
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import Subject, load_subject
 from kinemode import demo
 from kinemode.inputs.files import InputFiles
@@ -35,6 +35,7 @@ from kinemode.terminal import report
 from kinemode.terminal.progress import unreported
 
 TARGET = 30.0
+SAMPLE = 500  # evaluations that are timed by themselves
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ class Job:
 
 @dataclass
 class Tally:
-    """Searches by their kind (explore, refine), and steps tried in them."""
+    """Searches by their kind (explore, refine), steps tried in them, and ends of some: energies with their poses."""
 
     searches: Counter[int] = field(default_factory=Counter)
     steps: Counter[int] = field(default_factory=Counter)
+    ends: list[tuple[Cost, PosedBody]] = field(default_factory=list)
 
 
 def main(
@@ -125,18 +127,19 @@ def unit(job: Job, poses: list[np.ndarray], rounds: int = 7) -> dict[str, float]
     poses = poses[:500]
     return {
         "jacobians_us": _each(lambda q: pin.computeJointJacobians(model, data, q), poses, rounds),
+        "all_terms_us": _each(lambda q: pin.computeAllTerms(model, data, q, v), poses, rounds),
         "integrate_us": _each(lambda q: pin.integrate(model, q, v), poses, rounds),
         "body_at_us": _each(body.at, poses, rounds),
     }
 
 
-def _each(call: Callable[[np.ndarray], object], poses: list[np.ndarray], rounds: int) -> float:
+def _each(call: Callable[[Any], object], items: Sequence[Any], rounds: int) -> float:
     times = []
     for _ in range(rounds):
         start = time.process_time()
-        for q in poses:
-            call(q)
-        times.append((time.process_time() - start) / len(poses))
+        for item in items:
+            call(item)
+        times.append((time.process_time() - start) / len(items))
     return 1e6 * float(np.median(times))
 
 
@@ -176,6 +179,8 @@ def tallied(tally: Tally) -> Iterator[None]:
         budget = (settings or self.settings).max_iterations
         tally.searches[budget] += 1
         tally.steps[budget] += solution.iterations
+        if len(tally.ends) < SAMPLE:
+            tally.ends.append((cost, solution.quadratic.posed))
         return solution
 
     CompiledSeeker.seek = counted  # type: ignore[method-assign]
@@ -201,6 +206,11 @@ def searched(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int) -> d
         "by_budget": {
             str(b): {"searches_per_frame": n / frames, "steps_per_search": tally.steps[b] / n}
             for b, n in sorted(tally.searches.items())
+        },
+        "evaluations_per_frame": (sum(tally.steps.values()) + sum(tally.searches.values())) / frames,
+        "evaluation_us": {
+            "gauss_newton": _each(lambda end: end[0].of(end[1]), tally.ends, 5),
+            "exact": _each(lambda end: end[0].of(end[1], exact=True), tally.ends, 5),
         },
         "steps": steps._asdict(),
         "step_solver": counted.step_solver,
@@ -230,8 +240,6 @@ def shares(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int, repeat
     return {
         "share": {**dict(zip(KINDS, middle.tolist(), strict=True)), "python and numpy": 1.0 - float(middle.sum())},
         "calls_per_frame": {k: meter.calls[k] / count for k in KINDS},
-        "evaluations_per_frame": meter.names["computeJointJacobians"] / count,
-        "integrations_per_frame": meter.names["integrate"] / count,
         "wrapper_us": {"inside": 1e6 * meter.inside, "around": 1e6 * meter.around},
         "metered_over_plain": float(np.median(metered) / np.median(plain)),
         "heaviest": {
@@ -245,15 +253,16 @@ def shares(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int, repeat
 def floor(job: Job, figures: dict[str, Any]) -> dict[str, Any]:
     """Frames per second if Pinocchio's kinematics for the same evaluations were all there is."""
     machine = figures["machine"]
-    ms = 1e-3 * (
-        figures["evaluations_per_frame"] * machine["jacobians_us"]
-        + figures["integrations_per_frame"] * machine["integrate_us"]
-    )
+    ms = 1e-3 * figures["evaluations_per_frame"] * (machine["jacobians_us"] + machine["integrate_us"])
     frame = 1e3 / float(np.median(figures["fps_cpu"]))
     later = 1e3 / float(np.median(figures["fps_cpu_after_first"]))
     return {
         "floor_ms_per_frame": ms, "ms_per_frame": frame, "times_the_floor": frame / ms,
         "frame_over_jacobians": 1e3 * later / machine["jacobians_us"],
+        "evaluation_over_all_terms": {
+            name: each / machine["all_terms_us"] for name, each in figures["evaluation_us"].items()
+        },
+        "smoothing_over_all_terms": 1e3 * float(np.median(figures["after_ms_per_frame"])) / machine["all_terms_us"],
     }  # fmt: skip
 
 
@@ -294,4 +303,10 @@ def show(f: dict[str, Any], repeats: int) -> None:
         f" kinematics, and their integrations, are {f['floor_ms_per_frame']:.2f} ms; a frame takes"
         f" {f['ms_per_frame']:.1f} ms, {f['times_the_floor']:.0f} times the floor; after the first one it takes"
         f" {f['frame_over_jacobians']:.0f} times one call of pin.computeJointJacobians"
+    )
+    over = f["evaluation_over_all_terms"]
+    out.print(
+        f"over one call of pin.computeAllTerms ({f['machine']['all_terms_us']:.1f} us): an evaluation with derivatives"
+        f" {over['gauss_newton']:.2f}, with the exact Hessian {over['exact']:.2f}; smoothing a frame"
+        f" {f['smoothing_over_all_terms']:.0f}"
     )
