@@ -75,6 +75,38 @@ def test_distances_have_their_gradients(name: str) -> None:
     np.testing.assert_array_equal(near.distance, contacts.distance[contacts.distance < 0.1])
 
 
+@pytest.mark.parametrize("name", ["human34", "human30"])
+def test_lowest_points_are_those_of_coal(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Capsules, balls and ellipsoids have closed forms, which coal's queries agree with: above the floor and below."""
+    body, rng = body_of(name), np.random.default_rng(8)
+    posed = body.at(body.clamp(pin.integrate(body.model, body.neutral, 0.5 * rng.normal(size=body.nv))))
+    floor = FloorDistances(body, SLOPE, float(posed.translations[1] @ SLOPE))
+    assert floor.round_pieces is not None
+    closed = floor.near(posed, np.inf)
+    monkeypatch.setattr(floor, "round_pieces", None)
+    known = floor.near(posed, np.inf)
+    assert known.distance.min() < -0.1 < 0.1 < known.distance.max()
+    np.testing.assert_allclose(closed.distance, known.distance, atol=1e-12)
+    np.testing.assert_allclose(closed.gradient, known.gradient, atol=1e-12)
+
+
+@pytest.mark.parametrize(("nu", "exact"), [(None, False), (64.0, True)])
+def test_compiled_and_measured_floors_cost_the_same(nu: float | None, exact: bool) -> None:
+    body, rng = body_of("human34"), np.random.default_rng(9)
+    q = body.clamp(pin.integrate(body.model, body.neutral, 0.3 * rng.normal(size=body.nv)))
+    lowest = float(FloorDistances(body, SLOPE, 0.0).near(body.at(q), np.inf).distance.min())
+    terms = [AboveFloor(FloorDistances(body, SLOPE, lowest + 0.1), 0.005, nu) for _ in range(2)]
+    terms[1].recorded = False
+    results = []
+    for term in terms:
+        gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
+        value = term.accumulate(body.at(q), gradient, hessian, exact)
+        results.append((value, gradient, hessian))
+    for compiled, known in zip(*results, strict=True):
+        np.testing.assert_allclose(compiled, known, rtol=1e-10, atol=1e-10 * np.abs(known).max())
+    assert results[0][0] > 0.0
+
+
 def test_what_stands_on_a_floor_touches_it() -> None:
     """The lowest distance is that of the lowest point; a foot that lies touches with both ends."""
     body = body_of("human34")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import Smoothed, SmoothSettings, frames, smooth_track, uncertainty
 from estimator.tracking.smoothing import clip as smoothing_of_clips
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
+from estimator.tracking.smoothing.ties import Ties
+from estimator.tracking.smoothing.window_energy import WindowEnergy
+from humanoid.kinematics.body import Body
 from humanoid.support import spilled
 from humanoid.support.spilled import MadeList, Spill
 
@@ -111,14 +115,16 @@ def smoothed_by(kept: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Smoothed, i
         )  # fmt: skip
     alive, most = weakref.WeakSet[Cost](), 0
 
-    def at(cost: Cost, q: np.ndarray, exact: bool = False) -> object:
+    made = WindowEnergy.__init__
+
+    def begin(window: WindowEnergy, body: Body, costs: Sequence[Cost], ties: Sequence[Ties]) -> None:
         nonlocal most
-        alive.add(cost)
+        alive.update(costs)
         most = max(most, len(alive))
-        return cost.of(body.at(q), exact)
+        made(window, body, costs, ties)
 
     with monkeypatch.context() as patched:
-        patched.setattr(Cost, "at", at)
+        patched.setattr(WindowEnergy, "__init__", begin)
         patched.setattr(uncertainty, "_MARGIN", frames.REACH)
         patched.setattr(frames, "Spill", lambda _, *shared: Spill(kept, *shared))
         patched.setattr(smoothing_of_clips, "Spill", lambda _: Spill(min(kept, KEPT)))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator.energy.kernels.points import to_world
 from estimator.energy.point_targets import PointTargets
 from estimator.numerics.robust import LORENTZIAN, rho
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from estimator.numerics.vectors import dot
 from humanoid.support.compiled import jit
 
 LEAST = 0.1  # probability of standing from which a point is held
@@ -37,64 +40,88 @@ class HeldPoints:
         return [self._targets.with_targets(points_in_world(before, self._joint, self._local))]
 
 
+class TiedPoints(NamedTuple):
+    """P points of a body: joint, column (P,), the last column of the spatial Jacobian that moves each, local (P, 3) [m]
+    in the joint's frame, precision [1/m^2] of the movement, weight (P,)."""
+
+    joint: np.ndarray
+    column: np.ndarray
+    local: np.ndarray
+    precision: np.ndarray
+    weight: np.ndarray
+
+
 class StandingTie:
     """The same between the poses of two successive frames, neither of which is held.
 
     1/2 sum weight rho(|p_after - p_before|^2 / std^2) over the landmarks p that stand. index, weight (S,): which they
-    are, and how much each is held.
+    are, and how much each is held. points: the same, as `tie_points` reads them.
     """
 
     def __init__(self, body: Body, index: np.ndarray, weight: np.ndarray, std: float) -> None:
-        self._body, self._weight, self._precision = body, weight, 1.0 / std**2
-        self._joint, self._local = body.landmark_joint[index], np.ascontiguousarray(body.landmark_local[index])
+        joint = body.landmark_joint[index]
+        column = np.array([body.last_column(j) for j in joint.tolist()], dtype=np.int64)
+        local, precision = np.ascontiguousarray(body.landmark_local[index]), np.full(len(index), 1.0 / std**2)
+        self._body = body
+        self.points = TiedPoints(joint, column, local, precision, np.asarray(weight, dtype=float))
 
     def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """See `estimator.tracking.smoothing.ties.FlowTie`."""
-        count, columns = len(self._joint), len(before.spatial_jacobian)
-        rows, scaled, pull = np.zeros((3 * count, 2, columns)), np.empty(3 * count), np.empty(3 * count)
-        value: float = _tie_rows(
-            before.placements, after.placements, before.spatial_jacobian, after.spatial_jacobian,
-            self._body.column_support, self._joint, self._local, self._precision, self._weight, rows, scaled, pull,
+        body, nv, nc = self._body, self._body.nv, len(before.spatial_jacobian)
+        pull, blocks, value = np.zeros((2, nc)), np.zeros((2, 2, nc, nc)), np.zeros(1)
+        placements, columns = (np.stack(both) for both in zip(before[1:], after[1:], strict=True))
+        tie_points(
+            np.zeros(len(self.points.joint), dtype=np.int64), *self.points, placements, columns,
+            body.tree.column_parent, value, pull, blocks,
         )  # fmt: skip
-        flat = self._body.collected(rows).reshape(3 * count, -1)
-        gradient += flat.T @ pull
-        hessian += flat.T @ (scaled[:, None] * flat)
-        return value
+        gradient += body.collected(pull).ravel()
+        for t in range(2):
+            own = slice(t * nv, (t + 1) * nv)
+            hessian[own, own] += body.collected_hessian(blocks[0, t])
+        across = body.collected_hessian(blocks[1, 0])
+        hessian[:nv, nv:] += across
+        hessian[nv:, :nv] += across.T
+        return float(value[0])
 
 
 @jit
-def _tie_rows(  # type: ignore[no-untyped-def]
-    before, after, J_before, J_after, support, joint, local, precision, weight, rows, scaled, pull
+def tie_points(  # type: ignore[no-untyped-def]
+    frame, joint, column, local, precision, weight, placements, columns, column_parent, values, gradient, blocks
 ):
-    """Value of a tie of S points; fills `rows` (R, 2, nc) with the derivatives of their movements by both poses, three
-    for each point, `pull` (R,) with the value's by the movements, and `scaled` (R,) with its stiffness.
+    """Add the value of each point n, which stands from frame[n] to the one after, to values (T - 1,), its derivatives
+    to gradient (T, nc) and blocks (K, T, nc, nc), K at least 2, block k of which couples frame t with frame t + k.
 
-    before, after (njoints, 12), J_before, J_after (nc, 6), support (njoints, nc): of the two poses and the body. joint
-    (S,), local (S, 3), weight (S,): of the points.
+    frame, joint, column, precision, weight (P,), local (P, 3): see `TiedPoints`. placements (T, njoints, 12), columns
+    (T, nc, 6): see `PosedBody`. column_parent (nc,): see `Tree`.
     """
-    value = 0.0
     p, x = np.empty((2, 3)), np.empty(3)
+    moving, rows = np.empty(columns.shape[1], dtype=np.int64), np.empty((2, columns.shape[1], 3))
     for n in range(joint.shape[0]):
-        to_world(before[joint[n]], local[n], p[0])
-        to_world(after[joint[n]], local[n], p[1])
-        square = 0.0
+        t, square = frame[n], 0.0
+        for s in range(2):
+            to_world(placements[t + s, joint[n]], local[n], p[s])
         for i in range(3):
             x[i] = p[1, i] - p[0, i]
-            square += precision * x[i] * x[i]
+            square += precision[n] * x[i] * x[i]
         cost, slope, _ = rho(LORENTZIAN, square, _NU)
-        value += 0.5 * weight[n] * cost
-        for i in range(3):
-            scaled[3 * n + i] = precision * weight[n] * slope
-            pull[3 * n + i] = precision * weight[n] * slope * x[i]
-        for k in range(support.shape[1]):
-            if not support[joint[n], k]:
-                continue
-            for t in range(2):
-                J, sign = (J_after[k], 1.0) if t else (J_before[k], -1.0)
-                rows[3 * n, t, k] = sign * (J[0] + J[4] * p[t, 2] - J[5] * p[t, 1])
-                rows[3 * n + 1, t, k] = sign * (J[1] + J[5] * p[t, 0] - J[3] * p[t, 2])
-                rows[3 * n + 2, t, k] = sign * (J[2] + J[3] * p[t, 1] - J[4] * p[t, 0])
-    return value
+        values[t] += 0.5 * weight[n] * cost
+        stiff, count, k = precision[n] * weight[n] * slope, 0, column[n]
+        while k >= 0:
+            moving[count] = k
+            for s in range(2):
+                J, row, sign = columns[t + s, k], rows[s, count], 1.0 if s else -1.0
+                row[0] = sign * (J[0] + J[4] * p[s, 2] - J[5] * p[s, 1])
+                row[1] = sign * (J[1] + J[5] * p[s, 0] - J[3] * p[s, 2])
+                row[2] = sign * (J[2] + J[3] * p[s, 1] - J[4] * p[s, 0])
+            count, k = count + 1, column_parent[k]
+        for a in range(count):
+            i = moving[a]
+            for s in range(2):
+                gradient[t + s, i] += stiff * dot(rows[s, a], x)
+            for b in range(count):
+                blocks[0, t, i, moving[b]] += stiff * dot(rows[0, a], rows[0, b])
+                blocks[0, t + 1, i, moving[b]] += stiff * dot(rows[1, a], rows[1, b])
+                blocks[1, t, i, moving[b]] += stiff * dot(rows[0, a], rows[1, b])
 
 
 def standing_ties(body: Body, standing: np.ndarray, std: float, weight: float = 1.0) -> list[StandingTie]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
-from estimator.energy.term import BatchTerm
-from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
+from estimator.energy.kernels.records import TRUNK, Record
+from estimator.energy.kernels.trunk_side import trunk_record, trunk_values
+from estimator.energy.recorded import RecordedTerm
+from humanoid.kinematics.body import Body, PlacedBodies
 
 
-class TrunkSide(BatchTerm):
+class TrunkSide(RecordedTerm):
     """1/2 (max(0, least - ray . (ends - about)) / std)^2 with the middles of two groups of landmarks.
 
     Nothing where the ends lead farther along the ray than `least`.
@@ -22,30 +25,26 @@ class TrunkSide(BatchTerm):
     The Hessian is Gauss-Newton's, also where the exact one is asked for: it leaves out the curvature of the kinematics.
     """
 
-    name = "trunk side"
+    name, kind = "trunk side", TRUNK
 
     def __init__(
         self, body: Body, ends: Sequence[int], about: Sequence[int], ray: np.ndarray, least: float, std: float
     ) -> None:
-        self._body, self._ray, self._least, self._std = body, np.asarray(ray, float), float(least), float(std)
-        self._landmarks = np.array([*ends, *about], dtype=np.int64)
-        self._share = np.r_[np.full(len(ends), 1.0 / len(ends)), np.full(len(about), -1.0 / len(about))]
+        landmarks = np.array([*ends, *about], dtype=np.int64)
+        share = np.r_[np.full(len(ends), 1.0 / len(ends)), np.full(len(about), -1.0 / len(about))]
+        joint, local = body.landmark_joint[landmarks], body.landmark_local[landmarks]
+        self._body, self._points = body, (joint, local, share)
+        self._side = np.asarray(ray, float), float(least), float(std)
+
+    @cached_property
+    def record(self) -> Record:
+        """See `RecordedTerm`."""
+        joint, local, share = self._points
+        column = np.array([self._body.last_column(j) for j in joint.tolist()], dtype=np.int64)
+        return trunk_record(joint, column, local, share, *self._side)
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
-        return 0.5 * np.square(self._short(self._body.landmarks_of(placed)))
-
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.energy.term.Term`."""
-        short = self._short(self._body.landmarks(posed)[None])
-        if short[0] > 0.0:
-            jacobians = self._body.landmark_jacobians(posed)[self._landmarks]
-            row = -np.einsum("l,lav,a->v", self._share, jacobians, self._ray) / self._std
-            gradient += short[0] * row
-            hessian += np.outer(row, row)
-        return float(0.5 * np.square(short)[0])
-
-    def _short(self, points: np.ndarray) -> np.ndarray:
-        """By how much the ends fall short (N,), in standard deviations, by landmarks (N, L, 3) [m]."""
-        along = ((points[:, self._landmarks] * self._ray).sum(axis=2) * self._share).sum(axis=1)
-        return np.asarray(np.maximum(0.0, self._least - along) / self._std)
+        values = np.empty(len(placed.q))
+        trunk_values(placed.placements, *self._points, *self._side, values)
+        return values

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.energy.kernels.above_floor import recorded_floor
 from estimator.energy.kernels.balance import recorded_balance
 from estimator.energy.kernels.keypoints import load_keypoints
 from estimator.energy.kernels.mixture import recorded_mixture
 from estimator.energy.kernels.points import bend, gather
-from estimator.energy.kernels.records import BALANCE, KEYPOINTS, MIXTURE, SOLES, STABILISERS, TARGETS, TILT, TRANSITION
+from estimator.energy.kernels.records import (
+    BALANCE,
+    FLOOR,
+    KEYPOINTS,
+    MIXTURE,
+    SOLES,
+    STABILISERS,
+    TARGETS,
+    TILT,
+    TRANSITION,
+    TRUNK,
+)
 from estimator.energy.kernels.repulsion import recorded_repulsion
 from estimator.energy.kernels.soles import recorded_soles
 from estimator.energy.kernels.stabilisers import recorded_stabilisers
 from estimator.energy.kernels.targets import load_targets
 from estimator.energy.kernels.tilt import recorded_tilt
 from estimator.energy.kernels.transition import recorded_transition
+from estimator.energy.kernels.trunk_side import recorded_trunk
 from humanoid.support.compiled import jit
 
 
@@ -61,6 +74,12 @@ def evaluate(  # type: ignore[no-untyped-def]
                 value += recorded_balance(
                     ints, reals, placements, J, joint_parent, column_joint, column_gradient, column_hessian
                 )
+            elif kind == FLOOR:
+                value += recorded_floor(
+                    ints, reals, placements, J, column_parent, exact, column_gradient, column_hessian
+                )
+            elif kind == TRUNK:
+                value += recorded_trunk(ints, reals, placements, J, column_parent, column_gradient, column_hessian)
             else:
                 repelled, done = recorded_repulsion(
                     ints, reals, placements, J, column_joint, column_parent, exact, column_gradient, column_hessian

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +17,13 @@ from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.banded import inverse_diagonal
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
-from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
+from estimator.tracking.smoothing.window_energy import WindowEnergy, moved_poses
+from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.compiled import jit
 
 DAMPING = Damping(first=1e-6)
 _LEAST = 1e-4  # precision of what nothing holds
+_TOGETHER = 16  # frames whose energies are found at once, where only their sum is asked for
 REACH = 3
 """Frames before and after some that these hang on to: what is new in accelerations reaches that far."""
 
@@ -70,18 +73,15 @@ class FrameChain:
     def energy(self, q: np.ndarray) -> float:
         """Of poses (T, nq): `ChainModel.value` to the last bit, in memory that does not grow with them."""
         own, tied = list[float](), list[float]()
-        gradient, blocks = np.zeros((2, self._body.nv)), np.zeros((1 + REACH, 2, self._body.nv, self._body.nv))
-        before: PosedBody | None = None
-        for t, cost in enumerate(self._costs):
-            model = cost.at(q[t])
-            own.append(model.value)
-            if before is not None and (ties := self._ties[t - 1]):
-                tied.append(self._tied(before, model.posed, ties, gradient, blocks))
-            before = model.posed
-        energy = 0.0
-        for value in (*own, *tied):  # in the order in which the model has them
-            energy += value
-        return energy + self._motion.energy(q)
+        for first in range(0, len(q), _TOGETHER):
+            last = min(len(q), first + _TOGETHER)
+            part = slice(first, min(len(q), last + 1))  # with the frame that the last one is tied to
+            window = WindowEnergy(self._body, self._costs[part], self._ties[first : part.stop - 1])
+            count, nv = part.stop - first, self._body.nv
+            values, pairs = window.add(q[part], np.zeros((count, nv)), np.zeros((2, count, nv, nv)))
+            own += values[: last - first].tolist()
+            tied += pairs[: last - first].tolist()
+        return _sum(own, tied) + self._motion.energy(q)
 
     def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
         """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`
@@ -142,34 +142,16 @@ class FrameChain:
         """Of what the frames and their ties say, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))
-        energy = 0.0
-        posed: list[PosedBody] = []
-        for t, cost in enumerate(self._costs):
-            own = cost.at(q[t])
-            posed.append(own.posed)
-            energy += own.value
-            gradient[t] += own.gradient
-            blocks[0, t] += own.hessian
-        for t, ties in enumerate(self._ties):
-            if ties:
-                energy += self._tied(posed[t], posed[t + 1], ties, gradient[t : t + 2], blocks[:, t : t + 2])
-        return ChainModel(energy, q, gradient, blocks)
+        own, tied = self._window.add(q, gradient, blocks)
+        return ChainModel(_sum(own.tolist(), tied.tolist()), q, gradient, blocks)
 
-    def _tied(self, before: PosedBody, after: PosedBody, ties: Ties, gradient: np.ndarray, blocks: np.ndarray) -> float:
-        """Add ties to gradient (2, nv) and blocks (1 + REACH, 2, nv, nv) of two successive frames."""
-        nv = self._body.nv
-        own, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
-        value = sum(tie.accumulate_pair(before, after, own, hessian) for tie in ties)
-        gradient += own.reshape(2, nv)
-        blocks[0, 0] += hessian[:nv, :nv]
-        blocks[0, 1] += hessian[nv:, nv:]
-        blocks[1, 0] += hessian[:nv, nv:]
-        return value
+    @cached_property
+    def _window(self) -> WindowEnergy:
+        return WindowEnergy(self._body, self._costs, self._ties)
 
     def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
         """The energy's model after a step (T, nv) from q (T, nq); a frame that stays keeps its bits."""
-        moved = [self._body.integrate(a, v) if v.any() else a for a, v in zip(q, step, strict=True)]
-        return self._model(np.array(moved))
+        return self._model(moved_poses(self._body, q, step))
 
     def step(self, model: ChainModel, held: np.ndarray, damping: float) -> np.ndarray:
         """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops."""
@@ -196,6 +178,15 @@ class _Poses(Problem[ChainModel]):
 
     def at(self, model: ChainModel, step: Step) -> ChainModel:
         return self._chain.at(model.q, step[0])
+
+
+def _sum(*rows: list[float]) -> float:
+    """One number after the other."""
+    total = 0.0
+    for row in rows:
+        for value in row:
+            total += value
+    return total
 
 
 def _definite(blocks: np.ndarray, free: np.ndarray, out: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Energy of the motion prior along poses of successive frames, with its gradient and Gauss-Newton Hessian."""
+"""Energy of the motion prior along poses of successive frames, with its gradient and Hessian."""
 
 from __future__ import annotations
 
@@ -11,155 +11,197 @@ import pinocchio as pin
 
 from estimator.inference.motion import MotionPrior
 from humanoid.kinematics.body import Body
+from humanoid.kinematics.compiled_tree import FREE, CompiledTree, difference
 from humanoid.support.compiled import jit
 
 
 class Movements(NamedTuple):
-    """M movements in a row, the i-th of which depends on the frames from i + `first` on, K of them.
+    """M movements in a row, the i-th of which is a sum of S steps between successive frames from the i + `first`-th on.
 
-    values (M, nv). rates (M, K): derivatives of those degrees of freedom whose steps just add up, alike for all. turns
-    (M, K, n, n): Jacobians of the n others, which are those of a free root and of ball joints.
+    factors (M, S): of the steps. precision (M, nv): of each degree of freedom. share (M,): how much each movement
+    counts.
     """
 
-    values: np.ndarray
-    rates: np.ndarray
-    turns: np.ndarray
+    factors: np.ndarray
+    precision: np.ndarray
+    share: np.ndarray
     first: int = 0
 
-    def differences(self, span: np.ndarray) -> Movements:
-        """Of each to the next, over span (M - 1,) [s]."""
-        return self.mixed(1.0 / span, 1.0 / span)
-
-    def mixed(self, after: np.ndarray, before: np.ndarray) -> Movements:
-        """after (M - 1,) times the second and so on, less before (M - 1,) times the first and so on."""
-        values = after[:, None] * self.values[1:] - before[:, None] * self.values[:-1]
-        rates, turns = (
-            _wider(part[1:], 1, 0) * _as(after, part) - _wider(part[:-1], 0, 1) * _as(before, part)
-            for part in (self.rates, self.turns)
-        )
-        return Movements(values, rates, turns, self.first)
-
-    def rows(self, rows: slice) -> Movements:
-        """Some of them."""
-        return Movements(self.values[rows], self.rates[rows], self.turns[rows], self.first + (rows.start or 0))
-
-
-def _wider(part: np.ndarray, before: int, after: int) -> np.ndarray:
-    """With so many frames more, on which it does not depend, before and after the others."""
-    return np.pad(part, [(0, 0), (before, after), *[(0, 0)] * (part.ndim - 2)])
-
-
-def _as(factor: np.ndarray, part: np.ndarray) -> np.ndarray:
-    return factor.reshape(-1, *[1] * (part.ndim - 1))
+    def of(self, steps: np.ndarray) -> np.ndarray:
+        """The movements (M, nv) of steps (T - 1, nv)."""
+        count = len(self.factors)
+        rows = (steps[self.first + s : self.first + s + count] for s in range(self.factors.shape[1]))
+        return np.asarray(sum(factor[:, None] * row for factor, row in zip(self.factors.T, rows, strict=True)))
 
 
 class MotionEnergy:
     """Of poses that are dt (T - 1,) [s] apart; see `MotionPrior`."""
 
     def __init__(self, body: Body, prior: MotionPrior, dt: np.ndarray) -> None:
-        self._body, self._prior, self._dt = body, prior, dt
-        model = body.model
-        self._turns, turning, places = pin.Model(), list[int](), list[int]()  # a model of what turns alone
-        for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:
-            if joint.nv > 1:
-                self._turns.addJoint(0, joint, pin.SE3.Identity(), name)
-                turning += range(joint.idx_v, joint.idx_v + joint.nv)
-                places += range(joint.idx_q, joint.idx_q + joint.nq)
-        self._turning, self._turning_q = (np.array(i, dtype=np.int64) for i in (turning, places))
-        self._adding = np.setdiff1d(np.arange(body.nv), self._turning)
-        pace = np.ones((len(dt) + 1, body.nv)) if prior.pace is None else prior.pace
-        self._velocity_precision = 1.0 / np.square(prior.velocity_std)
-        self._acceleration_precision = 1.0 / np.square(prior.acceleration_std * pace[1:-1])
+        self._steps = _CompiledSteps(body, body.compiled) if body.compiled is not None else _Steps(body)
+        self._adding = np.setdiff1d(np.arange(body.nv), self._steps.turning)
+        self._nu, self._rows = prior.nu, tuple(_movements(body, prior, dt))
 
-    def add(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
+    def add(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray, exact: bool = False) -> float:
         """Add to gradient (T, nv) and blocks (1 + K, T, nv, nv) at poses q (T, nq), block k of which couples frame t
-        with frame t + k; return the energy."""
+        with frame t + k; return the energy. The Hessian is Gauss-Newton's with robust weights, or, with `exact`, has
+        the potential's own curvature; that of the manifold is left out."""
+        steps, turns = self._steps.between(q)
         energy = 0.0
-        for moved, precision, share in self._moved(q, turning=True):
-            self._add(moved, precision, share, gradient, blocks)
-            energy += self._cost(moved, precision, share)
+        for moved in self._rows:
+            values = moved.of(steps)
+            energy += self._cost(moved, values)
+            add_movements(
+                values, moved.factors, moved.precision, moved.share, self._nu, exact, moved.first, turns, self._adding,
+                self._steps.turning, gradient, blocks,
+            )  # fmt: skip
         return energy
 
     def energy(self, q: np.ndarray) -> float:
         """What `add` returns, to the last bit, without derivatives."""
+        steps, _ = self._steps.between(q)
         energy = 0.0
-        for moved, precision, share in self._moved(q, turning=False):
-            energy += self._cost(moved, precision, share)
+        for moved in self._rows:
+            energy += self._cost(moved, moved.of(steps))
         return energy
 
-    def _moved(self, q: np.ndarray, *, turning: bool) -> Iterator[tuple[Movements, np.ndarray, np.ndarray]]:
-        """Velocities, accelerations and what is new in these, those that count, each with its precision, (nv,) or
-        (M, nv), and its share (M,); with the Jacobians of what turns where these are asked for."""
-        if len(q) < 2:
-            return
-        velocities = self._velocities(q, turning=turning)
-        yield velocities, self._velocity_precision, self._shares(self._dt)
-        if len(q) < 3:
-            return
-        span = 0.5 * (self._dt[1:] + self._dt[:-1])
-        shares, precision = self._shares(span), self._acceleration_precision
-        accelerations = velocities.differences(span)
-        alone = slice(0, 1 if self._prior.memory > 0.0 else len(span))
-        yield accelerations.rows(alone), precision[alone], shares[alone]
-        if self._prior.memory > 0.0:
-            yield accelerations.mixed(*self._prior.innovation(span[1:])), precision[1:], shares[1:]
+    def _cost(self, moved: Movements, values: np.ndarray) -> float:
+        square = moved.precision * np.square(values)
+        return float(0.5 * self._nu * np.sum(moved.share[:, None] * np.log1p(square / self._nu)))
 
-    def _cost(self, moved: Movements, precision: np.ndarray, share: np.ndarray) -> float:
-        square, nu = precision * np.square(moved.values), self._prior.nu
-        return float(0.5 * nu * np.sum(share[:, None] * np.log1p(square / nu)))
 
-    def _shares(self, dt: np.ndarray) -> np.ndarray:
-        return np.array([self._prior.share(d) for d in dt.tolist()])
+def _movements(body: Body, prior: MotionPrior, dt: np.ndarray) -> Iterator[Movements]:
+    """Velocities, accelerations and what is new in these, those that count."""
+    if not len(dt):
+        return
+    pace = np.ones((len(dt) + 1, body.nv)) if prior.pace is None else prior.pace
+    velocity = 1.0 / np.square(prior.velocity_std)
+    rates = 1.0 / dt
+    yield Movements(rates[:, None], np.tile(velocity, (len(dt), 1)), _shares(prior, dt))
+    if len(dt) < 2:
+        return
+    span = 0.5 * (dt[1:] + dt[:-1])
+    shares, precision = _shares(prior, span), 1.0 / np.square(prior.acceleration_std * pace[1:-1])
+    accelerations = np.stack([-rates[:-1] / span, rates[1:] / span], axis=1)
+    alone = slice(0, 1 if prior.memory > 0.0 else len(span))
+    yield Movements(accelerations[alone], precision[alone], shares[alone])
+    if prior.memory > 0.0:
+        after, before = (factor[:, None] for factor in prior.innovation(span[1:]))
+        new = np.zeros((len(span) - 1, 3))
+        new[:, 1:] += after * accelerations[1:]
+        new[:, :2] -= before * accelerations[:-1]
+        yield Movements(new, precision[1:], shares[1:])
 
-    def _velocities(self, q: np.ndarray, *, turning: bool) -> Movements:
-        model, rate = self._body.model, 1.0 / self._dt
-        values = rate[:, None] * np.array([pin.difference(model, a, b) for a, b in pairwise(q)])
-        count = len(self._turning) if turning else 0
-        turns = np.zeros((len(rate), 2, count, count))
-        if count:
-            for t, pair in enumerate(pairwise(q[:, self._turning_q])):
+
+def _shares(prior: MotionPrior, dt: np.ndarray) -> np.ndarray:
+    return np.array([prior.share(d) for d in dt.tolist()])
+
+
+class _Steps:
+    """Steps between poses, and their derivatives by those degrees of freedom whose steps do not just add up, which are
+    those of a free root and of ball joints; by Pinocchio.
+
+    turning (n,): these degrees of freedom.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self._model, self._turns = body.model, pin.Model()  # a model of what turns alone
+        turning, places = list[int](), list[int]()
+        for name, joint in list(zip(body.model.names, body.model.joints, strict=True))[1:]:
+            if joint.nv > 1:
+                self._turns.addJoint(0, joint, pin.SE3.Identity(), name)
+                turning += range(joint.idx_v, joint.idx_v + joint.nv)
+                places += range(joint.idx_q, joint.idx_q + joint.nq)
+        self.turning, self._places = (np.array(i, dtype=np.int64) for i in (turning, places))
+
+    def between(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps (T - 1, nv) between poses q (T, nq), and derivatives (T - 1, 2, n, n) by the pose before and after."""
+        count, n = max(0, len(q) - 1), len(self.turning)
+        steps = np.array([pin.difference(self._model, a, b) for a, b in pairwise(q)]).reshape(count, self._model.nv)
+        turns = np.zeros((count, 2, n, n))
+        if n:
+            for t, pair in enumerate(pairwise(q[:, self._places])):
                 turns[t] = pin.dDifference(self._turns, *pair)
-            turns *= rate[:, None, None, None]
-        return Movements(values, np.stack([-rate, rate], axis=1), turns)
+        return steps, turns
 
-    def _add(
-        self, moved: Movements, precision: np.ndarray, share: np.ndarray, gradient: np.ndarray, blocks: np.ndarray
-    ) -> None:
-        """Add the derivatives of what movements cost, of precision (nv,) or (M, nv), each counted by its share (M,)."""
-        square, nu = precision * np.square(moved.values), self._prior.nu
-        weight = share[:, None] * precision / (1.0 + square / nu)
-        add_movements(
-            moved.values, moved.rates, moved.turns, moved.first, weight, self._adding, self._turning, gradient, blocks
-        )
+
+class _CompiledSteps:
+    """The same of a body with a `CompiledTree`."""
+
+    def __init__(self, body: Body, tree: CompiledTree) -> None:
+        self._indices, self._nv = tree.indices, body.nv
+        free = self._indices[self._indices[:, 0] == FREE, 2]
+        self.turning = (free[:, None] + np.arange(6)).ravel()
+
+    def between(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `_Steps`."""
+        count, n = max(0, len(q) - 1), len(self.turning)
+        steps, turns = np.zeros((count, self._nv)), np.zeros((count, 2, n, n))
+        fill_steps(self._indices, q, self.turning, steps, turns)
+        return steps, turns
 
 
 @jit
-def add_movements(values, rates, turns, first, weight, adding, turning, gradient, blocks):  # type: ignore[no-untyped-def]
-    """Add to gradient (T, nv) and blocks (R, T, nv, nv) the derivatives of 1/2 weight times squares of movements.
+def fill_steps(indices, q, turning, steps, turns):  # type: ignore[no-untyped-def]
+    """Fill steps (T - 1, nv), turns (T - 1, 2, n, n) of q (T, nq), see `_Steps`; indices (njoints - 1, 3):
+    `CompiledTree.indices`, turning (n,)."""
+    nv = steps.shape[1]
+    back, slope = np.empty(nv), np.zeros((nv, nv))
+    for t in range(steps.shape[0]):
+        # the step back is the step's negative, so that its slope by where it ends is that by where the step begins
+        for side in range(2 if turning.shape[0] else 1):
+            if side == 0:
+                difference(indices, q[t], q[t + 1], steps[t], slope)
+            else:
+                difference(indices, q[t + 1], q[t], back, slope)
+            for a in range(turning.shape[0]):
+                for b in range(turning.shape[0]):
+                    entry = slope[turning[a], turning[b]]
+                    turns[t, 1 - side, a, b] = -entry if side else entry
 
-    values, weight (M, nv), rates (M, K), turns (M, K, n, n), first: see `Movements`. adding (A,), turning (n,): the
-    degrees of freedom of rates and of turns.
+
+@jit
+def add_movements(  # type: ignore[no-untyped-def]
+    values, factors, precision, share, nu, exact, first, turns, adding, turning, gradient, blocks
+):
+    """Add to gradient (T, nv) and blocks (R, T, nv, nv) the derivatives of what movements cost.
+
+    values (M, nv), factors (M, S), precision (M, nv), share (M,), first: see `Movements`. turns (T - 1, 2, n, n): see
+    `_Steps`. adding (A,), turning (n,): the degrees of freedom of either kind. exact: see `MotionEnergy.add`.
     """
-    count, reach, n = turns.shape[0], turns.shape[1], turns.shape[2]
-    loaded = np.empty((n, n))
+    count, reach, nv, n = factors.shape[0], factors.shape[1] + 1, values.shape[1], turning.shape[0]
+    rates, J, loaded = np.empty(reach), np.empty((reach, n, n)), np.empty((n, n))
+    pull, stiff = np.empty(nv), np.empty(nv)
     for m in range(count):
+        for i in range(nv):
+            square = precision[m, i] * values[m, i] * values[m, i] / nu
+            weight = share[m] * precision[m, i] / (1.0 + square)
+            pull[i] = weight * values[m, i]
+            stiff[i] = weight * (1.0 - square) / (1.0 + square) if exact else weight
         for k in range(reach):
-            t, rate, J = first + m + k, rates[m, k], turns[m, k]
-            for i in adding:
-                gradient[t, i] += rate * (weight[m, i] * values[m, i])
+            before = factors[m, k - 1] if k > 0 else 0.0
+            after = factors[m, k] if k < reach - 1 else 0.0
+            rates[k], t = before - after, first + m + k
             for a in range(n):
-                w = weight[m, turning[a]]
                 for b in range(n):
-                    loaded[b, a] = J[a, b] * w
-                    gradient[t, turning[b]] += J[a, b] * (w * values[m, turning[a]])
+                    J[k, a, b] = before * turns[t - 1, 1, a, b] if k > 0 else 0.0
+                    if k < reach - 1:
+                        J[k, a, b] += after * turns[t, 0, a, b]
+        for k in range(reach):
+            t = first + m + k
+            for i in adding:
+                gradient[t, i] += rates[k] * pull[i]
+            for a in range(n):
+                for b in range(n):
+                    loaded[b, a] = J[k, a, b] * stiff[turning[a]]
+                    gradient[t, turning[b]] += J[k, a, b] * pull[turning[a]]
             for j in range(k, reach):
-                block, product, other = blocks[j - k, t], rate * rates[m, j], turns[m, j]
+                block, product = blocks[j - k, t], rates[k] * rates[j]
                 for i in adding:
-                    block[i, i] += product * weight[m, i]
+                    block[i, i] += product * stiff[i]
                 for a in range(n):
-                    row = block[turning[a]]
                     for b in range(n):
                         s = 0.0
                         for c in range(n):
-                            s += loaded[a, c] * other[c, b]
-                        row[turning[b]] += s
+                            s += loaded[a, c] * J[j, c, b]
+                        block[turning[a], turning[b]] += s

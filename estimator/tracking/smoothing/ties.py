@@ -65,7 +65,8 @@ def ties_of(body: Body, followed: Iterable[Term], past: PosedBody) -> tuple[list
     return tied, others
 
 
-Ties = Sequence[FlowTie | StandingTie]
+Tie = FlowTie | StandingTie
+Ties = Sequence[Tie]
 
 
 @jit
