@@ -52,6 +52,27 @@ def test_gradient_and_hessian_are_differences(name: str, memory: float) -> None:
             np.testing.assert_allclose(own, bend[s], rtol=1e-4, atol=1e-7 * np.abs(blocks).max())
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.12])
+def test_the_exact_hessian_is_that_of_the_potential(memory: float) -> None:
+    """Of joints whose steps just add up; fast movements bend the energy downwards."""
+    body, rng, step = body_of("arm8"), np.random.default_rng(6), 1e-6
+    motion = motion_of(body, memory)
+    q = np.array([body.neutral + 0.2 * rng.normal(size=body.nv) for _ in range(COUNT)])
+
+    def gradient_at(poses: np.ndarray) -> np.ndarray:
+        return model_at(motion, body, poses)[1]
+
+    blocks = np.zeros((4, COUNT, body.nv, body.nv))
+    motion.add(q, np.zeros((COUNT, body.nv)), blocks, exact=True)
+    assert blocks[0].diagonal(axis1=1, axis2=2).min() < 0.0
+    for t, i in [(0, 0), (2, 3), (5, 7)]:
+        away = np.zeros_like(q)
+        away[t, i] = step
+        bend = (gradient_at(q + away) - gradient_at(q - away)) / (2.0 * step)
+        for s in range(t, min(COUNT, t + 4)):
+            np.testing.assert_allclose(blocks[s - t, t, i], bend[s], rtol=1e-5, atol=1e-8 * np.abs(blocks).max())
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_frames(count: int) -> None:
     body = body_of("arm8")

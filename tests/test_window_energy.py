@@ -7,9 +7,12 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.energy.cost import Cost
+from estimator.energy.priors import Transition
 from estimator.energy.standing import StandingTie
 from estimator.energy.term import Term
+from estimator.inference.motion import MotionPrior
 from estimator.search.cost_model import CostModel
+from estimator.tracking.smoothing.chain import FrameChain
 from estimator.tracking.smoothing.window_energy import WindowEnergy, moved_poses
 from humanoid.kinematics.body import Body, PosedBody
 
@@ -77,6 +80,26 @@ def test_a_window_is_the_sum_of_its_frames(
     for part, known in zip((own, tied, gradient, blocks), expected, strict=True):
         np.testing.assert_allclose(part, known, rtol=1e-9, atol=1e-9 * np.abs(known).max())
     assert tied[1] == 0.0 < tied[0]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("human34", 6), ("gripper", 7)])
+def test_a_chain_with_standing_points_has_its_gradient(name: str, seed: int) -> None:
+    """Also of a body with a joint that follows another; its energy alone is the same to the last bit."""
+    body, rng = body_of(name), np.random.default_rng(seed)
+    q = np.array([random_pose(body, rng, share=0.3, turn=0.3)] * COUNT)
+    q = np.array([body.integrate(pose, 0.02 * rng.normal(size=body.nv)) for pose in q])
+    costs = [Cost(body, [Transition(body, pose, np.full(body.nv, 0.3))]) for pose in q[::-1]]
+    index = np.arange(min(3, len(body.landmark_names)))
+    ties = [[StandingTie(body, index, rng.uniform(0.2, 1.0, len(index)), 0.03)] for _ in range(COUNT - 1)]
+    motion = MotionPrior(np.full(body.nv, 1.0), np.full(body.nv, 5.0), 8.0)
+    chain, away = (
+        FrameChain(body, costs, 0.04 * np.arange(COUNT), motion, 1e-3, ties),
+        rng.normal(size=(COUNT, body.nv)),
+    )
+    model = chain.at(q, np.zeros((COUNT, body.nv)))
+    assert chain.energy(q) == model.value
+    ends = [chain.energy(moved_poses(body, q, step * away)) for step in (1e-6, -1e-6)]
+    assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(float((model.gradient * away).sum()), rel=1e-6)
 
 
 def test_shared_terms_are_recorded_once() -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from estimator.energy.kernels.points import to_world
 from estimator.energy.point_targets import PointTargets
 from estimator.numerics.robust import LORENTZIAN, rho
-from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from estimator.numerics.vectors import dot
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.support.compiled import jit
 
 LEAST = 0.1  # probability of standing from which a point is held

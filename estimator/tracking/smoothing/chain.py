@@ -21,7 +21,10 @@ from estimator.tracking.smoothing.window_energy import WindowEnergy, moved_poses
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.compiled import jit
 
-DAMPING = Damping(first=1e-6)
+DAMPING = Damping(first=1e-6, grown_from=1e-5)
+_EXACT_BELOW = 2e-3  # energy a frame that a step promises
+_SOLVED = 4  # times at most for one step, with ever more variables at their limits
+_BEYOND = 1e-6  # rad or m from which a step is clearly beyond a limit
 _LEAST = 1e-4  # precision of what nothing holds
 _TOGETHER = 16  # frames whose energies are found at once, where only their sum is asked for
 REACH = 3
@@ -40,13 +43,15 @@ def windows(count: int, size: int) -> Iterator[tuple[int, int, int, int]]:
 class ChainModel(NamedTuple):
     """Quadratic model of a chain's energy at poses q (T, nq).
 
-    gradient (T, nv). blocks (1 + REACH, T, nv, nv): of the Hessian; block k couples frame t with frame t + k.
+    gradient (T, nv). blocks (1 + REACH, T, nv, nv): of the Hessian; block k couples frame t with frame t + k. exact:
+    whether that has the curvature that Gauss-Newton's leaves out.
     """
 
     value: float
     q: np.ndarray
     gradient: np.ndarray
     blocks: np.ndarray
+    exact: bool = False
 
 
 class FrameChain:
@@ -133,51 +138,99 @@ class FrameChain:
         moved, _ = dtbtrs(factor, rng.standard_normal((free.size, count)), uplo="L", trans="T")
         return np.asarray(moved).reshape(*free.shape, count) * free[:, :, None]
 
-    def _model(self, q: np.ndarray) -> ChainModel:
-        value, _, gradient, blocks = self._frames(q)
-        value += self._motion.add(q, gradient, blocks)
-        return ChainModel(value, q, gradient, blocks)
+    def _model(self, q: np.ndarray, exact: bool = False) -> ChainModel:
+        value, _, gradient, blocks = self._frames(q, exact)[:4]
+        value += self._motion.add(q, gradient, blocks, exact)
+        return ChainModel(value, q, gradient, blocks, exact)
 
-    def _frames(self, q: np.ndarray) -> ChainModel:
+    def plain(self, model: ChainModel) -> ChainModel:
+        """The Gauss-Newton model where an exact one is."""
+        return self._model(model.q)
+
+    def _frames(self, q: np.ndarray, exact: bool = False) -> ChainModel:
         """Of what the frames and their ties say, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))
-        own, tied = self._window.add(q, gradient, blocks)
+        own, tied = self._window.add(q, gradient, blocks, exact)
         return ChainModel(_sum(own.tolist(), tied.tolist()), q, gradient, blocks)
 
     @cached_property
     def _window(self) -> WindowEnergy:
         return WindowEnergy(self._body, self._costs, self._ties)
 
-    def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
+    def at(self, q: np.ndarray, step: np.ndarray, exact: bool = False) -> ChainModel:
         """The energy's model after a step (T, nv) from q (T, nq); a frame that stays keeps its bits."""
-        return self._model(moved_poses(self._body, q, step))
+        return self._model(moved_poses(self._body, q, step), exact)
 
     def step(self, model: ChainModel, held: np.ndarray, damping: float) -> np.ndarray:
-        """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops."""
-        q, gradient = model.q, model.gradient
-        count, nv = gradient.shape
-        free = free_mask(self._body, q, gradient) & ~held[:, None]
-        bands = _banded(model.blocks, free, factor=1.0 + damping)
-        right = np.where(free, -gradient, 0.0).ravel()
-        step = solveh_banded(bands, right, lower=True, check_finite=False, overwrite_ab=True)
-        return np.asarray(step).reshape(count, nv)
+        """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops; those that it would
+        take beyond their limits end there, and the others are solved for again."""
+        free = free_mask(self._body, model.q, model.gradient) & ~held[:, None]
+        step = np.zeros_like(model.gradient)
+        for left in reversed(range(_SOLVED)):
+            right = model.gradient + product(model.blocks, step) if step.any() else model.gradient
+            bands = _banded(model.blocks, free, factor=1.0 + damping)
+            right = np.where(free, -right, 0.0).ravel()
+            solved = solveh_banded(bands, right, lower=True, check_finite=False, overwrite_ab=True)
+            step = np.where(free, np.asarray(solved).reshape(step.shape), step)
+            beyond, ends = self._beyond(model.q, step)
+            if not left or not np.any(beyond & free):
+                break
+            free &= ~beyond
+            step = np.where(free, 0.0, np.where(beyond, ends, step))
+        return step
+
+    def _beyond(self, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which variables (T, nv) a step (T, nv) from q (T, nq) takes clearly beyond their limits, and steps there."""
+        places, body = self._body.bounded_q, self._body
+        beyond, ends = np.zeros(step.shape, dtype=bool), np.zeros_like(step)
+        moved = step[:, body.bounded_v]
+        inside = np.clip(moved, body.lower[places] - q[:, places], body.upper[places] - q[:, places])
+        beyond[:, body.bounded_v], ends[:, body.bounded_v] = np.abs(inside - moved) > _BEYOND, inside
+        return beyond, ends
 
 
 class _Poses(Problem[ChainModel]):
-    """A chain in which the frames in `held` (T,) stay."""
+    """A chain in which the frames in `held` (T,) stay.
+
+    Gauss-Newton's steps are safe and converge slowly: neither the curvature of robust potentials nor that of the
+    kinematics is in them. Once a step promises little, the next model is exact. Where that has no minimum, or its step
+    leads uphill, Gauss-Newton's step is taken instead, and the next model is exact where a step promises a tenth of it.
+    """
 
     def __init__(self, chain: FrameChain, held: np.ndarray) -> None:
-        self._chain, self._held = chain, held
+        self._chain, self._held, self._exact_below = chain, held, _EXACT_BELOW * len(held)
+        self._tried: ChainModel | None = None  # the last one that a step was asked of
+        self._plain: ChainModel | None = None  # Gauss-Newton's in its place, where it is exact and has failed
+        self._promised: float | None = None
+        self._last_promise = 0.0  # of the step to the last trial
 
     def step(self, model: ChainModel, damping: float) -> Step | None:
+        """The promise is that of a model's first step: that more damping promises less is no reason to end."""
+        refused, self._tried = self._tried is model, model
+        if not refused:
+            self._plain = self._promised = None
+        if model.exact and self._plain is None:
+            step = None if refused else self._solved(model, damping)
+            if step is not None:
+                return step
+            self._exact_below = 0.1 * self._last_promise
+            self._plain, self._promised, damping = self._chain.plain(model), None, DAMPING.first
+        return self._solved(self._plain or model, damping)
+
+    def _solved(self, model: ChainModel, damping: float) -> Step | None:
         try:
-            return self._chain.step(model, self._held, damping), None
+            step = self._chain.step(model, self._held, damping)
         except np.linalg.LinAlgError:  # not positive definite
             return None
+        if self._promised is None:
+            self._promised = -0.5 * float(np.sum(step * model.gradient))
+        return step, self._promised
 
     def at(self, model: ChainModel, step: Step) -> ChainModel:
-        return self._chain.at(model.q, step[0])
+        assert step[1] is not None
+        self._last_promise = step[1]
+        return self._chain.at(model.q, step[0], exact=step[1] < self._exact_below)
 
 
 def _sum(*rows: list[float]) -> float:
@@ -207,6 +260,26 @@ def _banded(blocks: np.ndarray, free: np.ndarray, factor: float = 1.0, added: fl
     bands = np.zeros((len(blocks) * nv, count * nv), order="F")  # as LAPACK has them, which then needs no copy
     fill_bands(blocks, free, factor, added, bands.T)
     return bands
+
+
+def product(blocks: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The symmetric matrix of blocks (K, T, nv, nv), see `ChainModel`, times x (T, nv)."""
+    out = np.zeros_like(x)
+    add_product(blocks, x, out)
+    return out
+
+
+@jit
+def add_product(blocks, x, out):  # type: ignore[no-untyped-def]
+    """Add `product` of blocks (K, T, nv, nv) and x (T, nv) to out (T, nv)."""
+    reach, count, nv = blocks.shape[0], blocks.shape[1], blocks.shape[2]
+    for k in range(reach):
+        for t in range(count - k):
+            for i in range(nv):
+                for j in range(nv):
+                    out[t, i] += blocks[k, t, i, j] * x[t + k, j]
+                    if k > 0:
+                        out[t + k, j] += blocks[k, t, i, j] * x[t, i]
 
 
 @jit
