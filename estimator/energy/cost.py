@@ -56,7 +56,7 @@ class Cost:
         """The energy's quadratic model at an already posed body."""
         gradient = np.zeros(self.body.nv)
         hessian = np.zeros((self.body.nv, self.body.nv))
-        value = self.recorded.accumulate(posed, gradient, hessian, exact)
+        value = self.recorded.add(posed, gradient, hessian, exact)
         for term in self.others:
             value += term.accumulate(posed, gradient, hessian, exact)
         return QuadraticModel(posed, value, gradient, hessian, exact)

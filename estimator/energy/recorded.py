@@ -40,7 +40,7 @@ class RecordedTerm(BatchTerm):
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
-        return RecordedSum(self._body, [self]).accumulate(posed, gradient, hessian, exact)
+        return RecordedSum(self._body, [self]).add(posed, gradient, hessian, exact)
 
 
 @lru_cache(maxsize=_MOST_ROWS)
@@ -62,7 +62,7 @@ class RecordedSum:
         self.kept = _lasting_records(lasting)
         self.last = lasting[-1] if lasting else None
 
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> float:
+    def add(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> float:
         """As `Term.accumulate`: the sum of its terms."""
         by_column = self._by_column(gradient, hessian)
         tree = self._body.tree

@@ -118,10 +118,11 @@ class CostModel:
 
     def _by_cameras(self, cameras: tuple[Camera, ...]) -> list[Term]:
         """The terms that depend on the cameras, made once for a clip's."""
-        if self._last_by_cameras is None or self._last_by_cameras[0] is not cameras:
+        known = self._last_by_cameras
+        if known is None or list(map(id, known[0])) != list(map(id, cameras)):
             terms = terms_of(replace(self._context, cameras=cameras), PER_CAMERAS)
-            self._last_by_cameras = cameras, terms
-        return self._last_by_cameras[1]
+            known = self._last_by_cameras = cameras, terms
+        return known[1]
 
     def cost(
         self,
