@@ -14,11 +14,8 @@ from benchmarks.points.tracked_points import TRACKER
 from benchmarks.support.stopwatch import Stopwatch
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.descent.qp import StepSolver
-from estimator.energy.descent.seek import Seeker
-from estimator.energy.interpenetration import Interpenetration
-from estimator.energy.point_targets import PointTargets
-from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.descent.compiled_seek import CompiledSeeker
+from estimator.energy.descent.proxqp import ProxQP
 from estimator.runs.run_file import Run
 from estimator.search.frame_search import FrameSearch
 from estimator.search.mode_search import ModeSearch
@@ -28,19 +25,11 @@ from kinemode.terminal import report
 
 TARGET_MS = 1.0
 PARTS: dict[str, list[tuple[type, str]]] = {
-    "kinematics": [(Body, "at")],
-    "markers": [(PointTargets, "accumulate"), (PointTargets, "values")],
-    "collision": [(Interpenetration, "accumulate"), (Interpenetration, "values")],
-    "priors": [
-        (Stabilisers, "accumulate"),
-        (Transition, "accumulate"),
-        (Stabilisers, "values"),
-        (Transition, "values"),
-    ],
-    "sum of the energy": [(Cost, "of"), (Cost, "value")],
-    "steps": [(StepSolver, "solve")],
-    "descent": [(Seeker, "seek")],
-    "after the descent: covariance, certificate": [(FrameSearch, "refine")],
+    "poses, in Python": [(Body, "at")],
+    "searches, compiled": [(CompiledSeeker, "seek")],
+    "ProxQP": [(ProxQP, "multipliers"), (ProxQP, "multipliers_of_few"), (ProxQP, "sharper")],
+    "other evaluations": [(Cost, "of"), (Cost, "values")],
+    "hypotheses: covariance, certificate": [(FrameSearch, "explore"), (FrameSearch, "refine")],
     "mixture, weights": [(ModeSearch, "mixture")],
 }
 REST = "all else"
