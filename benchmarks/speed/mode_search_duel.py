@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,7 +109,8 @@ class Contest:
 
     def forms(self, start: Start) -> tuple[Cost, Residuals]:
         """The energy as ours and as residuals about a start."""
-        s, observation, change = self.settings, start.observation, None
+        s, change = self.settings, None
+        observation = replace(start.observation, standing=None)  # what stands is held by terms that are no such sum
         if start.q_previous is not None:
             change = Change(start.q_previous, self.model.transition_std(start.dt), s.transition_nu)
         cost = self.model.cost(self.model.observation_term(observation), start.q_previous, start.dt)
