@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent import search_loop as loop
-from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS
+from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.descent.solution import CONVERGED, ITERATIONS, STALLED, Solution, StepCounts
 from humanoid.kinematics.body import Body, PosedBody
@@ -67,7 +67,7 @@ class CompiledSeeker(Seeker):
     def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
         """See `Seeker.seek`."""
         tree, settings = self.body.compiled, settings or self.settings
-        if tree is None or self.solver.step_solver == PROXQP_ALWAYS:
+        if tree is None:
             return super().seek(cost, q, settings)
         state, proxqp = self._state, self.solver.proxqp
         state.integers[:], state.q[1] = 0, q
@@ -81,6 +81,7 @@ class CompiledSeeker(Seeker):
             elif asks == loop.ASKS_STEP:
                 multipliers = proxqp.multipliers(None)
             else:
+                self.solver.uncertified += 1
                 multipliers = proxqp.sharper(None)
         return self._solution()
 
@@ -99,7 +100,7 @@ class CompiledSeeker(Seeker):
         if settings not in self._settings:
             self._settings[settings] = np.array([
                 settings.max_iterations, settings.kkt_tolerance, settings.decrease_tolerance, settings.damping,
-                settings.exact_below, self.solver.step_solver == ACTIVE_SET,
+                settings.exact_below, STEP_SOLVERS.index(self.solver.step_solver),
             ], dtype=float)  # fmt: skip
         return self._settings[settings]
 

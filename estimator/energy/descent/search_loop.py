@@ -21,7 +21,7 @@ from estimator.energy.descent.box_step import (
     solve_box,
 )
 from estimator.energy.descent.newton import LARGEST_RATIO, LEAST_PROMISE, RETRIED
-from estimator.energy.descent.qp import MENDED, ROUNDS
+from estimator.energy.descent.qp import ACTIVE_SET, MENDED, PROXQP_ALWAYS, ROUNDS, STEP_SOLVERS
 from estimator.energy.descent.seek import ACCEPTED, DAMPING, ROUNDING, TOO_CAUTIOUS
 from estimator.energy.kernels.evaluate import evaluate
 from humanoid.kinematics.compiled_tree import clamp_limits, integrate, place_joints
@@ -39,8 +39,9 @@ STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, UNKNOWNS, AFTER, COUNTS = 0, 1, 2, 3
 BY_NOTHING, BY_ACTIVE_SET, BY_PROXQP, BY_NONE, INTEGERS = COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3, COUNTS + 4
 # of the state's numbers: energy and KKT residual of both models, damping and its growth, what the step promises
 VALUE, RESIDUAL, DAMPED, GROWTH, PROMISED, NUMBERS = 0, 2, 4, 5, 6, 7
-# of the settings: steps, tolerance, least promise, first damping, exact below, whether the active set comes first
-MOST_STEPS, TOLERANCE, LEAST, FIRST, EXACT_BELOW, BY_SETS, SETTINGS = range(7)
+# of the settings: steps, tolerance, least promise, first damping, exact below, who solves steps (in `STEP_SOLVERS`)
+MOST_STEPS, TOLERANCE, LEAST, FIRST, EXACT_BELOW, SOLVER, SETTINGS = range(7)
+_ACTIVE_SET, _ALWAYS = STEP_SOLVERS.index(ACTIVE_SET), STEP_SOLVERS.index(PROXQP_ALWAYS)
 CONVERGED, STALLED, ITERATIONS = range(3)  # STATUS
 _RETRY_FACTOR, _RETRY_LEAST = RETRIED
 _LEAST_DAMPING, _MOST_DAMPING, _GROWTH = DAMPING.least, DAMPING.most, DAMPING.growth
@@ -99,8 +100,12 @@ def advance(  # type: ignore[no-untyped-def]
         elif stage == SOLVE:
             verdict, promised = _solve(
                 hessian[now], gradient[now], numbers[DAMPED], radius, q[now], places, limits, active, matrix, bounds,
-                step, scaled, start, settings[BY_SETS] > 0.0,
+                step, scaled, start, settings[SOLVER] == _ACTIVE_SET,
             )  # fmt: skip
+            if settings[SOLVER] == _ALWAYS and (verdict in (UNSETTLED, FREE)):
+                scale(matrix, gradient[now], bounds, step, scaled, start)
+                integers[STAGE] = ANSWERED
+                return ASKS_STEP
             if verdict == UNSETTLED:
                 integers[UNKNOWNS] = reduce(matrix, gradient[now], bounds, step, near, few)
                 integers[STAGE] = FEW_ANSWERED if integers[UNKNOWNS] > 0 else ANSWERED
