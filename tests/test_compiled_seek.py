@@ -12,6 +12,7 @@ from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS
 from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.term import BatchTerm
 from estimator.search.cost_model import CostModel, parts_apart
 from estimator.search.cost_settings import CostSettings
@@ -85,6 +86,22 @@ def test_a_term_without_a_kernel_takes_the_search_to_the_same_end() -> None:
     expected, solution = seeker.seek(cost, start), seeker.seek(plain, start)
     assert solution.iterations == expected.iterations
     np.testing.assert_allclose(solution.q, expected.q, atol=1e-8)
+
+
+def test_contacts_that_are_left_to_coal_are_part_of_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, rng = body_of("human34"), np.random.default_rng(4)
+    cost, _ = energy(body, rng)
+    (repulsion,) = (term for term in cost.terms if isinstance(term, Interpenetration))
+    plain = Cost(body, [OnlyPython(repulsion), *(term for term in cost.terms if term is not repulsion)])
+    seeker, starts = CompiledSeeker(body), [random_pose(body, rng) for _ in range(6)]
+    ends = [seeker.seek(plain, start) for start in starts]
+    asked, accumulate = [], Interpenetration.accumulate
+    monkeypatch.setattr(Interpenetration, "accumulate", lambda *given: asked.append(1) or accumulate(*given))
+    for start, expected in zip(starts, ends, strict=True):
+        solution = seeker.seek(cost, start)
+        assert solution.iterations == expected.iterations
+        np.testing.assert_allclose(solution.q, expected.q, atol=1e-7)
+    assert 0 < len(asked) < sum(end.iterations for end in ends)
 
 
 def test_bodies_with_other_joints_are_searched_all_the_same() -> None:
