@@ -16,8 +16,7 @@ from threadpoolctl import threadpool_limits
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.energy.balance import Balance
-from estimator.energy.descent.compiled_seek import compile_search
-from estimator.energy.descent.search_loop import advance
+from estimator.energy.descent.compiled_seek import compile_search, is_search_compiled
 from estimator.numerics.pool import checked_count
 from estimator.runs.diagnosis import contradicted
 from estimator.runs.out_of_balance import out_of_balance
@@ -37,7 +36,6 @@ from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.keypoint_places import with_layout_places
 from humanoid.subject.subject import BUILT_IN, Subject, is_built_in
-from humanoid.support.compiled import is_compiled
 from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
@@ -178,7 +176,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
 
 def _compile(body: Body, progress: Reporter) -> None:
     """Compile the search where that was never done on this machine, and say so: it is longer than many clips take."""
-    if not is_compiled(advance):
+    if not is_search_compiled(body):
         with progress("compiling, once after an installation") as report:
             report(0, 1)
             compile_search(body)

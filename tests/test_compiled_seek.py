@@ -9,7 +9,7 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.energy.cost import Cost
-from estimator.energy.descent.compiled_seek import CompiledSeeker
+from estimator.energy.descent.compiled_seek import CompiledSeeker, is_search_compiled
 from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.interpenetration import Interpenetration
@@ -107,6 +107,7 @@ def test_contacts_that_are_left_to_coal_are_part_of_a_search(monkeypatch: pytest
 def test_bodies_with_other_joints_are_searched_all_the_same() -> None:
     body = body_of("gripper")
     assert body.compiled is None
+    assert is_search_compiled(body)  # nothing is compiled for them, and no start waits for it
     cost = CostModel(body).cost(None, body.neutral, 0.1)
     start = random_pose(body, np.random.default_rng(3))
     expected, solution = Seeker(body).seek(cost, start), CompiledSeeker(body).seek(cost, start)

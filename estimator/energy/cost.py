@@ -26,14 +26,15 @@ class QuadraticModel(NamedTuple):
 class Cost:
     """A sum of terms on one body (CSS eqs. 3, 11, 12).
 
-    terms: all of them, those first that compiled code evaluates together. others: those that it does not.
+    terms: all of them, those first that compiled code evaluates together. compiled, others: those that it evaluates,
+    and those that it does not.
     """
 
     def __init__(self, body: Body, terms: Sequence[Term]) -> None:
         self.body = body
-        recorded, others = in_order(terms)
-        self.terms: tuple[Term, ...] = (*recorded, *others)
-        self.others = tuple(others)
+        compiled, others = in_order(terms)
+        self.compiled, self.others = tuple(compiled), tuple(others)
+        self.terms: tuple[Term, ...] = (*compiled, *others)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the records, which are made again."""
@@ -45,8 +46,13 @@ class Cost:
 
     @cached_property
     def recorded(self) -> RecordedSum:
-        """The terms that compiled code evaluates, see `RecordedTerm`."""
-        return RecordedSum(self.body, self.terms[: len(self.terms) - len(self.others)])  # type: ignore[arg-type]
+        """The sum of the terms that compiled code evaluates."""
+        return RecordedSum(self.body, self.compiled)
+
+    def in_python(self, left: bool) -> tuple[Term, ...]:
+        """What is to be added to `recorded`: the other terms, and before them the repulsion, the last of `compiled`,
+        where that was left out."""
+        return (*self.compiled[-1:], *self.others) if left else self.others
 
     def at(self, q: np.ndarray, exact: bool = False) -> QuadraticModel:
         """The energy's quadratic model at configuration q (nq,)."""
@@ -56,8 +62,8 @@ class Cost:
         """The energy's quadratic model at an already posed body."""
         gradient = np.zeros(self.body.nv)
         hessian = np.zeros((self.body.nv, self.body.nv))
-        value = self.recorded.add(posed, gradient, hessian, exact)
-        for term in self.others:
+        value, left = self.recorded.add(posed, gradient, hessian, exact)
+        for term in self.in_python(left):
             value += term.accumulate(posed, gradient, hessian, exact)
         return QuadraticModel(posed, value, gradient, hessian, exact)
 

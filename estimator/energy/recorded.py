@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.energy.kernels.evaluate import evaluate
 from estimator.energy.kernels.records import REPULSION, Record, Records, joined
+from estimator.energy.points import add_by_column
 from estimator.energy.term import BatchTerm, Term
 from humanoid.kinematics.body import Body, PosedBody
 
@@ -40,7 +41,7 @@ class RecordedTerm(BatchTerm):
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
-        return RecordedSum(self._body, [self]).add(posed, gradient, hessian, exact)
+        return RecordedSum(self._body, [self]).add(posed, gradient, hessian, exact)[0]
 
 
 @lru_cache(maxsize=_MOST_ROWS)
@@ -49,40 +50,26 @@ def _lasting_records(terms: tuple[RecordedTerm, ...]) -> Records:
 
 
 class RecordedSum:
-    """A sum of recorded terms on one body.
-
-    own, kept: the records of the terms of a frame, and of those that last. last: the repulsion, the last of them, which
-    the kernel leaves out where it cannot solve a contact.
-    """
+    """A sum of recorded terms on one body. own, kept: the records of the terms of a frame, and of those that last."""
 
     def __init__(self, body: Body, terms: Sequence[RecordedTerm]) -> None:
         self._body = body
-        lasting = tuple(term for term in terms if term.lasting)
         self.own = joined([term.record for term in terms if not term.lasting])
-        self.kept = _lasting_records(lasting)
-        self.last = lasting[-1] if lasting else None
+        self.kept = _lasting_records(tuple(term for term in terms if term.lasting))
 
-    def add(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> float:
-        """As `Term.accumulate`: the sum of its terms."""
-        by_column = self._by_column(gradient, hessian)
-        tree = self._body.tree
-        value, left = evaluate(
-            *self.own, *self.kept, tree.joint_parent, tree.column_joint, tree.column_parent, posed.placements,
-            posed.spatial_jacobian, posed.q, exact, gradient, hessian, *by_column,
-        )  # fmt: skip
-        if self._body.follows:
-            gradient += self._body.collected(by_column[0])
-            hessian += self._body.collected_hessian(by_column[1])
-        if left:
-            assert self.last is not None
-            value += self.last.accumulate(posed, gradient, hessian, exact)
-        return float(value)
+    def add(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> tuple[float, bool]:
+        """As `Term.accumulate`: the sum of its terms, and whether the repulsion was left out of it, see `evaluate`."""
+        value, left, tree = 0.0, 0, self._body.tree
 
-    def _by_column(self, gradient: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if not self._body.follows:
-            return gradient, hessian
-        columns = len(self._body.tree.column_dof)
-        return np.zeros(columns), np.zeros((columns, columns))
+        def add(column_gradient: np.ndarray, column_hessian: np.ndarray) -> None:
+            nonlocal value, left
+            value, left = evaluate(
+                *self.own, *self.kept, tree.joint_parent, tree.column_joint, tree.column_parent, posed.placements,
+                posed.spatial_jacobian, posed.q, exact, gradient, hessian, column_gradient, column_hessian,
+            )  # fmt: skip
+
+        add_by_column(self._body, gradient, hessian, add)
+        return float(value), left > 0
 
 
 def in_order(terms: Sequence[Term]) -> tuple[list[RecordedTerm], list[Term]]:

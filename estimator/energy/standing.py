@@ -60,10 +60,9 @@ class StandingTie:
 
     def __init__(self, body: Body, index: np.ndarray, weight: np.ndarray, std: float) -> None:
         joint = body.landmark_joint[index]
-        column = np.array([body.last_column(j) for j in joint.tolist()], dtype=np.int64)
         local, precision = np.ascontiguousarray(body.landmark_local[index]), np.full(len(index), 1.0 / std**2)
         self._body = body
-        self.points = TiedPoints(joint, column, local, precision, np.asarray(weight, dtype=float))
+        self.points = TiedPoints(joint, body.last_columns(joint), local, precision, np.asarray(weight, dtype=float))
 
     def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """See `estimator.tracking.smoothing.ties.FlowTie`."""

@@ -40,8 +40,7 @@ class TrunkSide(RecordedTerm):
     def record(self) -> Record:
         """See `RecordedTerm`."""
         joint, local, share = self._points
-        column = np.array([self._body.last_column(j) for j in joint.tolist()], dtype=np.int64)
-        return trunk_record(joint, column, local, share, *self._side)
+        return trunk_record(joint, self._body.last_columns(joint), local, share, *self._side)
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from humanoid.support.compiled import jit
 
 
@@ -16,17 +18,9 @@ def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
     `floor` becomes `floor`. With a floor of 0 the matrix has to be positive definite: False, with x as it was, where it
     is not.
     """
-    for a in range(n):
-        i = rows[a]
-        for b in range(a + 1):
-            L[a, b] = A[i, rows[b]]
-    if not _factor(L, n, floor):
+    if not _factor_block(A, rows, n, floor, L):
         return False
-    for a in range(n):
-        t = x[a]
-        for b in range(a):
-            t -= L[a, b] * x[b]
-        x[a] = t / L[a, a]
+    _solve_forward(L, 0, x[:n])
     for a in range(n - 1, -1, -1):
         t = x[a]
         for b in range(a + 1, n):
@@ -40,20 +34,12 @@ def inverse_entries(M, some, m, L, Y, S):  # type: ignore[no-untyped-def]
     """Fill the leading m x m of S (m, m) with the entries of M^-1 at m rows and columns `some` (m,), by M (n, n)'s
     Cholesky factor; False where M is not positive definite. L (n, n), Y (m, n): overwritten."""
     n = M.shape[0]
-    for a in range(n):
-        for b in range(a + 1):
-            L[a, b] = M[a, b]
-    if not _factor(L, n, 0.0):
+    if not _factor_block(M, np.arange(n), n, 0.0, L):
         return False
-    for k in range(m):  # y = L^-1 e_k, zero before row k
-        y, first = Y[k], some[k]
-        for a in range(first):
-            y[a] = 0.0
-        for a in range(first, n):
-            t = 1.0 if a == first else 0.0
-            for b in range(first, a):
-                t -= L[a, b] * y[b]
-            y[a] = t / L[a, a]
+    for k in range(m):  # L^-1 e_k, zero before row k
+        Y[k] = 0.0
+        Y[k, some[k]] = 1.0
+        _solve_forward(L, some[k], Y[k])
     for a in range(m):
         for b in range(m):
             t = 0.0
@@ -70,10 +56,7 @@ def invert_definite(A, rows, n, L, X, inverse):  # type: ignore[no-untyped-def]
 
     L, X (N, N): overwritten with the block's Cholesky factor and the inverse of that, row by row, along many numbers.
     """
-    for a in range(n):
-        for b in range(a + 1):
-            L[a, b] = A[rows[a], rows[b]]
-    if not _factor(L, n, 0.0):
+    if not _factor_block(A, rows, n, 0.0, L):
         return False
     for a in range(n):
         row = X[a]
@@ -97,6 +80,27 @@ def invert_definite(A, rows, n, L, X, inverse):  # type: ignore[no-untyped-def]
         for b in range(a + 1):
             inverse[rows[a], rows[b]] = inverse[rows[b], rows[a]] = L[a, b]
     return True
+
+
+@jit
+def _factor_block(A, rows, n, floor, L):  # type: ignore[no-untyped-def]
+    """Fill the lower triangle of the leading n x n of L (N, N) with the factor of A (N, N) at the leading n of rows
+    (N,) and of the columns of the same names; see `solve_definite`."""
+    for a in range(n):
+        i = rows[a]
+        for b in range(a + 1):
+            L[a, b] = A[i, rows[b]]
+    return _factor(L, n, floor)
+
+
+@jit
+def _solve_forward(L, first, x):  # type: ignore[no-untyped-def]
+    """Replace x (n,), zero before `first`, by L^-1 x, L (N, N) lower triangular."""
+    for a in range(first, x.shape[0]):
+        t = x[a]
+        for b in range(first, a):
+            t -= L[a, b] * x[b]
+        x[a] = t / L[a, a]
 
 
 @jit

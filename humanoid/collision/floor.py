@@ -46,8 +46,8 @@ class FloorDistances:
         counted = [solid for solid in solids_of(body) if solid.joint > 0 and solid.link not in stiff]
         pieces = [piece for solid in counted for piece in _pieces(solid)]
         self._joint = np.array([piece.joint for piece in pieces], dtype=np.int64)
-        columns = [(-1, body.last_column(piece.joint)) for piece in pieces]  # none moves the floor
-        self._columns = np.array(columns, dtype=np.int64).reshape(-1, 2)
+        columns = body.last_columns(self._joint)
+        self._columns = np.stack((np.full_like(columns, -1), columns), axis=1)  # none moves the floor
         self._local = np.array([piece.place for piece in pieces]).reshape(-1, 3)
         self._rotation = [piece.rotation for piece in pieces]
         self._reach = np.array([piece.reach for piece in pieces])

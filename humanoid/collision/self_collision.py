@@ -270,8 +270,7 @@ class SelfCollision:
         solids, count = self.solids, len(pairs)
         self.pairs: tuple[LinkPair, ...] = tuple((solids[i].link, solids[j].link) for i, j in pairs)
         self._solid_pairs = np.array(pairs, dtype=np.int64).reshape(count, 2)
-        last_column = np.array([self._body.last_column(s.joint) for s in solids], dtype=np.int64)
-        self._pair_column = last_column[self._solid_pairs]
+        self._pair_column = self._body.last_columns(self._joint)[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
         self._candidates, self._left = np.zeros((2, count), dtype=np.int64)

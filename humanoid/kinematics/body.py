@@ -337,9 +337,10 @@ class Body(Summarised):
         """Whether other joints follow a degree of freedom, so that no single axis says what it moves."""
         return int(np.count_nonzero(self.tree.column_dof == dof)) > 1
 
-    def last_column(self, joint: int) -> int:
-        """Last column of the spatial Jacobian on the way from the root to (and with) a joint, -1 if none."""
-        return int(columns_of(self.model, joint)[-1]) if joint > 0 else -1
+    def last_columns(self, joints: np.ndarray) -> np.ndarray:
+        """Last column of the spatial Jacobian on the way from the root to (and with) each joint (N,), -1 if none."""
+        last = [columns_of(self.model, joint)[-1] if joint > 0 else -1 for joint in joints.tolist()]
+        return np.array(last, dtype=np.int64)
 
     def support(self, joint: int) -> np.ndarray:
         """Which degrees of freedom move a joint, (nv,) bool."""

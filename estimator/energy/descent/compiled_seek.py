@@ -45,10 +45,14 @@ class _State(NamedTuple):
         )  # fmt: skip
 
 
+def is_search_compiled(body: Body) -> bool:
+    """Whether a body's searches need no compilation any more, or never do."""
+    return body.compiled is None or is_compiled(loop.advance)
+
+
 def compile_search(body: Body) -> None:
-    """Compile the search, which takes a while, before the first is needed; at once where its code is kept."""
-    if not is_compiled(loop.advance):
-        CompiledSeeker(body, SeekSettings(max_iterations=1)).seek(Cost(body, []), body.neutral)
+    """Compile the search, which takes a while, before the first is needed."""
+    CompiledSeeker(body, SeekSettings(max_iterations=1)).seek(Cost(body, []), body.neutral)
 
 
 class CompiledSeeker(Seeker):
@@ -110,9 +114,7 @@ class CompiledSeeker(Seeker):
         trial = 1 - int(state.integers[loop.CURRENT])
         posed = PosedBody(state.q[trial].copy(), state.placements.copy(), state.columns.copy())
         exact = bool(state.integers[loop.EXACT + trial])
-        left = [cost.recorded.last] if state.integers[loop.LEFT] > 0 else []
-        for term in (*left, *cost.others):
-            assert term is not None
+        for term in cost.in_python(bool(state.integers[loop.LEFT] > 0)):
             value = term.accumulate(posed, state.gradient[trial], state.hessian[trial], exact)
             state.numbers[loop.VALUE + trial] += value
 

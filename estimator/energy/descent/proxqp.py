@@ -15,13 +15,15 @@ PENALTY, PROXIMAL = 1e-3, 1e-6  # of the augmented Lagrangian's first round, on 
 OUTER, INNER = 25, 50  # iterations
 FEW = 8  # unknowns at most that a smaller problem is made of
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
+_NO_ROWS = None, None, None
 
 Rows = tuple[np.ndarray, np.ndarray]
 """A (m, n) and b (m,): A x >= b."""
 
 
 class ProxQP:
-    """min 1/2 x'Mx + g'x within bounds and above rows, for any number of rows; one persistent object for each.
+    """min 1/2 x'Mx + g'x within bounds and above rows, for any number of rows; one persistent object for each number of
+    unknowns and rows.
 
     scaled (n + 4, n), start (n,): a problem, written by `estimator.energy.descent.box_step.scale`. near (FEW,),
     few: the unknowns that bounds may stop, where they are few, and the problem in these, written by `box_step.reduce`.
@@ -33,8 +35,7 @@ class ProxQP:
         self.scaled, self.start = np.zeros((n + 4, n)), np.zeros(n)
         self._matrix, (self._gradient, self._lower, self._upper, self._scale) = self.scaled[:n], self.scaled[n:]
         self.near, self.few = np.zeros(FEW, dtype=np.int64), np.zeros((FEW + 4) * FEW)
-        self._of_few: dict[int, proxqp.dense.QP] = {}
-        self._solvers: dict[int, proxqp.dense.QP] = {}
+        self._solvers: dict[tuple[int, int], proxqp.dense.QP] = {}  # by unknowns and rows
         self._zeros = np.zeros(n)
 
     def multipliers(self, rows: Rows | None) -> np.ndarray:
@@ -42,21 +43,9 @@ class ProxQP:
 
         rows: A (m, n) and b (m,), not scaled. The array is the solver's own, good until it solves again.
         """
-        m = 0 if rows is None else len(rows[1])
-        C, low, high = (None, None, None) if rows is None else self._scaled(rows)
-        solver = self._solvers.get(m)
-        if solver is None:
-            solver = self._solvers[m] = _made(self._n, m)
-            solver.init(
-                self._matrix, self._gradient, None, None, C, low, high, self._lower, self._upper,
-                compute_preconditioner=False,
-            )  # fmt: skip
-        else:
-            solver.update(self._matrix, self._gradient, None, None, C, low, high, self._lower, self._upper)
-        results = solver.results  # an update clears them
-        results.x, results.z = self.start, self._zeros if m == 0 else np.zeros(m + self._n)
-        solver.solve()
-        return results.z
+        scaled = _NO_ROWS if rows is None else self._scaled(rows)
+        problem = self._matrix, self._gradient, None, None, *scaled, self._lower, self._upper
+        return self._solved(self._n, 0 if rows is None else len(rows[1]), problem, self.start)
 
     def multipliers_of_few(self, m: int) -> np.ndarray:
         """Multipliers (n,) of the bounds by the problem in m unknowns, zero for the others."""
@@ -64,24 +53,27 @@ class ProxQP:
             self.few[: m * m].reshape(m, m),
             self.few[m * m :][: 4 * m].reshape(4, m),
         )
-        solver = self._of_few.get(m)
-        if solver is None:
-            solver = self._of_few[m] = _made(m, 0)
-            solver.init(
-                matrix, gradient, None, None, None, None, None, lower, upper, compute_preconditioner=False
-            )  # fmt: skip
-        else:
-            solver.update(matrix, gradient, None, None, None, None, None, lower, upper)
-        results = solver.results
-        results.x, results.z = start, self._zeros[:m]
-        solver.solve()
         multipliers = np.zeros(self._n)
-        multipliers[self.near[:m]] = results.z
+        problem = matrix, gradient, None, None, *_NO_ROWS, lower, upper
+        multipliers[self.near[:m]] = self._solved(m, 0, problem, start)
         return multipliers
+
+    def _solved(self, n: int, m: int, problem: tuple[np.ndarray | None, ...], start: np.ndarray) -> np.ndarray:
+        """Multipliers (m + n,) of a problem in n unknowns with m rows, from a start (n,); the solver's own array."""
+        solver = self._solvers.get((n, m))
+        if solver is None:
+            solver = self._solvers[n, m] = _made(n, m)
+            solver.init(*problem, compute_preconditioner=False)
+        else:
+            solver.update(*problem)
+        results = solver.results  # an update clears them
+        results.x, results.z = start, self._zeros[:n] if m == 0 else np.zeros(m + n)
+        solver.solve()
+        return results.z
 
     def sharper(self, rows: Rows | None) -> np.ndarray:
         """The multipliers of the problem just solved, to a smaller residual, from where they are."""
-        solver = self._solvers[0 if rows is None else len(rows[1])]
+        solver = self._solvers[self._n, 0 if rows is None else len(rows[1])]
         settings = solver.settings
         settings.eps_abs, settings.initial_guess = SHARP, proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         solver.solve()

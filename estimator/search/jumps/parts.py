@@ -24,11 +24,11 @@ def part_mirrored(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: Rigid
     pivot, before = _pivot(on_rays, part), on_rays.points[part.landmarks]
     targets = np.empty_like(before)
     other_depths(on_rays.eyes[part.landmarks], on_rays.rays[part.landmarks], before, pivot, targets)
-    if _furthest(targets, before) < anatomy.same:
+    if furthest(targets, before) < anatomy.same:
         return None
     mirrored = _turned_to(body, on_rays, part, targets)
     after = mirrored.points[part.landmarks]
-    if _furthest(after, targets) > REACHED or _furthest(after, before) < anatomy.same:
+    if furthest(after, targets) > REACHED or furthest(after, before) < anatomy.same:
         return None
     for k in part.behind:
         other = anatomy.parts[k]
@@ -48,7 +48,7 @@ def with_limbs_on_rays(
         limb = anatomy.limbs[k]
         stays = int(limb.landmarks[0]) in part.about
         solutions = [
-            (s.error > REACHED, _furthest(_reached(body, on_rays, limb, s), before.points[limb.landmarks]), s)
+            (s.error > REACHED, furthest(_reached(body, on_rays, limb, s), before.points[limb.landmarks]), s)
             if stays
             else (s.error > REACHED, s.moved, s)
             for s in limb_solutions(body, on_rays, limb, ROUGHLY)
@@ -81,10 +81,6 @@ def _pivot(on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
     if len(part.dofs) == 0:
         return np.asarray(on_rays.points[list(part.about) or part.landmarks].mean(axis=0))
     return np.asarray(meeting_point(*axes_of(on_rays.spatial_jacobian, part.dofs)))
-
-
-def _furthest(a: np.ndarray, b: np.ndarray) -> float:
-    return float(furthest(a, b))
 
 
 def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:

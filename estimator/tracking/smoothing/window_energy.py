@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class WindowRecords(NamedTuple):
         number, records, used = dict[RecordedTerm, int](), list[Record](), list[int]()
         rows = np.empty((len(costs), 3), dtype=np.int64)
         for cost, row in zip(costs, rows, strict=True):
-            terms = recorded_terms(cost)
+            terms = cost.compiled
             row[:] = len(used), len(used) + sum(not term.lasting for term in terms), len(used) + len(terms)
             for term in terms:
                 if term not in number:
@@ -45,12 +45,6 @@ class WindowRecords(NamedTuple):
                 used.append(number[term])
         starts, integers, numbers = joined(records)
         return WindowRecords(starts[used], integers, numbers, rows)
-
-
-def recorded_terms(cost: Cost) -> tuple[RecordedTerm, ...]:
-    """The terms of a frame that compiled code evaluates, those that last after those that do not."""
-    terms: Any = cost.terms[: len(cost.terms) - len(cost.others)]
-    return cast(tuple[RecordedTerm, ...], terms)
 
 
 class WindowEnergy:
@@ -100,8 +94,7 @@ class WindowEnergy:
             gradient, hessian,
         )  # fmt: skip
         for t, cost in enumerate(self._costs):
-            last = recorded_terms(cost)[-1:] if left[t] else ()
-            for term in (*last, *cost.others):
+            for term in cost.in_python(bool(left[t])):
                 values[t] += term.accumulate(self._posed(t, q), gradient[t], hessian[t], exact)
         return values
 
