@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.energy.recorded import RecordedSum, in_order
+from estimator.energy.recorded import RecordedSum, Rows
 from estimator.energy.term import BatchTerm, Term
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 
@@ -31,10 +31,12 @@ class Cost:
     """
 
     def __init__(self, body: Body, terms: Sequence[Term]) -> None:
-        self.body = body
-        compiled, others = in_order(terms)
-        self.compiled, self.others = tuple(compiled), tuple(others)
-        self.terms: tuple[Term, ...] = (*compiled, *others)
+        self._set(body, Rows.of(terms))
+        self._base: Cost | None = None
+
+    def _set(self, body: Body, rows: Rows) -> None:
+        self.body, self._rows = body, rows
+        self.compiled, self.others, self.terms = rows.compiled, rows.others, rows.terms
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the records, which are made again."""
@@ -42,12 +44,19 @@ class Cost:
 
     def plus(self, terms: Sequence[Term]) -> Cost:
         """This sum and more terms."""
-        return Cost(self.body, (*self.terms, *terms)) if terms else self
+        if not terms:
+            return self
+        more, cost = Rows.of(terms), Cost.__new__(Cost)
+        cost._set(self.body, self._rows.plus(more))
+        cost._base = None if more.lasting or more.repulsion else self
+        return cost
 
     @cached_property
     def recorded(self) -> RecordedSum:
         """The sum of the terms that compiled code evaluates."""
-        return RecordedSum(self.body, self.compiled)
+        if self._base is None:
+            return RecordedSum.of(self.body, self.compiled)
+        return self._base.recorded.plus(self._rows.own[len(self._base._rows.own) :])
 
     def in_python(self, left: bool) -> tuple[Term, ...]:
         """What is to be added to `recorded`: the other terms, and before them the repulsion, the last of `compiled`,

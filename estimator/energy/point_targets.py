@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from estimator.energy.kernels.records import TARGETS, Record
-from estimator.energy.kernels.targets import target_loads, target_record, target_values
+from estimator.energy.kernels.targets import record_with_targets, target_loads, target_record, target_values
 from estimator.energy.points import LoadedPoints
 from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.robust import POTENTIALS
@@ -67,7 +67,7 @@ class PointTargets(RecordedTerm):
     def with_targets(self, target: np.ndarray) -> PointTargets:
         """The same points drawn to other places, target (N, 3) [m]."""
         moved = copy(self)
-        moved._target = target
+        moved._target, moved.record = target, record_with_targets(self.record, target)
         return moved
 
     def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:

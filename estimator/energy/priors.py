@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +11,13 @@ import pinocchio as pin
 
 from estimator.energy.kernels.records import STABILISERS, TRANSITION, Record
 from estimator.energy.kernels.stabilisers import STABILISER_NU, stabiliser_record, stabiliser_values
-from estimator.energy.kernels.transition import diffuse, transition_joints, transition_record, transition_values
+from estimator.energy.kernels.transition import (
+    diffuse,
+    record_since,
+    transition_joints,
+    transition_record,
+    transition_values,
+)
 from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.robust import POTENTIALS, robust_sum
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
@@ -94,6 +101,14 @@ class Transition(RecordedTerm):
     def record(self) -> Record:
         """See `RecordedTerm`."""
         return transition_record(_joints(self._body), self._q_previous, self._precision, self._kind, self._nu)
+
+    def since(self, q_previous: np.ndarray) -> Transition:
+        """The same from another configuration (nq,)."""
+        moved = copy(self)
+        moved._q_previous = q_previous
+        if self.recorded:
+            moved.record = record_since(self.record, q_previous)
+        return moved
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""

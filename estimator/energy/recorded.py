@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class RecordedTerm(BatchTerm):
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.energy.term.Term`."""
-        return RecordedSum(self._body, [self]).add(posed, gradient, hessian, exact)[0]
+        return RecordedSum.of(self._body, [self]).add(posed, gradient, hessian, exact)[0]
 
 
 @lru_cache(maxsize=_MOST_ROWS)
@@ -52,10 +53,18 @@ def _lasting_records(terms: tuple[RecordedTerm, ...]) -> Records:
 class RecordedSum:
     """A sum of recorded terms on one body. own, kept: the records of the terms of a frame, and of those that last."""
 
-    def __init__(self, body: Body, terms: Sequence[RecordedTerm]) -> None:
-        self._body = body
-        self.own = joined([term.record for term in terms if not term.lasting])
-        self.kept = _lasting_records(tuple(term for term in terms if term.lasting))
+    def __init__(self, body: Body, of_frame: Records, lasting: Records) -> None:
+        self._body, self.own, self.kept = body, of_frame, lasting
+
+    @staticmethod
+    def of(body: Body, terms: Sequence[RecordedTerm]) -> RecordedSum:
+        """The sum of these terms."""
+        own = joined([term.record for term in terms if not term.lasting])
+        return RecordedSum(body, own, _lasting_records(tuple(term for term in terms if term.lasting)))
+
+    def plus(self, terms: Sequence[RecordedTerm]) -> RecordedSum:
+        """This sum and more terms of a frame."""
+        return RecordedSum(self._body, joined([term.record for term in terms], self.own), self.kept)
 
     def add(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> tuple[float, bool]:
         """As `Term.accumulate`: the sum of its terms, and whether the repulsion was left out of it, see `evaluate`."""
@@ -72,26 +81,45 @@ class RecordedSum:
         return float(value), left > 0
 
 
-def in_order(terms: Sequence[Term]) -> tuple[list[RecordedTerm], list[Term]]:
-    """Recorded terms in the order in which they are summed, and the others: of a frame, lasting, repulsion."""
-    rows: tuple[list[RecordedTerm], ...] = ([], [], [])
-    others = list[Term]()
-    for term in terms:
-        row = _row(term)
-        if row is None or (row == _REPULSION and rows[row]):
-            others.append(term)
-        else:
-            assert isinstance(term, RecordedTerm)
-            rows[row].append(term)
-    return [term for row in rows for term in row], others
+class Rows(NamedTuple):
+    """Terms in the order in which they are summed: recorded ones of a frame, lasting ones, the repulsion last, and the
+    others."""
+
+    own: tuple[RecordedTerm, ...] = ()
+    lasting: tuple[RecordedTerm, ...] = ()
+    repulsion: tuple[RecordedTerm, ...] = ()
+    others: tuple[Term, ...] = ()
+
+    @staticmethod
+    def of(terms: Sequence[Term]) -> Rows:
+        """Of these terms; a second repulsion is one of the others."""
+        rows: tuple[list[Any], ...] = ([], [], [], [])
+        for term in terms:
+            k = _row(term)
+            rows[_OTHERS if k == _REPULSION and rows[k] else k].append(term)
+        return Rows(*map(tuple, rows))
+
+    def plus(self, more: Rows) -> Rows:
+        """These and more of them."""
+        return Rows.of([*self.terms, *more.terms]) if more.repulsion else Rows(*map(operator.add, self, more))
+
+    @property
+    def compiled(self) -> tuple[RecordedTerm, ...]:
+        """Those that compiled code evaluates together."""
+        return (*self.own, *self.lasting, *self.repulsion)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """All of them."""
+        return (*self.compiled, *self.others)
 
 
-_OWN, _LASTING, _REPULSION = range(3)
+_OWN, _LASTING, _REPULSION, _OTHERS = range(4)
 
 
-def _row(term: Term) -> int | None:
+def _row(term: Term) -> int:
     if not isinstance(term, RecordedTerm) or not term.recorded:
-        return None
+        return _OTHERS
     if term.kind == REPULSION:
         return _REPULSION
     return _LASTING if term.lasting else _OWN

@@ -60,4 +60,4 @@ def _rotation(vectors: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, f
     """The rotation R (3, 3), and the sum of reference . R vectors."""
     U, singular, Vt = np.linalg.svd(reference.T @ vectors)
     proper = np.array([1.0, 1.0, np.linalg.det(U @ Vt)])  # the best orthogonal matrix may be a reflection
-    return np.asarray(U @ np.diag(proper) @ Vt), float(singular @ proper)
+    return np.asarray((U * proper) @ Vt), float(singular @ proper)

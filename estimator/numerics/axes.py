@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.numerics.vectors import cross
+
 
 def axes_across(direction: np.ndarray) -> np.ndarray:
     """Two unit vectors (3, 2), its columns, across a unit vector (3,) and each other, right-handed with it before
     them."""
-    first = np.cross(np.eye(3)[int(np.argmin(np.abs(direction)))], direction)
-    first /= np.linalg.norm(first, axis=0)
-    return np.stack([first, np.cross(direction, first)], axis=1)
+    first = np.array(cross(np.eye(3)[int(np.argmin(np.abs(direction)))], direction))
+    first /= np.linalg.norm(first)
+    return np.stack([first, cross(direction, first)], axis=1)
 
 
 def mean_direction(ways: np.ndarray) -> np.ndarray:

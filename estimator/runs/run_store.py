@@ -37,6 +37,7 @@ CREATE TABLE smoothed (data BLOB NOT NULL);
 CREATE TABLE finished (at TEXT NOT NULL);
 """
 _WAIT_S = 10.0
+_PAGE = 16384  # bytes: a frame has some 80 kB, which in fewer pages takes a third less time to write
 
 
 def create_store(path: Path, header: str, final: Path) -> None:
@@ -44,6 +45,7 @@ def create_store(path: Path, header: str, final: Path) -> None:
     with translated(final):
         connection = sqlite3.connect(path, isolation_level=None)
         try:
+            connection.execute(f"PRAGMA page_size = {_PAGE}")
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
             connection.executescript(f"BEGIN; {SCHEMA} COMMIT;")

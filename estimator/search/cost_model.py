@@ -65,6 +65,7 @@ class CostModel:
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
         self._last_standing: tuple[np.ndarray, float, HeldPoints] | None = None
+        self._last_transition: tuple[float, Transition] | None = None
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def rest_energies(self, q: np.ndarray) -> np.ndarray:
@@ -171,8 +172,14 @@ class CostModel:
 
     def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
         """What the change of the configuration since `q_previous` (nq,), `dt` seconds ago, costs."""
-        s = self.settings
-        return Transition(self.body, q_previous, self.transition_std(dt), s.transition_potential, s.transition_nu)
+        known = self._last_transition
+        if known is None or known[0] != dt:
+            s, std = self.settings, self.transition_std(dt)
+            known = self._last_transition = (
+                dt,
+                Transition(self.body, q_previous, std, s.transition_potential, s.transition_nu),
+            )
+        return known[1].since(q_previous)
 
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""

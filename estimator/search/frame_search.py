@@ -79,7 +79,7 @@ class FrameSearch:
         energies, placed = np.empty(len(hypotheses)), self._body.placed(np.array([h.q for h in hypotheses]))
         for k, pull in sorted({(h.association, h.pull) for h in hypotheses}):
             own = np.array([(h.association, h.pull) == (k, pull) for h in hypotheses])
-            cost = self._model.cost(self.case.associations[k].term, image_terms=self._pulled(pull))
+            cost = self._static(k).plus(self._pulled(pull))
             energies[own] = cost.values(placed.of(own))
         for n, h in enumerate(hypotheses):
             if h.origin.transition_from is not None:
@@ -126,10 +126,7 @@ class FrameSearch:
         pose = None if previous is None else previous.key
         key = h.association, h.pull, transition_from is not None, pose
         if key not in self._bases:
-            term = self.case.associations[h.association].term
-            self._bases[key] = self._model.cost(
-                term, transition_from, self.case.dt, [*self._flow(h), *self._pulled(h.pull)]
-            )
+            self._bases[key] = self._with(h, [*self._flow(h), *self._pulled(h.pull)])
         return self._bases[key]
 
     def _pulled(self, pull: int) -> list[Term]:
@@ -155,10 +152,8 @@ class FrameSearch:
         return likelihood.assigned(self._body.at(q), brief) if likelihood.cameras else []
 
     def _score_assigned(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
-        association = self.case.associations[h.association]
-        terms = [*assigned, *self._pulled(h.pull)]
-        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms)
-        return h.prior_score - cost.value_at(h.q) - association.penalty
+        cost = self._with(h, [*assigned, *self._pulled(h.pull)])
+        return h.prior_score - cost.value_at(h.q) - self.case.associations[h.association].penalty
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
         """Where keypoints and flow take a hypothesis, (nq,): pictures are only looked at near it. One that begins where
@@ -181,8 +176,7 @@ class FrameSearch:
         better."""
         followed = self.flows.get(previous.key)
         flow = [] if followed is None else self.case.likelihood.leading(followed)
-        association = self.case.associations[h.association]
-        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, flow)
+        cost = self._with(h, flow)
         start = previous.q
         if previous.q_predicted is not None and cost.value_at(previous.q_predicted) < cost.value_at(start):
             start = previous.q_predicted
@@ -209,7 +203,7 @@ class FrameSearch:
         # search that is static (CSS footnote 5)
         flow = self._flow(h) if self._settings.flow_in_covariance else []
         seen = [*flow, *assigned, *self._pulled(h.pull)]
-        static = self._static(h.association, seen).of(posed)
+        static = self._static(h.association).plus(seen).of(posed)
         return Mode(
             q=posed.q,
             velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),
@@ -223,13 +217,16 @@ class FrameSearch:
             origin=self._origin(h, q_assigned),
         )
 
-    def _static(self, association: int, image_terms: Sequence[Term]) -> Cost:
-        """The energy of a frame by itself; that of keypoints alone is made once."""
-        term = self.case.associations[association].term
-        if image_terms:
-            return self._model.cost(term, image_terms=image_terms)
+    def _with(self, h: Hypothesis, terms: Sequence[Term]) -> Cost:
+        """The energy of a hypothesis with these terms, the transition included where it has one."""
+        previous, observed = h.origin.transition_from, self.case.associations[h.association].term
+        since = [] if previous is None else self._model.since(previous, self.case.dt, observed)
+        return self._static(h.association).plus([*terms, *since])
+
+    def _static(self, association: int) -> Cost:
+        """The energy of a frame's keypoints by themselves, made once."""
         if association not in self._statics:
-            self._statics[association] = self._model.cost(term)
+            self._statics[association] = self._model.cost(self.case.associations[association].term)
         return self._statics[association]
 
     def _origin(self, h: Hypothesis, q_assigned: np.ndarray) -> Origin:

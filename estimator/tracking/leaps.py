@@ -100,6 +100,8 @@ class LeapCheck:
             return False
         steps = q[ROOT_PLACE_Q] - before[:, ROOT_PLACE_Q]
         length = np.linalg.norm(steps, axis=1)
+        if np.any(length <= self._speed * elapsed):
+            return False
         along = steps / np.maximum(length, 1e-9)[:, None]
         spread = [
             float(u @ (_placed(a, C) + _placed(q, covariance)) @ u)

@@ -176,11 +176,11 @@ class Camera(Summarised):
     def sight_lines(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The `rays` through world points (N, 3) [m]: points of them (N, 3) [m] and unit directions (N, 3)."""
         if self.parallel:
-            ways = np.tile(self.R_camera_world[2], (len(points), 1))
+            ways = np.repeat(self.R_camera_world[2:], len(points), axis=0)
             return points - self.depths(points)[:, None] * ways, ways
-        eye = self.centre_world
-        ways = points - eye
-        return np.tile(eye, (len(points), 1)), ways / np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
+        eyes = np.repeat(self.centre_world[None], len(points), axis=0)
+        ways = points - eyes
+        return eyes, ways / np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
 
 
 def guessed_camera(

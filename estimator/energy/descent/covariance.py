@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.numerics.linear import invert_definite
 from humanoid.kinematics.body import Body
+from humanoid.support.compiled import jit
 
 MAX_STD = 2.0  # rad or m: directions that nothing observes
 
@@ -36,8 +37,19 @@ def free_directions(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarr
 def free_mask(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Degrees of freedom that no active limit holds, (..., nv) bool: q (..., nq) on it, gradient (..., nv) pressing."""
     free = np.ones(gradient.shape, dtype=bool)
-    angles, pull = q[..., body.bounded_q], gradient[..., body.bounded_v]
-    at_low = (angles <= body.lower[body.bounded_q]) & (pull > 0.0)
-    at_high = (angles >= body.upper[body.bounded_q]) & (pull < 0.0)
-    free[..., body.bounded_v] = ~(at_low | at_high)
+    _hold(
+        np.ascontiguousarray(q).reshape(-1, body.nq), np.ascontiguousarray(gradient).reshape(-1, body.nv),
+        body.bounded_q, body.bounded_v, body.lower, body.upper, free.reshape(-1, body.nv),
+    )  # fmt: skip
     return free
+
+
+@jit
+def _hold(q, gradient, bounded_q, bounded_v, lower, upper, free):  # type: ignore[no-untyped-def]
+    """Set free (N, nv) to False where an active limit holds; q (N, nq), gradient (N, nv), bounded_q, bounded_v (B,),
+    lower, upper (nq,): see `Body`."""
+    for n in range(q.shape[0]):
+        for k, i in zip(bounded_q, bounded_v):  # noqa: B905
+            pull = gradient[n, i]
+            if (q[n, k] <= lower[k] and pull > 0.0) or (q[n, k] >= upper[k] and pull < 0.0):
+                free[n, i] = False

@@ -30,20 +30,27 @@ class Records(NamedTuple):
     numbers: np.ndarray
 
 
+NO_RECORDS = Records(np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
 def record_of(kind: int, integers: Sequence[int | np.ndarray], numbers: Sequence[float | np.ndarray]) -> Record:
     """A record of numbers and arrays, which are flattened."""
     return Record(kind, _flat(integers, np.int64), _flat(numbers, np.float64))
 
 
-def joined(records: Sequence[Record]) -> Records:
-    """Records in a row."""
-    starts = np.zeros((len(records), 3), dtype=np.int64)
-    first_integer = first_number = 0
-    for start, record in zip(starts, records, strict=True):
-        start[:] = record.kind, first_integer, first_number
+def joined(records: Sequence[Record], after: Records = NO_RECORDS) -> Records:
+    """Records in a row, `after` others."""
+    first_integer, first_number = len(after.integers), len(after.numbers)
+    starts = []
+    for record in records:
+        starts.append((record.kind, first_integer, first_number))
         first_integer, first_number = first_integer + len(record.integers), first_number + len(record.numbers)
-    integers = [r.integers for r in records] or [np.zeros(0, dtype=np.int64)]
-    return Records(starts, np.concatenate(integers), np.concatenate([r.numbers for r in records] or [np.zeros(0)]))
+    rows = np.array(starts, dtype=np.int64).reshape(-1, 3)
+    return Records(
+        np.concatenate((after.starts, rows)),
+        np.concatenate((after.integers, *[record.integers for record in records])),
+        np.concatenate((after.numbers, *[record.numbers for record in records])),
+    )
 
 
 def _flat(values: Sequence[float | np.ndarray], kind: type) -> np.ndarray:

@@ -69,6 +69,13 @@ def target_record(
     return record_of(TARGETS, [len(joints), kind, joints], [nu, local, target, precision, weight])
 
 
+def record_with_targets(record: Record, target: np.ndarray) -> Record:
+    """The same term with other targets (N, 3)."""
+    numbers = record.numbers.copy()
+    numbers[1 + target.size : 1 + 2 * target.size] = target.ravel()
+    return record._replace(numbers=numbers)
+
+
 @jit
 def load_targets(integers, numbers, placements, exact, joint_force, joint_load, moment):  # type: ignore[no-untyped-def]
     """As `load_keypoints`: of a record's integers (I,) and numbers (F,)."""

@@ -42,6 +42,13 @@ def transition_record(
     return record_of(TRANSITION, [*sizes, joints], [nu, q_previous, precision])
 
 
+def record_since(record: Record, q_previous: np.ndarray) -> Record:
+    """The same term from another configuration q_previous (nq,)."""
+    numbers = record.numbers.copy()
+    numbers[1 : 1 + len(q_previous)] = q_previous
+    return record._replace(numbers=numbers)
+
+
 def transition_joints(indices: np.ndarray) -> np.ndarray:
     """Integers that are the same in all records of a body: indices (njoints - 1, 3), see `CompiledTree.indices`, and
     the ranges of its free joints in the tangent space."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,6 +52,11 @@ class RigidPart:
     def beyond(self) -> list[int]:
         """The landmarks that turn about those of `about`."""
         return [int(k) for k in self.landmarks if k not in self.about]
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """The landmarks of `about` and of `beyond`."""
+        return np.array(self.about, dtype=np.int64), np.array(self.beyond, dtype=np.int64)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, LimbSolution
 from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
 from estimator.search.jumps.pose_on_rays import PoseOnRays, moved_to, turned
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
+from humanoid.support.compiled import jit
 
 
 def part_mirrored(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> PoseOnRays | None:
@@ -87,10 +88,19 @@ def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) that brings vectors (k, 3) nearest to others; the smallest where one direction is all there
     is."""
     axis = np.zeros((1, 3))
-    for a, b in zip(before, after, strict=True):
-        axis += cross(a, b)
+    _add_axes(before, after, axis[0])
     axis *= 1e-3
     return rotation_onto(np.concatenate((before, axis)), np.concatenate((after, axis)))
+
+
+@jit
+def _add_axes(before, after, axis):  # type: ignore[no-untyped-def]
+    """Add to axis (3,) the vector products of vectors before and after (k, 3)."""
+    for i in range(before.shape[0]):
+        x, y, z = cross(before[i], after[i])
+        axis[0] += x
+        axis[1] += y
+        axis[2] += z
 
 
 def _root_turned(q: np.ndarray, turn: np.ndarray, pivot: np.ndarray) -> np.ndarray:

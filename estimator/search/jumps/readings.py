@@ -7,6 +7,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.search.jumps.anatomy import RigidPart, anatomy_of
 from humanoid.kinematics.body import Body, batches
+from humanoid.support.compiled import jit
 
 TOWARDS, AWAY, ACROSS = READINGS = ("towards", "away", "across")
 """Of the only camera. `ACROSS`: the trunk is as good as square to the rays, where both readings are one."""
@@ -48,9 +49,24 @@ def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
 
 def _depths(trunk: RigidPart, points: np.ndarray, camera: Camera) -> np.ndarray:
     """How much farther what is beyond the hips is than these, along the rays to them, by landmarks (N, L, 3) [m]."""
-    hips = points[:, list(trunk.about)].mean(axis=1)
-    beyond = points[:, trunk.beyond].mean(axis=1)
-    return np.asarray(np.einsum("ij,ij->i", beyond - hips, camera.sight_lines(hips)[1]))
+    hips, way = np.empty((2, len(points), 3))
+    _beyond_hips(points, *trunk.ends, hips, way)
+    return np.asarray(np.einsum("ij,ij->i", way, camera.sight_lines(hips)[1]))
+
+
+@jit
+def _beyond_hips(points, about, beyond, hips, way):  # type: ignore[no-untyped-def]
+    """Fill hips (N, 3) with the middle of the landmarks `about` (A,) of points (N, L, 3), and way (N, 3) with the way
+    from there to the middle of those `beyond` (B,)."""
+    for n in range(points.shape[0]):
+        for c in range(3):
+            near = far = 0.0
+            for i in about:
+                near += points[n, i, c]
+            for i in beyond:
+                far += points[n, i, c]
+            hips[n, c] = near / about.shape[0]
+            way[n, c] = far / beyond.shape[0] - hips[n, c]
 
 
 def reading_shifts(readings: np.ndarray, energy: np.ndarray, rest: np.ndarray, share: float) -> np.ndarray:

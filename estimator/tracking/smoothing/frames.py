@@ -22,11 +22,14 @@ from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface
 from humanoid.support.spilled import Spill
 
+_IN_MEMORY = 2000  # energies, of some 15 kB each
+
 
 def spill_of(search: ModeSearch, observations: Sequence[Observation], settings: SmoothSettings) -> Spill:
-    """Where the energies of all frames are, or what ties these: in memory are those of a window along two paths."""
+    """Where the energies of all frames are, or what ties these: in memory are those of a window along two paths, or of
+    a clip of half a minute."""
     shared = [search.model, *search.model.cost(None).terms, *(c for o in observations[:1] for c in o.cameras)]
-    return Spill(2 * (settings.window + 2 * REACH), shared, (Body, Surface))
+    return Spill(max(_IN_MEMORY, 2 * (settings.window + 2 * REACH)), shared, (Body, Surface))
 
 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
