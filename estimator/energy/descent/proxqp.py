@@ -11,7 +11,9 @@ import numpy as np
 from proxsuite import proxqp
 
 ACCURACY, SHARP = 1e-6, 1e-9  # absolute, in scaled variables; the second where the first is not enough
-PENALTY, PROXIMAL = 1e-3, 1e-6  # of the augmented Lagrangian's first round, on rows and bounds, and on the variables
+# of the augmented Lagrangian's first round: on rows and bounds of the whole problem, on those of few unknowns, and on
+# the variables
+PENALTY, PENALTY_OF_FEW, PROXIMAL = 1e-3, 1e-6, 1e-6
 OUTER, INNER = 25, 50  # iterations
 FEW = 8  # unknowns at most that a smaller problem is made of
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
@@ -19,6 +21,8 @@ _NO_ROWS = None, None, None
 
 Rows = tuple[np.ndarray, np.ndarray]
 """A (m, n) and b (m,): A x >= b."""
+Problem = tuple[np.ndarray | None, ...]
+"""What ProxQP takes: matrix, gradient, no equations, rows with their lower and upper sides, lower and upper bounds."""
 
 
 class ProxQP:
@@ -35,6 +39,8 @@ class ProxQP:
         self.scaled, self.start = np.zeros((n + 4, n)), np.zeros(n)
         self._matrix, (self._gradient, self._lower, self._upper, self._scale) = self.scaled[:n], self.scaled[n:]
         self.near, self.few = np.zeros(FEW, dtype=np.int64), np.zeros((FEW + 4) * FEW)
+        self._few = [_parts(self.few, m) for m in range(FEW + 1)]
+        self._of_few = np.zeros(n)
         self._solvers: dict[tuple[int, int], proxqp.dense.QP] = {}  # by unknowns and rows
         self._zeros = np.zeros(n)
 
@@ -48,21 +54,17 @@ class ProxQP:
         return self._solved(self._n, 0 if rows is None else len(rows[1]), problem, self.start)
 
     def multipliers_of_few(self, m: int) -> np.ndarray:
-        """Multipliers (n,) of the bounds by the problem in m unknowns, zero for the others."""
-        matrix, (gradient, lower, upper, start) = (
-            self.few[: m * m].reshape(m, m),
-            self.few[m * m :][: 4 * m].reshape(4, m),
-        )
-        multipliers = np.zeros(self._n)
-        problem = matrix, gradient, None, None, *_NO_ROWS, lower, upper
-        multipliers[self.near[:m]] = self._solved(m, 0, problem, start)
-        return multipliers
+        """Multipliers (n,) of the bounds by the problem in m unknowns, zero for the others; good until the next."""
+        problem, start = self._few[m]
+        self._of_few[:] = 0.0
+        self._of_few[self.near[:m]] = self._solved(m, 0, problem, start)
+        return self._of_few
 
-    def _solved(self, n: int, m: int, problem: tuple[np.ndarray | None, ...], start: np.ndarray) -> np.ndarray:
+    def _solved(self, n: int, m: int, problem: Problem, start: np.ndarray) -> np.ndarray:
         """Multipliers (m + n,) of a problem in n unknowns with m rows, from a start (n,); the solver's own array."""
         solver = self._solvers.get((n, m))
         if solver is None:
-            solver = self._solvers[n, m] = _made(n, m)
+            solver = self._solvers[n, m] = _made(n, m, PENALTY if n == self._n else PENALTY_OF_FEW)
             solver.init(*problem, compute_preconditioner=False)
         else:
             solver.update(*problem)
@@ -88,12 +90,18 @@ class ProxQP:
         return A / length[:, None], rows[1] / length, np.full(len(length), UNBOUNDED)
 
 
-def _made(n: int, m: int) -> proxqp.dense.QP:
+def _parts(few: np.ndarray, m: int) -> tuple[Problem, np.ndarray]:
+    """The problem in m unknowns that `few` holds, see `box_step.reduce`, and its start (m,)."""
+    gradient, lower, upper, start = few[m * m :][: 4 * m].reshape(4, m)
+    return (few[: m * m].reshape(m, m), gradient, None, None, *_NO_ROWS, lower, upper), start
+
+
+def _made(n: int, m: int, penalty: float) -> proxqp.dense.QP:
     dense = proxqp.dense
     solver = dense.QP(n, 0, m, True, dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT)
     settings = solver.settings
     settings.eps_abs, settings.eps_rel = ACCURACY, 0.0
-    settings.default_mu_in, settings.default_rho = PENALTY, PROXIMAL
+    settings.default_mu_in, settings.default_rho = penalty, PROXIMAL
     settings.max_iter, settings.max_iter_in = OUTER, INNER
     settings.frequence_infeasibility_check = 1_000_000  # never: a step of nothing is feasible
     settings.initial_guess = proxqp.InitialGuess.WARM_START
