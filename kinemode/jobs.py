@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.energy.balance import Balance
-from estimator.energy.descent.compiled_seek import compile_search, is_search_compiled
 from estimator.numerics.pool import checked_count
 from estimator.runs.diagnosis import contradicted
 from estimator.runs.out_of_balance import out_of_balance
@@ -39,6 +38,7 @@ from humanoid.subject.subject import BUILT_IN, Subject, is_built_in
 from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
+from kinemode.compilation import compile_with
 from kinemode.explain import run_settings
 from kinemode.findings import balance_note, diagnosed, far_note, floor_note, reading_note, upright_note
 from kinemode.indexing import beginning, with_index
@@ -149,7 +149,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
-    _compile(body, job.progress)
+    compile_with(job.progress, body)
     with opened_cues(subject, inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
@@ -172,15 +172,6 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         seen = [replace(o, estimate=fitted.first.get(o.index), noise=noise) for o in clip]
         inputs, own = replace(inputs, observations=seen), fitted.subject
         return _track_into(job, _header(job, own, inputs, names_of(chosen), notes), own, inputs, cues, subject)
-
-
-def _compile(body: Body, progress: Reporter) -> None:
-    """Compile the search where that was never done on this machine, and say so: it is longer than many clips take."""
-    if not is_search_compiled(body):
-        with progress("compiling, once after an installation") as report:
-            report(0, 1)
-            compile_search(body)
-            report(1, 1)
 
 
 class _Fitted(NamedTuple):

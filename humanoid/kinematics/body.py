@@ -226,6 +226,7 @@ class Body(Summarised):
 
     def placed(self, q: np.ndarray) -> PlacedBodies:
         """Forward kinematics alone at q (N, nq): the placements of `at`, to the last bit."""
+        q = np.require(q, requirements="W")  # kernels are compiled once more for arrays that cannot be written to
         return PlacedBodies(q, self._kinematics.placed(q))
 
     def spatial_jacobians(self, q: np.ndarray) -> np.ndarray:

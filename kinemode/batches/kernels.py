@@ -29,12 +29,13 @@ def made_kernels() -> None:
     mark = _mark()
     if mark is None or mark.exists():
         return
-    _tracked_stand()
+    track_stand()
     with suppress(OSError):
         mark.touch()
 
 
-def _tracked_stand() -> None:
+def track_stand() -> None:
+    """Track somebody who stands, for a few frames."""
     import numpy as np
 
     import kinemode as km
