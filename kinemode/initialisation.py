@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from estimator.data.observation import Observation
@@ -11,7 +11,6 @@ from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
-from estimator.tracking.registry import TRACKERS, make_tracker
 from estimator.vision.cues.base import Cue
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import Subject
@@ -57,10 +56,6 @@ def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in needed))
 
 
-def _shares_work(tracker: TrackerProtocol[Any]) -> bool:
-    return capabilities_of(tracker).shared is not None
-
-
 def _how_to_give(cue: Cue) -> str:
     """What makes the pictures say something of a cue."""
     if cue.needs_depth:
@@ -68,18 +63,6 @@ def _how_to_give(cue: Cue) -> str:
     if cue.uses_masks:
         return f"--cues {cue.name},edges, which takes masks (--mask) or learns the background"
     return f"--cues {cue.name}"
-
-
-def processes_for(trackers: Mapping[str, TrackerProtocol[Any]], workers: int) -> dict[str, int]:
-    """How many of so many processes each of these trackers, by name, has work for; raises InputError where none has
-    work for several."""
-    counts = {name: workers if workers <= 1 or _shares_work(tracker) else 1 for name, tracker in trackers.items()}
-    if workers not in counts.values():
-        first, tracker = next(iter(trackers.items()))
-        sharing = ", ".join(name for name in TRACKERS if _shares_work(make_tracker(name, tracker.body)))
-        problem = f"{first} works in one process"
-        raise InputError("workers", problem, remedy=f"leave it out; work is shared by {sharing}")
-    return counts
 
 
 def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:

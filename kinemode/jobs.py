@@ -16,13 +16,12 @@ from threadpoolctl import threadpool_limits
 from estimator.data.observation import PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.energy.balance import Balance
-from estimator.numerics.pool import checked_count
 from estimator.runs.diagnosis import contradicted
 from estimator.runs.out_of_balance import out_of_balance
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
-from estimator.trackers.capabilities import capabilities_of, sharing
+from estimator.trackers.capabilities import capabilities_of
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit, bound_note, stature
 from estimator.tracking.fitting.keypoint_noise import given_noise
@@ -50,7 +49,6 @@ from kinemode.initialisation import (
     check_start,
     note_on_beginning,
     notes_on_fit,
-    processes_for,
 )
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
@@ -84,7 +82,6 @@ class TrackOptions:
     out: PathLike | None = None
     resume: bool = False
     overwrite: bool = False
-    workers: int = 1
     progress: Reporter = unreported
     estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
     noise: tuple[float, ...] = ()
@@ -113,10 +110,8 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
 
 def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> TrackingJob:
     """The options checked against subject and tracker, with where the run goes and whom it is of."""
-    chosen, workers = choose(wanted.tracker, wanted.settings, wanted.modes), checked_count(wanted.workers)
-    chosen = beginning(chosen, wanted.start)
+    chosen = beginning(choose(wanted.tracker, wanted.settings, wanted.modes), wanted.start)
     tracker = make_tracker(chosen.tracker, Body(loaded), chosen.settings)
-    processes_for({chosen.tracker: tracker}, workers)
     check_start(tracker, chosen)
     check_smoothing(tracker, chosen)
     chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
@@ -128,7 +123,6 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
         person,
         RunTarget(path, wanted.resume, wanted.overwrite),
         wanted.progress,
-        workers,
         wanted.estimates,
         height=wanted.height,
         noise=wanted.noise,
@@ -292,7 +286,6 @@ class TrackingJob:
     person: str | int | dict[str, str]
     target: RunTarget
     progress: Reporter
-    workers: int
     estimates: Mapping[int, PoseEstimate]
     name: str = ""
     height: float | None = None
@@ -327,7 +320,7 @@ def _track_into(
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         state, last = stored_state(tracker, stored, target.path)
-        with job.progress("tracking") as report, sharing(tracker, job.workers):
+        with job.progress("tracking") as report:
             run_into(
                 writer, tracker, observations, job.seed,
                 state=state, first=first, cues=cues, last=last, progress=report,

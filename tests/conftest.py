@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 LONGEST = (
     "start_by_index", "elmo", "tracker_contract", "resume", "loose_limbed", "eigen_templates",
-    "trackers", "calibrate", "pose_chain", "guide", "preview_page", "viz", "live", "workers",
+    "trackers", "calibrate", "pose_chain", "guide", "preview_page", "viz", "live",
 )  # fmt: skip
 """Test files with the longest tests or fixtures: they begin, so that no process is left with one at the end."""
 

@@ -130,7 +130,6 @@ def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip
     (tmp_path / "no.toml").write_text("[cues]\nuse_flow = false\n")
     for how, told in (
         ({"tracker": "single-mode", "modes": 3, "settings": None}, "modes: single-mode keeps a single"),
-        ({"tracker": "condensation", "workers": 2, "settings": None}, "workers: condensation works in one"),
         ({"settings": {"css": {"transition": False, "jump_penalty": 3.0}}}, "css.jump_penalty: has no effect"),
         ({"settings": {"smooth": {"lag": 3}}}, "smooth.lag: has no effect"),
         (

@@ -26,7 +26,6 @@ ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
     "modes": ({"modes": 10**9}, "modes: 1000000000 hypotheses cannot be kept"),
     "seed": ({"seed": 0.5}, "seed: cannot be of type float .0.5. .give a whole number"),
     "negative seed": ({"seed": -1}, "seed: -1 is negative .0 or more"),
-    "workers": ({"workers": None}, "workers: cannot be None"),
     "cues": ({"cues": 3}, "cues: cannot be of type int"),
     "fit": ({"fit": np.zeros(2)}, "fit: cannot be of type numpy.ndarray"),
     "person": ({"person": 1.5}, "person: cannot be of type float"),
@@ -50,7 +49,7 @@ def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
         how["subject"] = load_subject("arm8").model
     with pytest.raises(InputError, match=told):
         km.track(**how)
-    if next(iter(given)) not in ("settings", "modes", "workers", "fit", "resume", "progress"):
+    if next(iter(given)) not in ("settings", "modes", "fit", "resume", "progress"):
         with pytest.raises(InputError, match=told):
             km.fit(**how)
     with pytest.raises(InputError, match=told):

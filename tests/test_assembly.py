@@ -17,7 +17,6 @@ from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
-from estimator.search.search_pool import search_pool
 from estimator.trackers.loose_limbed.assembly import AssemblySettings, assembled
 from estimator.trackers.loose_limbed.limb_choices import Mistakes, choices, instead, outermost
 from estimator.trackers.loose_limbed.limb_places import limb_places
@@ -368,7 +367,7 @@ def test_one_camera_s_keypoints_are_heard_beside_sharp_beliefs_that_are_wrong() 
     assert errors[:, 0].mean() < 0.9 * errors[:, 1].mean(), errors
 
 
-def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
+def test_equal_seeds_equal_bits() -> None:
     rng, name = np.random.default_rng(14), "human34"
     q = quiet_pose(name, rng)
     beliefs = about(rng, points_at(name, q), 0.03, 0.2)
@@ -380,13 +379,10 @@ def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
             search, graph_of(name), beliefs, unseen(body), NearTruth(name, q), rng=np.random.default_rng(2)
         )
 
-    alone, again = once(), once()
-    with search_pool(search, 2):
-        together = once()
-    for other in (again, together):
-        assert np.array_equal(alone.weights, other.weights)
-        assert np.array_equal([m.q for m in alone.modes], [m.q for m in other.modes])
-        assert np.array_equal([m.covariance for m in alone.modes], [m.covariance for m in other.modes])
+    first, again = once(), once()
+    assert np.array_equal(first.weights, again.weights)
+    assert np.array_equal([m.q for m in first.modes], [m.q for m in again.modes])
+    assert np.array_equal([m.covariance for m in first.modes], [m.covariance for m in again.modes])
 
 
 def test_each_choice_is_one_mistake() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.robustness import bits
-from benchmarks.robustness.bits_cases import CASES, INPUT, RESULT, SAME
+from benchmarks.robustness.bits_cases import INPUT, RESULT
 from humanoid.support.errors import InputError
 
 
@@ -57,16 +57,6 @@ def test_differences_are_named_and_measured(tmp_path: Path) -> None:
     assert bits.compared(*records, old, new) == {"css": differ}
     assert bits.compared(*records, None, new) == {"css": dict.fromkeys(differ, "")}
     assert bits.compared(records[0], records[0], old, old) == {"css": {}}
-
-
-def test_more_workers_have_to_give_what_one_gives() -> None:
-    def record(hashed: str, frames: int = 6) -> bits.Record:
-        return {"frames": frames, "arrays": dict.fromkeys(RESULT, hashed)}
-
-    (pair,) = SAME.items()
-    assert {CASES[name].frames for name in pair} == {6}
-    for other, equal in ((record("a"), True), (record("b"), False), (record("b", 5), True)):
-        assert bits.same({pair[0]: record("a"), pair[1]: other}, *pair) == equal
 
 
 def test_what_cannot_be_run_is_said(

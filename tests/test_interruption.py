@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +17,6 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.numerics.worker_main import uninterrupted
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
@@ -115,44 +111,6 @@ def test_a_signal_is_not_lost_where_nothing_can_be_raised() -> None:
     with interrupted_by_signals() as came, pytest.raises(KeyboardInterrupt):
         lose_one()
     assert came[0] == signal.SIGTERM
-
-
-@pytest.mark.parametrize("send", [signal.raise_signal, lambda n: os.kill(os.getpid(), n)])
-def test_a_signal_waits_while_a_process_is_started(send: Callable[[int], None]) -> None:
-    """Between its start and its being known, an exception would leave it to nobody. Another thread can take it."""
-    started, reached = threading.Event(), []
-
-    def other() -> None:
-        started.wait(DEADLINE)
-        send(signal.SIGINT)
-
-    def start() -> None:
-        thread = threading.Thread(target=other)  # before the block, or it would not get the signals either
-        thread.start()
-        with uninterrupted():
-            started.set()
-            thread.join()
-            assert received.recv(1) == bytes([signal.SIGINT])  # whichever thread it was that took it
-            signal.raise_signal(signal.SIGINT)
-            reached.append(True)
-
-    with woken_by_signals() as received, pytest.raises(KeyboardInterrupt):
-        start()
-    assert reached
-
-
-@contextmanager
-def woken_by_signals() -> Iterator[socket.socket]:
-    """Where the number of each signal that has come can be read, one byte each."""
-    received, written = socket.socketpair()
-    with received, written:
-        received.settimeout(DEADLINE)
-        written.setblocking(False)
-        before = signal.set_wakeup_fd(written.fileno())
-        try:
-            yield received
-        finally:
-            signal.set_wakeup_fd(before)
 
 
 @pytest.fixture(scope="module")

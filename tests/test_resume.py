@@ -24,20 +24,20 @@ from tests.command_lines import killed_at, printed_by, track_line
 from tests.tiny_clip import QUICK, QUICK_BY_KEYPOINTS
 
 FRAMES = 6
-KILLS = ((Moment(2), 1, -9), (Moment(4, number=signal.SIGTERM, to_all=True), 2, 143))
-"""With how many workers, and the exit codes."""
+KILLS = ((Moment(2), -9), (Moment(4, number=signal.SIGTERM, to_all=True), 143))
+"""With the exit codes."""
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
-    """Without warning; and asked to end, with a helper, which ends too and holds no pipe open."""
+    """Without warning; and asked to end."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     keypoints, out, settings = clip.keypoints[demo.CAMERA], tmp_path / "killed.run", tmp_path / "quick.toml"
     settings.write_text(tomli_w.dumps(QUICK))
     how = ["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off", "--settings", settings]
     kept = 0
-    for moment, workers, code in KILLS:
-        killed = killed_at(moment, [*track_line(how, out), "--workers", str(workers)], out)
+    for moment, code in KILLS:
+        killed = killed_at(moment, track_line(how, out), out)
         assert killed.resumed_from == kept
         assert killed.code == code
         assert killed.lost == 0

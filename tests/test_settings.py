@@ -7,10 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from builders import body_of
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.tracking.registry import TRACKERS, current_changes, make_tracker, settings_for
+from estimator.tracking.registry import TRACKERS, current_changes, settings_for
 from estimator.tracking.unused_rules import RULES
 from estimator.vision.likelihood.settings import unused_rules
 from humanoid.kinematics.body import Body
@@ -18,7 +17,6 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.settings import declared, every_setting, is_group, members, setting
 from humanoid.support.unused import ONE_CAMERA, PICTURES
-from kinemode.initialisation import processes_for
 from kinemode.settings import (
     choose,
     choose_for_all,
@@ -205,16 +203,6 @@ def test_several_hypotheses_of_a_single_mode_are_refused() -> None:
     assert read_settings("single-mode", None, modes=1) == settings_for("single-mode")
     with pytest.raises(InputError, match=r"modes: single-mode keeps a single hypothesis.*css, css-paper"):
         read_settings("single-mode", None, modes=3)
-
-
-def test_processes_are_refused_where_they_share_nothing() -> None:
-    body, alone = body_of("arm8"), ("annealed", "condensation", "single-mode", "gaussian-multiple-hypothesis")
-    for name in alone:
-        with pytest.raises(InputError, match=rf"workers: {name} works in one process.*css, css-paper"):
-            processes_for({name: make_tracker(name, body)}, 2)
-    several = {name: make_tracker(name, body) for name in (*alone, "css", "multiple-hypothesis")}
-    assert list(processes_for(several, 2).values()) == [1, 1, 1, 1, 2, 2]
-    assert set(processes_for(several, 1).values()) == {1}
 
 
 def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:

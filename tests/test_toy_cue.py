@@ -74,14 +74,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     with pytest.MonkeyPatch.context() as patch, CUES.restored():
         patch.setenv(VARIABLE, "tests.toy_cue")
         register(Toy())
-        interrupt_after(2, [*track_line(how, stopped), "--workers", "2"], stopped)
+        interrupt_after(2, track_line(how, stopped), stopped)
         for path in (whole, stopped):
             printed_by(track_line(how, path))
         printed_by([*plainly, "--out", without])
         return Runs(clip, whole, stopped, without, said_by_readers(whole, frame=2))
 
 
-def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_stopped(runs: Runs) -> None:
+def test_it_moves_the_body_whenever_it_was_stopped(runs: Runs) -> None:
     whole, stopped, without = (kinemode.open_run(path) for path in (runs.whole, runs.stopped, runs.without))
     assert whole.complete
     assert whole.header.cues == ("edges", "toy")

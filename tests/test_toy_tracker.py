@@ -150,7 +150,6 @@ def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tm
     refused: list[tuple[dict[str, Any], str]] = [
         ({"cues": "off", "masks": None}, f"{NAME} can begin in no frame.*--cues"),
         ({"settings": {"smooth": {"enabled": True}}}, f"hypotheses of {NAME} have no energy that could be smoothed"),
-        ({"workers": 2}, f"workers: {NAME} works in one process"),
         ({"clips": None, "masks": None}, "keypoints: are needed"),
     ]
     for changes, told in refused:

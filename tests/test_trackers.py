@@ -163,8 +163,6 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
     can = capabilities_of(begins)
     assert can.energy is not None
     assert (can.frames_ahead, can.frames_behind) == (0, 0)
-    shares = TRACKERS[name].group in ("css", "css_dual") or name == "multiple-hypothesis"
-    assert (can.shared is not None) == shares
 
 
 STEPS = ("steps_active_set", "steps_failed", "steps_free", "steps_proxqp")

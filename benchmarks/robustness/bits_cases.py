@@ -102,9 +102,7 @@ def _robot(folder: Path, frames: int | None, _: Path | None, *, name: str) -> Gi
     return {"subject": name, "clips": None, "cameras": folder / "cameras.json", "keypoints": files}
 
 
-def _reach(
-    folder: Path, frames: int | None, _: Path | None, *, tracker: str, cues: bool = False, workers: int = 1
-) -> Given:
+def _reach(folder: Path, frames: int | None, _: Path | None, *, tracker: str, cues: bool = False) -> Given:
     """human34 reaching, with a small picture; from keypoints, or from pictures after the first frame."""
     clip = km.render(
         folder, "reach", view=ViewSettings(image_size=SMALL), detector=DetectorSettings(noise_px=1.5), fps=FPS,
@@ -112,7 +110,7 @@ def _reach(
     )  # fmt: skip
     seen = {"clips": clip.videos, "keypoints": clip.first_frame, "cues": CUES} if cues else {
         "clips": None, "keypoints": clip.keypoints}  # fmt: skip
-    return {"subject": "human34", "cameras": clip.cameras, "fit": "off", "tracker": tracker, "workers": workers, **seen}
+    return {"subject": "human34", "cameras": clip.cameras, "fit": "off", "tracker": tracker, **seen}
 
 
 _ROBOTS = {name: f"{PREFIX}{name}" for name in ("g1", "panda")}
@@ -125,10 +123,7 @@ CASES: dict[str, Case] = {
     **{name: Case(partial(_robot, name=source), 20, source) for name, source in _ROBOTS.items()},
     **{name: Case(partial(_reach, tracker=name), 10) for name in TRACKERS if name not in PICTURES_ALONE},
     **{f"{name}-cues": Case(partial(_reach, tracker=name, cues=True), 6) for name in WITH_CUES},
-    "css-cues-workers": Case(partial(_reach, tracker="css", cues=True, workers=2), 6),
 }
-SAME = {"css-cues-workers": "css-cues"}
-"""Cases whose results have to be those of another case."""
 ENDLESS = ("g1", "panda")
 """Cases whose motion has no end, so that there is no whole clip."""
 

@@ -66,12 +66,11 @@ class Chain(NamedTuple):
     """One run that is ended again and again. inputs: of the command line. name: of what is looked at."""
 
     name: str
-    workers: int
     inputs: tuple[str | Path, ...]
 
 
 def chains(folder: Path, frames: int, camera: str | None, data: Path | None) -> list[Chain]:
-    """Keypoints alone, and with edges and flow, each by one process and by two."""
+    """Keypoints alone, and with edges and flow."""
     if camera is None:
         clip = demo.make_clip(folder, frames=frames, progress=unreported)
         video, keypoints, cameras = clip.videos[demo.CAMERA], clip.keypoints[demo.CAMERA], clip.cameras
@@ -81,11 +80,7 @@ def chains(folder: Path, frames: int, camera: str | None, data: Path | None) -> 
         cameras = beam / "calibration.json"
     inputs = (video, "--keypoints", keypoints, "--cameras", cameras, "--cues")
     looks = {"keypoints": "off", "edges, flow": "edges,flow"}
-    return [
-        Chain(name, workers, (*inputs, cues, "--workers", str(workers)))
-        for name, cues in looks.items()
-        for workers in (1, 2)
-    ]
+    return [Chain(name, (*inputs, cues)) for name, cues in looks.items()]
 
 
 def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> tuple[list[Kill], list[str]]:
@@ -93,7 +88,7 @@ def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> 
     done, faults = [], []
     for moment in when:
         kill = kill_at(command(chain.inputs, out), out, moment)
-        tell(f"{chain.name}, workers {chain.workers}: {due(kill)}, {moment.number.name}, {kill.seconds:.2f} s")
+        tell(f"{chain.name}: {due(kill)}, {moment.number.name}, {kill.seconds:.2f} s")
         done.append(kill)
         if not kill.well:
             faults.append(f"{due(kill)}: {kill.fault}")
@@ -177,14 +172,11 @@ def main(
         folder, rng = Path(name), np.random.default_rng(seed)
         undisturbed = folder / "undisturbed.run"
         for i, chain in enumerate(chains(folder, frames, camera, data)):
-            if chain.workers == 1:  # any number gives the same bits
-                pace = undisturbed_pace(command(chain.inputs, undisturbed), undisturbed)
+            pace = undisturbed_pace(command(chain.inputs, undisturbed), undisturbed)
             whole = km.open_run(undisturbed)
-            count = (kills + (0, 2, 3, 1)[i]) // 4
-            ended = ended_often(chain, folder / f"{i}.run", moments(rng, count, len(whole), pace), whole)
+            ended = ended_often(chain, folder / f"{i}.run", moments(rng, (kills + i) // 2, len(whole), pace), whole)
             rows.append((chain, *ended))
-            if chain.workers == 2:
-                undisturbed.unlink()
+            undisturbed.unlink()
     show(rows)
     save(json, {"measure": "resume", "chains": [figures(*row) for row in rows]})
 
@@ -217,7 +209,7 @@ def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
     columns = ("kill", "signal", "due", "frames before", "kept", "ended after [s]", "all gone after [s]")
     out = report.console()
     for chain, done, faults in rows:
-        made = report.table(f"{chain.name}, workers {chain.workers}", *columns)
+        made = report.table(chain.name, *columns)
         for i, k in enumerate(done, 1):
             times = (f"{k.seconds:.2f}", f"{k.lingered:.2f}")
             number = k.moment.number.name + " to all" * k.moment.to_all
@@ -242,4 +234,4 @@ def figures(chain: Chain, done: Sequence[Kill], faults: Sequence[str]) -> dict[s
         | {name: getattr(k, name) for name in ("before", "after", "code", "seconds", "lingered", "left")}
         for k in done
     ]
-    return {"name": chain.name, "workers": chain.workers, "kills": listed, "faults": list(faults)}
+    return {"name": chain.name, "kills": listed, "faults": list(faults)}

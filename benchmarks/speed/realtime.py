@@ -1,11 +1,11 @@
-"""Sustained frames per second with keypoints and pictures, in one process and in several, and where the time goes."""
+"""Sustained frames per second with keypoints and pictures, and where the time goes."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,6 @@ from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.search.frame_search import FrameSearch
 from estimator.trackers.base import TrackerProtocol
-from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood
@@ -31,7 +30,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
-TARGET, WANTED, TARGET_RATIO = 15.0, 25.0, 1.7
+TARGET, WANTED = 15.0, 25.0
+WAYS = {False: "cues read when asked for", True: "cues read ahead"}
 WARM_UP = 5  # frames in which kernels are loaded and hypotheses found
 REST = "proposals, weights and the rest"
 PARTS: dict[str, list[tuple[type, str]]] = {
@@ -39,7 +39,7 @@ PARTS: dict[str, list[tuple[type, str]]] = {
     "flow followed": [(CameraLikelihood, "follow"), (CameraLikelihood, "since")],
     "prediction and assignment": [(CameraLikelihood, "assigned")],
     "searches": [(FrameSearch, "explore"), (FrameSearch, "refine")],
-    "looks": [(FrameSearch, "look"), (FrameSearch, "look_at_keypoints")],
+    "looks": [(FrameSearch, "score"), (FrameSearch, "score_keypoints")],
 }
 
 
@@ -68,23 +68,10 @@ class Job:
         return make_tracker("css", self.body, self.settings)
 
 
-@dataclass(frozen=True)
-class Way:
-    """One way to run: processes that search, and whether cues are read ahead."""
-
-    processes: int
-    ahead: bool
-
-    def __str__(self) -> str:
-        count = f"{self.processes} process" + ("es" if self.processes > 1 else "")
-        return count + (", cues read ahead" if self.ahead else "")
-
-
 def main(
     *,
     seconds: float = 4.0,
     fps: float = 25.0,
-    processes: Annotated[tuple[int, ...], Several] = (1, 2),
     cues: Annotated[tuple[str, ...], Several] = CUES,
     repeats: int = 3,
     modes: int = 7,
@@ -99,8 +86,6 @@ def main(
     ----------
     seconds, fps
         How much of the motion is rendered, and its frame rate.
-    processes
-        How many processes search.
     cues
         Cues of the pictures beside the keypoints.
     repeats
@@ -111,17 +96,16 @@ def main(
         Changes to the settings, as cost.nu=8 css.budget.searches=30.
     """
     settings = settings_for("css", modes=modes, changes=nested(changes))
-    ways = [Way(count, ahead) for ahead in (False, True) for count in processes]
     with work_folder(work) as folder, threadpool_limits(limits=1):
         job = make_job(folder, seconds, fps, settings, seed, cues)
-        rates: dict[Way, list[float]] = {way: [] for way in ways}
+        rates: dict[bool, list[float]] = {ahead: [] for ahead in WAYS}
         for _ in range(repeats):
-            for way in ways:
-                rates[way].append(rate(job, way))
-                tell(f"{way}: {rates[way][-1]:.1f} frames a second")
+            for ahead, name in WAYS.items():
+                rates[ahead].append(rate(job, ahead))
+                tell(f"{name}: {rates[ahead][-1]:.1f} frames a second")
         parts = shares(job)
     show(rates, parts, f"keypoints, {', '.join(job.used)}, {len(job.observations)} frames")
-    rows = [{**asdict(way), "fps": of_way} for way, of_way in rates.items()]
+    rows = [{"ahead": ahead, "fps": of_way} for ahead, of_way in rates.items()]
     save(
         json,
         {
@@ -143,16 +127,16 @@ def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed:
     return Job(body, observations, video, settings, seed, cues)
 
 
-def rate(job: Job, way: Way) -> float:
+def rate(job: Job, ahead: bool) -> float:
     """Frames per second by the wall's clock, once warm."""
     tracker = job.tracker()
-    with sharing(tracker, way.processes), job.cues(way.ahead) as cues:
+    with job.cues(ahead) as cues:
         marks = [time.perf_counter() for _ in run(tracker, job.observations, job.seed, cues=cues)]
     return (len(marks) - WARM_UP) / (marks[-1] - marks[WARM_UP - 1])
 
 
 def shares(job: Job) -> dict[str, float]:
-    """Processor time of every part in one process [ms a frame], once warm."""
+    """Processor time of every part [ms a frame], once warm."""
     tracker, watch = job.tracker(), Stopwatch()
     with job.cues(False) as cues, watch.installed(PARTS):
         results = run(tracker, job.observations, job.seed, cues=cues)
@@ -166,30 +150,20 @@ def shares(job: Job) -> dict[str, float]:
     return {**spent, REST: whole - sum(spent.values())}
 
 
-def show(rates: dict[Way, list[float]], parts: dict[str, float], title: str) -> None:
+def show(rates: dict[bool, list[float]], parts: dict[str, float], title: str) -> None:
     out = report.console()
-    made = report.table(title, "way", "frames per second", "times the first")
-    first = float(np.median(next(iter(rates.values()))))
-    for way, of_way in rates.items():
-        made.add_row(str(way), spread(of_way), f"{np.median(of_way) / first:.2f}")
-    made.add_row("target", f"{TARGET:.0f}", f"{TARGET_RATIO:.1f}")
+    made = report.table(title, "way", "frames per second")
+    for ahead, of_way in rates.items():
+        made.add_row(WAYS[ahead], spread(of_way))
+    made.add_row("target", f"{TARGET:.0f}")
     out.print(made)
     whole = sum(parts.values())
-    made = report.table("where the time of one process goes", "part", "ms a frame", "share")
+    made = report.table("where the time goes", "part", "ms a frame", "share")
     for part, ms in parts.items():
         made.add_row(part, f"{ms:.1f}", f"{ms / whole:.0%}")
     made.add_row("all", f"{whole:.1f}", "100%")
     out.print(made)
-    for line in outlook(rates, parts):
-        out.print(line)
-
-
-def outlook(rates: dict[Way, list[float]], parts: dict[str, float]) -> Iterator[str]:
-    """What the figures mean for the wanted rate."""
-    whole, most = sum(parts.values()), max(way.processes for way in rates)
     best = max(float(np.median(of_way)) for of_way in rates.values())
-    lossless = most * 1e3 / whole
-    yield f"{most} processes without loss: {lossless:.1f} frames a second; {best:.1f} are {best / lossless:.0%} of that"
     if best < WANTED:
         over = whole * (1.0 - best / WANTED)
-        yield f"{WANTED:.0f} frames a second, with the same loss, need {over:.0f} ms less of a frame's {whole:.0f} ms"
+        out.print(f"{WANTED:.0f} frames a second need {over:.0f} ms less of a frame's {whole:.0f} ms")

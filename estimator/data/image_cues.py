@@ -43,7 +43,3 @@ class ImageCues(Mapping[str, Any]):
         """The same with other things read; None takes a cue out."""
         both = {**self.by_name, **read}
         return replace(self, by_name={name: value for name, value in both.items() if value is not None})
-
-    def without_picture(self) -> ImageCues:
-        """The same without the picture."""
-        return replace(self, picture=None)

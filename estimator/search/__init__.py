@@ -1,2 +1,1 @@
-"""From hypotheses to the modes of a frame: starts, the energy that is searched in, and searches in a pool of
-workers."""
+"""From hypotheses to the modes of a frame: starts, the energy that is searched in, and searches."""

@@ -1,9 +1,8 @@
-"""The pieces of work on one frame. None depends on another, so several processes can share them; what comes out is
-small, and all that the next piece needs."""
+"""The searches of one frame."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +43,7 @@ class FrameProblem(NamedTuple):
 
 
 class FrameSearch:
-    """One frame's searches: every method that is a piece of work takes one thing and returns one, and gives the same
-    bits regardless of what was done before."""
+    """One frame's searches; what they share is made once, and each gives the same bits whatever was searched before."""
 
     def __init__(self, model: CostModel, seeker: Seeker, settings: ModeSearchSettings, case: FrameProblem) -> None:
         self.case = case
@@ -57,19 +55,18 @@ class FrameSearch:
         self._ties: dict[PoseKey, list[Term]] = {}
         self._warm_starts: dict[tuple[int, bool, PoseKey], Solution] = {}
 
-    def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
-        """Work: the flow of the surface in every camera since it lay at each previous pose, looked for also where it
-        lies at the predicted one if that is known."""
+    def follow(self, previous: Sequence[PreviousPose]) -> None:
+        """Follow the flow of the surface in every camera since it lay at each previous pose, looked for also where it
+        lies at the predicted one if that is known: of many poses at once, since their nodes see the same pixels."""
+        if not self.case.likelihood.cameras:
+            return
+        new = {pose.key: pose for pose in previous if pose.key not in self.flows}
         at = self._body.at
-        pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in previous]
-        return self.case.likelihood.follow(pasts)
-
-    def learn(self, followed: Mapping[PoseKey, list[Followed]]) -> None:
-        """Take over the flows that `follow` has followed, in this process or another."""
-        self.flows.update(followed)
+        pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in new.values()]
+        self.flows.update(zip(new, self.case.likelihood.follow(pasts), strict=True))
 
     def score(self, h: Hypothesis) -> float:
-        """Work: log-weight of a hypothesis as it is, by all but the flow."""
+        """Log-weight of a hypothesis as it is, by all but the flow."""
         return self._score_assigned(h, self._assigned(h.q, brief=True))
 
     def score_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
@@ -90,7 +87,7 @@ class FrameSearch:
         return [h.prior_score - float(e) - p for h, e, p in zip(hypotheses, energies, penalties, strict=True)]
 
     def explore(self, h: Hypothesis) -> Candidate:
-        """Work: a short search."""
+        """A short search."""
         base = self._base(h)
         q, steps = self._followed(h) if self.case.likelihood.cameras else (h.q, StepCounts())
         solution = self._seeker.seek(base.plus(self._assigned(q, brief=True)), q, self._settings.explore)
@@ -99,7 +96,7 @@ class FrameSearch:
         return Candidate(h, solution.q, landmarks, energy, steps.plus(solution.steps))
 
     def refine(self, c: Candidate) -> Refined:
-        """Work: a search to convergence, parts kept apart."""
+        """A search to convergence, parts kept apart."""
         base, (model, settings) = self._base(c.hypothesis), (self._model, self._settings)
         q, q_assigned, assigned, steps = self._reassign_features(base, c.q)
         cost = base.plus(assigned)
@@ -112,7 +109,7 @@ class FrameSearch:
         return Refined(c.hypothesis, mode, landmarks, q_assigned, steps.plus(solution.steps))
 
     def log_volume(self, refined: Refined) -> float:
-        """Work: what a mode's weight gains by the probability around it, by the second-order model."""
+        """What a mode's weight gains by the probability around it, by the second-order model."""
         return Surroundings(self._body, self.surroundings(refined)[0]).log_volume
 
     def surroundings(self, refined: Refined) -> tuple[QuadraticModel, Cost]:

@@ -15,7 +15,6 @@ from estimator.energy.descent.solution import StepCounts
 from estimator.energy.reprojection import Reprojection
 from estimator.inference.merge import best_distinct, body_size
 from estimator.inference.mixture import Mixture, mixture_of
-from estimator.numerics.pool import OneProcess, Workers
 from estimator.search.cost_model import CostModel
 from estimator.search.examples.index import REMEDY, load_index
 from estimator.search.examples.known import Examples
@@ -45,9 +44,7 @@ Scored = TypeVar("Scored", Candidate, Refined)
 class ModeSearch:
     """Finds the modes of frames of one body under one cost model.
 
-    workers: who does the pieces of work; this process alone, unless `estimator.search.search_pool.search_pool` gives
-    it others. What comes out is the same to the last bit.
-    steps: of all searches so far, by whoever did them.
+    steps: of all searches so far.
     distinct_by [m]: poses of which all landmarks are nearer than that are one.
     """
 
@@ -59,7 +56,6 @@ class ModeSearch:
         self.self_collision: SelfCollision | None = model.self_collision
         self.mirror = mirror_index(self.body.landmark_names)
         self.jumps = KinematicJumps(self.body)
-        self.workers: Workers[FrameSearch] = OneProcess()
         self.steps = StepCounts()
         self.distinct_by = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
@@ -129,8 +125,8 @@ class ModeSearch:
     def explored(self, hypotheses: Iterable[Hypothesis], case: FrameProblem) -> list[Candidate]:
         """Every hypothesis after a short search."""
         frame, hypotheses = self.frame(case), list(hypotheses)
-        self._learn_flows(frame, hypotheses)
-        return self._counted(self.workers.each(FrameSearch.explore, hypotheses))
+        frame.follow([h.origin.previous for h in hypotheses if h.origin.previous is not None])
+        return self._counted([frame.explore(h) for h in hypotheses])
 
     def best_of(
         self,
@@ -161,8 +157,8 @@ class ModeSearch:
 
     def refined(self, candidates: Sequence[Candidate], case: FrameProblem) -> list[Refined]:
         """Every candidate after a search to convergence."""
-        self.frame(case)
-        return self._counted(self.workers.each(FrameSearch.refine, candidates))
+        frame = self.frame(case)
+        return self._counted([frame.refine(c) for c in candidates])
 
     def screened(
         self, hypotheses: Sequence[Hypothesis], case: FrameProblem, count: int, pictures: bool = True
@@ -170,29 +166,14 @@ class ModeSearch:
         """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
         few searches."""
         frame = self.frame(case)
-        # without pictures sharing it would take longer
-        scores = self.workers.each(FrameSearch.score, hypotheses) if pictures else frame.score_keypoints(hypotheses)
+        scores = [frame.score(h) for h in hypotheses] if pictures else frame.score_keypoints(hypotheses)
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
     def frame(self, case: FrameProblem) -> FrameSearch:
         """The searches of a case; what they share is kept until the next one."""
         if self._frame is None or self._frame.case is not case:
             self._frame = FrameSearch(self.model, self.seeker, self.settings, case)
-        self.workers.show(self._frame)
         return self._frame
-
-    def _learn_flows(self, frame: FrameSearch, hypotheses: Sequence[Hypothesis]) -> None:
-        """Flow of the surface from each hypothesis' previous pose: many poses at once, since their nodes see the same
-        pixels, and known to all processes that search."""
-        if not frame.case.likelihood.cameras:
-            return
-        poses = [h.origin.previous for h in hypotheses if h.origin.previous is not None]
-        new = {pose.key: pose for pose in poses if pose.key not in frame.flows}
-        keys, size = list(new), self.workers.size
-        shares = [keys[k::size] for k in range(size) if keys[k::size]]
-        flows = self.workers.each(FrameSearch.follow, [[new[key] for key in share] for share in shares])
-        for share, followed in zip(shares, flows, strict=True):
-            self.workers.everywhere(FrameSearch.learn, dict(zip(share, followed, strict=True)))
 
     def log_volumes(
         self, best: Sequence[Refined], case: FrameProblem, rng: np.random.Generator | None = None
@@ -204,7 +185,7 @@ class ModeSearch:
         if self.settings.weigh == BY_IMPORTANCE and rng is not None:
             modes = [frame.surroundings(r) for r in best]
             return importance_log_volumes(rng, self.body, modes, self.settings.weigh_samples)
-        return np.array(self.workers.each(FrameSearch.log_volume, best))
+        return np.array([frame.log_volume(r) for r in best])
 
     def _counted(self, searched: list[Scored]) -> list[Scored]:
         """The same; their steps are counted."""

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,8 +21,6 @@ class Capabilities:
 
     energy: the search whose energy the hypotheses have, frame by frame: what `estimator.tracking.smoothing` ties
         together and what `explain` takes apart.
-    shared: within it so many processes share the work on a frame, this one among them; what comes out is the same to
-        the last bit. Raises InputError for a number that cannot be; later, where one of them has ended by itself.
     needed_cues: without one of these cues of the pictures it can do nothing.
     frames_ahead, frames_behind: how many of the frames after and before it is shown, fewer at the ends of a clip:
         `init` then takes (rng, observation, following), `step` (rng, state, observation, following, before), the last
@@ -34,7 +31,6 @@ class Capabilities:
     """
 
     energy: ModeSearch | None = None
-    shared: Callable[[int], AbstractContextManager[None]] | None = None
     needed_cues: tuple[str, ...] = ()
     frames_ahead: int = 0
     frames_behind: int = 0
@@ -54,18 +50,3 @@ def energy_of(tracker: TrackerProtocol[Any], name: str) -> ModeSearch:
     if energy is None:
         raise InputError("tracker", f"the hypotheses of {name} have no energy", remedy="choose another tracker")
     return energy
-
-
-def sharing(tracker: TrackerProtocol[Any], processes: int) -> AbstractContextManager[None]:
-    """Within it so many processes share a tracker's work; one is this process alone.
-
-    Raises
-    ------
-    InputError: several, of a tracker that works in one; and as `Capabilities.shared`.
-    """
-    if processes == 1:
-        return nullcontext()
-    shared = capabilities_of(tracker).shared
-    if shared is None:
-        raise InputError("workers", "this tracker works in one process", remedy="leave it out")
-    return shared(processes)

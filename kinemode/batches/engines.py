@@ -4,22 +4,17 @@ task with a future of `concurrent.futures`."""
 from __future__ import annotations
 
 import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
-from estimator.numerics.worker import GUARD, check_not_imported_again
+from estimator.numerics.processes import GUARD, begin_as_worker, checked_count, one_thread_each, processors
 from humanoid.support.errors import InputError
 from humanoid.support.extras import optional
 from kinemode.batches.task import check_versions, versions
 
 ENGINES = ("processes", "dask")
-MOST = 256
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS")
 _PATIENCE = 15.0  # s, until a scheduler has answered
 _DASK = "a batch on several machines"
 
@@ -48,11 +43,6 @@ class Engine(Protocol):
         ...
 
 
-def processors() -> int:
-    """How many of them this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 class ProcessEngine:
     """Processes of this machine, each with one thread; see `Engine`."""
 
@@ -64,8 +54,8 @@ class ProcessEngine:
         self._count, self._died = count, (ProcessExpired,)
         # spawned: what a process has compiled or opened is not to be shared by halves
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPool(max_workers=count, initializer=_as_worker, context=context)
-        self._threads: AbstractContextManager[None] = _one_thread_each()
+        self._pool = ProcessPool(max_workers=count, initializer=begin_as_worker, context=context)
+        self._threads: AbstractContextManager[None] = one_thread_each()
 
     def __enter__(self) -> ProcessEngine:
         self._threads.__enter__()
@@ -99,34 +89,6 @@ class ProcessEngine:
         except RuntimeError as error:  # a script without its guard runs again in every process, which then ends
             raise InputError("workers", f"end as soon as they begin ({error})", remedy=GUARD) from None
         return future
-
-
-def _as_worker() -> None:
-    """What a process does first: Ctrl-C is the leader's to see, and without a leader there is nobody to work for."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    leader = multiprocessing.parent_process()
-
-    def watch() -> None:
-        if leader is not None:
-            leader.join()
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes that are started within it have one thread each, as libraries read it when they are loaded."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 class DaskEngine:
@@ -208,8 +170,4 @@ def engine_of(name: str, workers: int | None, scheduler: str | None) -> ProcessE
         return DaskEngine(scheduler)
     if scheduler is not None:
         raise InputError("scheduler", "is of the engine dask", remedy="--engine dask, or leave it out")
-    check_not_imported_again()
-    count = processors() if workers is None else workers
-    if not 1 <= count <= MOST:
-        raise InputError("workers", f"{count} processes cannot share the work", remedy=f"1 to {MOST}")
-    return ProcessEngine(count)
+    return ProcessEngine(checked_count(processors() if workers is None else workers))

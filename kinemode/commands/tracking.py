@@ -29,7 +29,6 @@ def track(
     given: PointOptions = NO_POINTS,
     how: TrackerOptions = USUAL,
     tracker: str | None = None,
-    workers: int = 1,
     out: Path,
     resume: Flag = False,
     overwrite: Flag = False,
@@ -57,9 +56,6 @@ def track(
     ----------
     tracker
         Its name, see `kinemode trackers`; css unless given, markers with --points.
-    workers
-        How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
-        number.
     out
         The run file.
     resume
@@ -80,7 +76,6 @@ def track(
         out=out,
         resume=resume,
         overwrite=overwrite,
-        workers=workers,
         progress=km.reported,
     )
     from kinemode.terminal import report

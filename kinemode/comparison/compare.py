@@ -21,7 +21,6 @@ from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
 from kinemode.indexing import beginning, index_unused, uses_index
-from kinemode.initialisation import processes_for
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
@@ -66,8 +65,8 @@ def compare_trackers(
         warnings.warn(sentence, InputWarning, stacklevel=3)
     each = {name: beginning(choose(name, *chosen[name]), wanted.start) for name in names}
     body = Body(loaded)
-    made = {name: make_tracker(name, body, chosen.settings) for name, chosen in each.items()}
-    processes = processes_for(made, wanted.workers)
+    for name, how_chosen in each.items():
+        make_tracker(name, body, how_chosen.settings)
     looking = {name for name in names if uses_index(each[name])}
     if wanted.index is not None and not looking:
         raise index_unused(each[names[0]])
@@ -91,7 +90,7 @@ def compare_trackers(
             own, count = chosen[name]
             progress = times.clocked(name, wanted.progress)
             how = replace(
-                wanted, tracker=name, modes=count, settings=own, workers=processes[name], out=runs_at[name],
+                wanted, tracker=name, modes=count, settings=own, out=runs_at[name],
                 progress=progress, index=wanted.index if name in looking else None,
             )  # fmt: skip
             runs[name] = jobs.track_subject(loaded, files, how)

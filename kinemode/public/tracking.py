@@ -77,7 +77,6 @@ def track(
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
-    workers: int = 1,
     index: PathLike | None = None,
     detect: Detect = False,
     progress: Reporter | None = None,
@@ -162,9 +161,6 @@ def track(
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)
-    workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
-        run is the same with any number.
-        Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
     index: file in which trackers that look poses up do so (`kinemode.train_index`), in the first frame (start="index")
         or in all (elmo, psh); unless given the one their settings name, or that of the subject in the user's cache,
         made when it is first needed. With it css also searches from examples, more after it has lost the person.
@@ -189,7 +185,7 @@ def track(
 
     wanted = jobs.TrackOptions(
         cues, tracker or (DEFAULT if by_points is None else MARKERS), modes, settings, seed, fit,
-        spool.run_path(out), resume, overwrite, workers, progress or unreported,
+        spool.run_path(out), resume, overwrite, progress or unreported,
         index=index, start=start_by, height=height,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, wanted.out, progress) as seen:
@@ -291,7 +287,6 @@ def compare(
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
-    workers: int = 1,
     index: PathLike | None = None,
     detect: Detect = False,
     progress: Reporter | None = None,
@@ -322,7 +317,7 @@ def compare(
     from kinemode.comparison.compare import compare_trackers
 
     wanted = jobs.TrackOptions(
-        cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        cues, "css", modes, settings, seed, fit, out, resume, overwrite, progress or unreported,
         index=index, start=start_by, height=height,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, Path(out) / "compare", progress) as seen:

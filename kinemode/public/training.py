@@ -65,7 +65,7 @@ def train_index(
     check_folder(Path(out))
     check_absent([Path(out)], False, overwrite, "--overwrite replaces it")
     loaded = loaded_subject(subject)
-    from estimator.numerics.pool import checked_count
+    from estimator.numerics.processes import checked_count
     from estimator.search.examples.index import IndexRecipe
     from kinemode.indexing import write_index
 

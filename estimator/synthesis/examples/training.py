@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.data.formats.npz import read_npz
 from estimator.data.media.threads import one_thread
-from estimator.numerics.pool import Workers, worker_pool
+from estimator.numerics.processes import begin_as_worker, checked_count, one_thread_each
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
@@ -55,33 +58,24 @@ def train_index(
     store = _PieceStore(parts, f"{FORMAT}{painting!r}")
     counts = [-(-recipe.pairs // PAIRS_AT_ONCE), -(-recipe.examples // EXAMPLES_AT_ONCE)]
     piece_progress = _PieceProgress(progress, sum(counts))
-    with worker_pool(painting, processes) as workers:
-        workers.show(Gallery(painting))
-        bits = _bits(list(_made(workers, store, "pairs", Gallery.pairs, range(counts[0]), piece_progress)), recipe)
+    with _painters(painting, processes) as paint:
+        bits = _bits(list(_made(paint, store, "pairs", Gallery.pairs, range(counts[0]), piece_progress)), recipe)
         work = partial(Gallery.examples, bits=bits)
-        made = list(_made(workers, store, "examples", work, range(counts[1]), piece_progress))
+        made = list(_made(paint, store, "examples", work, range(counts[1]), piece_progress))
     q, codes = (np.concatenate([part[name] for part in made])[: recipe.examples] for name in ("q", "codes"))
     keys = random_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
     return ExampleIndex(recipe, body.q_names, painting.side, q, bits, HashTables(codes, keys))
 
 
 class Painting(NamedTuple):
-    """What a process needs to paint examples (see `estimator.numerics.job.WorkerJob`). urdf, source, base: of the
-    subject. side [m]: of the square around a person."""
+    """What a process needs to paint examples. urdf, source, base: of the subject. side [m]: of the square around a
+    person."""
 
     urdf: str
     source: str
     base: Base
     recipe: IndexRecipe
     side: float
-
-    def message(self, context: Gallery) -> None:
-        """See `Job`: all is known from the beginning."""
-
-    def opener(self) -> Callable[[Any], Gallery]:
-        """See `Job`."""
-        gallery = Gallery(self)
-        return lambda _: gallery
 
 
 class Gallery:
@@ -161,30 +155,62 @@ class _PieceProgress:
     total: int
     done: int = 0
 
-    def more(self, count: int) -> None:
-        self.done += count
+    def more(self) -> None:
+        self.done += 1
         if self.report is not None:
             self.report(self.done, self.total)
 
 
+_Work = Callable[[Gallery, int], dict[str, np.ndarray]]
+_Paint = Callable[[_Work, Sequence[int]], Iterator[dict[str, np.ndarray]]]
+"""What work makes of pieces, in their order."""
+
+
+@contextmanager
+def _painters(painting: Painting, processes: int) -> Iterator[_Paint]:
+    """This process, or so many others that share the work. Raises InputError where one of them ends by itself."""
+    if checked_count(processes) == 1:
+        gallery = Gallery(painting)
+        yield lambda work, pieces: (work(gallery, piece) for piece in pieces)
+        return
+    spawn = get_context("spawn")  # a forked child would inherit threads that stand still
+    with one_thread_each(), ProcessPoolExecutor(processes, spawn, _open_gallery, (painting,)) as pool:
+        try:
+            yield lambda work, pieces: pool.map(partial(_work_in_gallery, work), pieces)
+        except BrokenProcessPool:
+            remedy = "too little memory is the usual cause; --workers 1 does without"
+            raise InputError("workers", "a worker process has ended", remedy=remedy) from None
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+_gallery: Gallery | None = None  # of a worker process
+
+
+def _open_gallery(painting: Painting) -> None:
+    global _gallery
+    begin_as_worker()
+    _gallery = Gallery(painting)
+
+
+def _work_in_gallery(work: _Work, piece: int) -> dict[str, np.ndarray]:
+    assert _gallery is not None
+    return work(_gallery, piece)
+
+
 def _made(
-    workers: Workers[Gallery],
-    store: _PieceStore,
-    kind: str,
-    work: Callable[[Gallery, int], dict[str, np.ndarray]],
-    pieces: Sequence[int],
-    piece_progress: _PieceProgress,
+    paint: _Paint, store: _PieceStore, kind: str, work: _Work, pieces: Sequence[int], piece_progress: _PieceProgress
 ) -> Iterator[dict[str, np.ndarray]]:
-    """What comes out of every piece, in their order; some at a time, since each is counted and stored when done."""
-    for first in range(0, len(pieces), workers.size):
-        some = pieces[first : first + workers.size]
-        done = {k: arrays for k in some if (arrays := store.of(kind, k)) is not None}
-        missing = [k for k in some if k not in done]
-        for k, arrays in zip(missing, workers.each(work, missing), strict=True):
+    """What comes out of every piece, in their order; each is stored when it is done."""
+    known = {k: arrays for k in pieces if (arrays := store.of(kind, k)) is not None}
+    painted = paint(work, [k for k in pieces if k not in known])
+    for k in pieces:
+        arrays = known.pop(k, None)
+        if arrays is None:
+            arrays = next(painted)
             store.put(kind, k, arrays)
-            done[k] = arrays
-        piece_progress.more(len(some))
-        yield from (done[k] for k in some)
+        piece_progress.more()
+        yield arrays
 
 
 def _bits(made: list[dict[str, np.ndarray]], recipe: IndexRecipe) -> Bits:

@@ -8,8 +8,7 @@ scales the covariance instead.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,7 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.search.search_pool import search_pool
 from estimator.trackers.baselines.single_mode import without_limits
-from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, observable
@@ -85,12 +82,6 @@ class MultipleHypothesis(Initialisation, CarriesMixture):
         mixture = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
         steps = StepCounts.between(before, search.steps)
         return classify_frame(search, observation, mixture, search_counts({Family.SAMPLE: self.settings.starts}, steps))
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """Its searches can be shared within joint limits: a body without is not made again in another process."""
-        inherited = super().capabilities
-        return replace(inherited, shared=partial(search_pool, self.search)) if self.settings.limits else inherited
 
     def _samples(self, rng: np.random.Generator, prior: Mixture, dt: float) -> list[Hypothesis]:
         """Starts; each has the penalty of the change since its parent, and flow is that of its parent's surface."""

@@ -22,8 +22,6 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
-from estimator.search.search_pool import search_pool
-from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.css.budget import Source, allocated
 from estimator.trackers.css.frame_proposals import Proposals
 from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings
@@ -93,11 +91,6 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
         diagnostics = self._searches(candidates, StepCounts.between(before, self.search.steps))
         return classify_frame(self.search, observation, mixture, diagnostics)
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """Its searches can be shared."""
-        return replace(super().capabilities, shared=partial(search_pool, self.search))
 
     def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings

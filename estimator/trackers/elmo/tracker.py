@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.search.search_pool import search_pool
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
 from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import FROM_A_PAPER, together
@@ -103,8 +102,7 @@ class Elmo(Initialisation):
     @property
     def capabilities(self) -> Capabilities:
         """Whatever else it does, it looks up, by cues."""
-        shared = partial(search_pool, self.search)
-        return replace(super().capabilities, needed_cues=CUES, shared=shared, pictures=self.pictures)
+        return replace(super().capabilities, needed_cues=CUES, pictures=self.pictures)
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
         """See `Capabilities.pictures`: what was looked up, and the modes that came of it."""
