@@ -13,8 +13,7 @@ from made_runs import made_run
 
 import kinemode as km
 from estimator.data.formats.opensim import read_mot, write_mot
-from estimator.runs.common_times import common_times, values_at
-from estimator.runs.coordinate_errors import JointScore
+from estimator.runs.coordinate_errors import JointScore, common_times, values_at
 from estimator.runs.evaluation import Evaluation
 from estimator.runs.run_file import Run
 from humanoid.support.errors import InputError

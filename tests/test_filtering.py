@@ -13,8 +13,7 @@ from scipy.signal import butter, freqz
 from test_evaluation import robot
 
 import kinemode as km
-from estimator.numerics.butterworth import gain
-from estimator.runs.filtering import Filtering, filtered
+from estimator.runs.filtering import Filtering, filtered, gain
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

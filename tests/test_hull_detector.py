@@ -11,7 +11,6 @@ import pytest
 from benchmarks.papers_loose_limbed.limb_detectors import RATES, instant_rates, right
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of, points_of
-from estimator.trackers.loose_limbed.left_over_detector import left_over_places
 from estimator.trackers.loose_limbed.limb_choices import outermost
 from estimator.trackers.loose_limbed.limbs.features import PERSON, SCENE
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
@@ -19,6 +18,7 @@ from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, Lim
 from estimator.trackers.loose_limbed.limbs.visual_hull import visual_hull
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
+from estimator.trackers.loose_limbed.tracker import left_over_places
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from tests.builders import bent, body_of, camera_at

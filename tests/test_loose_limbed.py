@@ -16,9 +16,9 @@ from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import UniformBox
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.loose_limbed.instant import ImportanceSettings, importance_functions
 from estimator.trackers.loose_limbed.limbs.window import Instant, PastBeliefs, window
 from estimator.trackers.loose_limbed.part_detectors.contract import PartProposals
-from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
 from estimator.trackers.loose_limbed.state import LimbState
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.retargeting.contacts import source_contacts
-from estimator.retargeting.mending import mend
-from estimator.retargeting.motion import problem_of, retarget_motion
+from estimator.retargeting.motion import mend, problem_of, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
 from estimator.retargeting.raised_feet import lies_below
 from estimator.retargeting.source import SourceMotion

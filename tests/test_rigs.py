@@ -19,8 +19,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
-from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person
-from estimator.data.rigs.causes import causes, in_words
+from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person, causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.lens import bent, by_place, by_radial, straight

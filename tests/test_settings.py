@@ -10,7 +10,7 @@ import pytest
 
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.tracking.registry import TRACKERS, current_changes, settings_for
-from estimator.tracking.unused_rules import RULES
+from estimator.tracking.unused_settings import RULES
 from estimator.vision.likelihood.settings import unused_rules
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -13,8 +13,7 @@ from benchmarks.support.common import tell
 from estimator.retargeting.branches import best_branch
 from estimator.retargeting.correspondence import common_correspondence
 from estimator.retargeting.following import follow
-from estimator.retargeting.mending import mend
-from estimator.retargeting.motion import problem_of
+from estimator.retargeting.motion import mend, problem_of
 from estimator.retargeting.problem import Obstacles, RetargetSettings
 from estimator.retargeting.source import SourceMotion
 from estimator.retargeting.start import best_start

@@ -18,7 +18,7 @@ from scipy.special import gammaln
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, save
 from benchmarks.support.pose_prior_clips import captured_files, subject_of
 from estimator.inference.motion import MotionPrior
-from estimator.numerics.butterworth import extension, low_pass
+from estimator.runs.filtering import extension, low_pass
 from estimator.search.cost_model import CostModel
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget

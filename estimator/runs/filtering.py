@@ -19,11 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimator.numerics.butterworth import extension, low_pass
 from estimator.runs.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
@@ -201,3 +201,37 @@ def _continued(samples: np.ndarray, extended: int, reflection: Reflection) -> np
             samples = np.concatenate([reflection(samples[0], samples[count:0:-1]), samples])
         samples = samples[::-1]
     return samples
+
+
+_PASSES = 2
+_CORRECTION = (2.0 ** (1.0 / _PASSES) - 1.0) ** 0.25
+_PERIODS = 3.0
+"""Periods of the cut-off by which a signal is continued at both ends: the filter's start is then below 1e-7 of it."""
+
+
+def gain(frequency: np.ndarray | float, cutoff: float, rate: float) -> np.ndarray:
+    """Factor (...) of the amplitude of a sine of this frequency (...) [Hz]; cut-off and sampling rate [Hz]."""
+    ratio = np.tan(np.pi * np.asarray(frequency) / rate) / _edge(cutoff, rate)
+    return np.asarray(1.0 / (1.0 + ratio**4))
+
+
+def extension(cutoff: float, rate: float) -> int:
+    """Samples by which a signal has to be continued at both ends for `low_pass`."""
+    return int(np.ceil(_PERIODS * rate / cutoff)) + 1
+
+
+def low_pass(samples: np.ndarray, cutoff: float, rate: float, extended: int) -> np.ndarray:
+    """Filtered samples (N, ...), the continuation (see `extension`) cut off again.
+
+    samples (N + 2 extended, ...): evenly spaced, continued at both ends. cutoff [Hz] is below half the rate [Hz].
+    """
+    from scipy.signal import butter, sosfiltfilt  # takes long to import
+
+    ends = 2.0 / np.pi * np.arctan(_edge(cutoff, rate))  # of half the rate
+    filtered = sosfiltfilt(butter(2, ends, output="sos"), samples, axis=0, padtype=None)
+    return cast(np.ndarray, filtered[extended : len(samples) - extended])
+
+
+def _edge(cutoff: float, rate: float) -> float:
+    """Tangent of the cut-off of one pass, as the bilinear transform has it."""
+    return float(np.tan(np.pi * cutoff / rate)) / _CORRECTION

@@ -10,7 +10,6 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.threads import one_thread
-from estimator.data.rigs.causes import NARROW, causes, in_words, is_narrow
 from estimator.data.rigs.clocks import clock_lags
 from estimator.data.rigs.filmed import FILM, FilmedPerson
 from estimator.data.rigs.posing import posed_rig
@@ -19,6 +18,7 @@ from estimator.data.rigs.steadiness import CameraMove, camera_move, strange_came
 from estimator.data.rigs.views import JointView
 from estimator.data.rigs.world import RigWorld, rig_world
 from estimator.data.synchronisation import SURE_MARGIN, synchronised
+from estimator.numerics.angles import angle_between
 from estimator.numerics.typical import typical_distance
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -288,3 +288,46 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
             "which way is up is told by the person's balance, but not to two degrees; joint angles are the same"
         )
     return notes
+
+
+_SHORT = 8.0  # s: fewer leave the cameras in doubt
+_PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one place, and that is a line
+_FLAT = 0.06  # m: of points in a plane, across it
+NARROW = 25.0
+"""Degrees between cameras, seen from the person, below which they tell little of depth."""
+
+
+def causes(points: np.ndarray, seconds: float, centres: np.ndarray, c: int) -> list[str]:
+    """What leaves camera c in doubt, in words; none where nothing stands out.
+
+    points (T, J, 3) [m]: of the person, NaN where unknown, over so many seconds. centres (C, 3) [m]: of the cameras.
+    """
+    named = [f"the clips share {seconds:.1f} s"] if seconds < _SHORT else []
+    path = _spread(np.nanmean(points[np.isfinite(points).any(axis=(1, 2))], axis=1))
+    if path[0] < _PLACE:
+        named.append("the person stays in one place")
+    elif path[1] < _LINE:
+        named.append("the person moves along one line")
+    if _spread(points[np.isfinite(points).all(axis=2)])[2] < _FLAT:
+        named.append("all points are nearly in one plane")
+    if is_narrow(points, centres, c):
+        named.append("it looks from the same side as the others")
+    return named
+
+
+def is_narrow(points: np.ndarray, centres: np.ndarray, c: int) -> bool:
+    """Whether camera c looks from the same side as all others; see `causes`."""
+    ways = centres - np.nanmean(points, axis=(0, 1))
+    return bool((np.degrees(angle_between(ways[c], np.delete(ways, c, axis=0))) < NARROW).all())
+
+
+def in_words(named: Sequence[str]) -> str:
+    """As part of a sentence, empty of none."""
+    *others, last = named or [""]
+    return f" ({', '.join(others)} and {last})" if others else f" ({last})" if last else ""
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    """Standard deviations (3,) [m] of points (N, 3) along their principal axes, the largest first."""
+    off = points - points.mean(axis=0)
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(off.T @ off / len(off))[::-1], 0.0)))

@@ -4,6 +4,7 @@ may be."""
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,7 +13,8 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.inference.beliefs.mixture import Density
+from estimator.inference.beliefs.mixture import Density, KernelMixture, UniformBox, mixture_of
+from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.search.cost_model import CostModel
 from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
@@ -21,15 +23,49 @@ from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.trackers.loose_limbed.limbs.volume import common_box
 from estimator.trackers.loose_limbed.limbs.window import Instant, LimbLogRatio, limb_views, shows_person
-from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
-from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
 from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDetectorSettings, keypoint_proposals
 from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates
 from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_proposals
 from humanoid.limbs.limb import LimbGraph
+from humanoid.support.settings import CheckedSettings, setting
 
 _KEPT = 3  # instants whose views are kept: that to come is asked for again as the present one, and as the last
+
+
+@dataclass(frozen=True)
+class ImportanceSettings(CheckedSettings):
+    """Q: kernels about what was proposed, and anywhere.
+
+    place [m], turn [rad]: standard deviations of the kernels. anywhere: share that is even in the cameras' common
+    volume and turned anyhow, for limbs of which no proposal is right; without any proposal Q is that alone.
+    """
+
+    place: float = setting(0.04, above=0)
+    turn: float = setting(0.25, above=0)
+    anywhere: float = setting(0.1, above=0, below=1)
+
+
+def importance_functions(
+    detectors: Sequence[AllPartProposals], limbs: int, box: np.ndarray, settings: ImportanceSettings
+) -> tuple[Density, ...]:
+    """Q of each limb: what several part detectors say, each counting alike, box (2, 3) [m]: where limbs can be at
+    all."""
+    return tuple(
+        _function([part_proposals[limb] for part_proposals in detectors], box, settings) for limb in range(limbs)
+    )
+
+
+def _function(part_proposals: Sequence[PartProposals], box: np.ndarray, settings: ImportanceSettings) -> Density:
+    anywhere = UniformBox(PLACEMENTS, *box)
+    received = [proposals for proposals in part_proposals if len(proposals.points)]
+    if not received:
+        return anywhere
+    weight = np.concatenate([proposals.weights / proposals.weights.sum() for proposals in received])
+    variance = np.square([[settings.place] * 3 + [settings.turn] * 3])
+    kernels = mixture_of(PLACEMENTS, np.concatenate([proposals.points for proposals in received]), variance, weight)
+    return KernelMixture(kernels.log_weight, kernels.mean, kernels.shape, kernels.shapes, anywhere, settings.anywhere)
 
 
 @dataclass(frozen=True)

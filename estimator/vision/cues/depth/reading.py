@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.energy.gravity_prior import world_up
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.depth.floor import Floor, found_floor
 from estimator.vision.cues.depth.matching import spread_over
 from estimator.vision.cues.depth.person import nearest_thing
 from estimator.vision.cues.depth.settings import DepthSettings
-from estimator.vision.cues.depth.sources import DepthSource, depth_source
 from estimator.vision.depth_map import DepthMap, DepthPoints
+from estimator.vision.stereo import StereoPair
 
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
@@ -152,3 +153,49 @@ def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[DepthPo
     values = depth.depth[grid.rows, grid.columns]
     where = np.flatnonzero(np.isfinite(values) & (values < settings.farthest))
     return depth.points(grid.rows[where], grid.columns[where], grid.directions[where]), where
+
+
+class DepthSource(Protocol):
+    """Depth of one camera's clip. camera: that the depth pictures are of."""
+
+    camera: Camera
+
+    def at(self, instant: int) -> DepthMap:
+        """Of an instant."""
+        ...
+
+
+class FromStereo:
+    """Depth from a clip and the one of the camera to its right; raises InputError as `StereoPair` does."""
+
+    def __init__(self, left: CameraPictures, right: CameraPictures, settings: DepthSettings) -> None:
+        self._left, self._right = left, right
+        self._pair = StereoPair(left.camera, right.camera, settings)
+        self.camera = self._pair.camera
+        self._noise = float(self._pair.std(np.ones(())))
+
+    def at(self, instant: int) -> DepthMap:
+        """See `DepthSource`."""
+        depth = self._pair.depth(self._left.picture(instant), self._right.picture(instant))
+        return DepthMap(self.camera, depth, self._noise)
+
+
+class FromFiles:
+    """Depth from files beside a clip."""
+
+    def __init__(self, pictures: CameraPictures, settings: DepthSettings) -> None:
+        self._pictures, self._noise = pictures, settings.depth_noise
+        self.camera = pictures.camera
+
+    def at(self, instant: int) -> DepthMap:
+        """See `DepthSource`."""
+        depth = self._pictures.depth(instant)
+        assert depth is not None
+        return DepthMap(self.camera, depth, self._noise)
+
+
+def depth_source(pictures: CameraPictures, settings: DepthSettings) -> DepthSource | None:
+    """What there is for a camera; None where there is none."""
+    if pictures.right is not None:
+        return FromStereo(pictures, pictures.right, settings)
+    return FromFiles(pictures, settings) if pictures.has_depth else None
