@@ -6,8 +6,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.compiled_folder import cache_roots
+from humanoid.support.compiled_sources import sources_digest
 from kinemode.terminal.progress import Reporter
 
 _SUBJECT = "human34"
@@ -94,3 +97,46 @@ def _in_another_process(function: str) -> Iterator[None]:
     finally:
         if other is not None and other.poll() is None:
             other.kill()
+
+
+_FRAMES, _RATE = 6, 30.0
+
+
+def are_made() -> bool:
+    """Whether these sources were compiled on this machine before."""
+    mark = _mark()
+    return mark is not None and mark.exists()
+
+
+def _mark() -> Path | None:
+    root = next(cache_roots(), None)
+    return None if root is None else root / f"kernels-{sources_digest(Path(__file__), __name__)}"
+
+
+def made_kernels() -> None:
+    """Track somebody who stands, from keypoints: fit, frames and smoothing leave what they have compiled in the cache,
+    from where other processes on this machine take it. Nothing is done where these sources were compiled before."""
+    mark = _mark()
+    if mark is None or mark.exists():
+        return
+    track_stand()
+    with suppress(OSError):
+        mark.touch()
+
+
+def track_stand() -> None:
+    """Track somebody who stands, for a few frames."""
+    import numpy as np
+
+    import kinemode as km
+    from estimator.synthesis import ViewSettings, framing_cameras
+
+    body = km.Body(km.load_subject("human34"))
+    points = body.landmarks(body.at(body.neutral))
+    (camera,) = framing_cameras(points[None], ViewSettings(count=1))
+    pixels = np.tile(camera.project(points), (_FRAMES, 1, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        km.track(
+            body.subject, (), cameras={camera.name: camera}, keypoints=pixels, layout=body.landmark_names, fps=_RATE
+        )

@@ -20,7 +20,7 @@ SCRIPT = """
 import gc
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
-from kinemode.batches.kernels import track_stand
+from kinemode.compilation import track_stand
 from kinemode.compilation import compile_energy, compile_smoothing, compile_steps_and_jumps
 
 def plain(kind):

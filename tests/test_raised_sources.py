@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.retargeting.contacts import source_contacts
+from estimator.retargeting.contacts import lies_below, source_contacts
 from estimator.retargeting.motion import mend, problem_of, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
-from estimator.retargeting.raised_feet import lies_below
 from estimator.retargeting.source import SourceMotion
 from tests.builders import body_of
 

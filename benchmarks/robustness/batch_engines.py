@@ -24,9 +24,9 @@ from humanoid.support.errors import InputError
 from kinemode.batches import engines
 from kinemode.batches.clip_job import work
 from kinemode.batches.engines import Engine, processors
-from kinemode.batches.kernels import made_kernels
 from kinemode.batches.manifest import rows_of
 from kinemode.batches.task import BatchTask, TaskAnswer
+from kinemode.compilation import made_kernels
 from kinemode.terminal import report
 
 ONE, TWO, DASK = "one process", "two processes", "dask, two workers"

@@ -16,10 +16,10 @@ from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import held
 from kinemode.batches.clip_job import work
 from kinemode.batches.engines import Engine
-from kinemode.batches.kernels import are_made, made_kernels
 from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, own_folder, versions
+from kinemode.compilation import are_made, made_kernels
 from kinemode.target import check_absent, made_folder
 from kinemode.terminal.progress import Reporter, unreported
 from viz.batch.entry import DONE, FAILED
