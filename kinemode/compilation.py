@@ -16,6 +16,7 @@ import numpy as np
 from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import compile_search, is_search_compiled
 from estimator.energy.descent.qp import StepSolver
+from estimator.numerics.processes import processors
 from estimator.search.cost_model import CostModel
 from estimator.search.jumps import KinematicJumps
 from estimator.synthesis.views import ViewSettings, framing_cameras
@@ -29,6 +30,7 @@ from kinemode.terminal.progress import Reporter
 
 _SUBJECT = "human34"
 _FAR = 1e3  # of a gradient whose step no joint limit lets pass
+_FRAMES, _RATE = 6, 30.0
 
 
 def compile_with(progress: Reporter, body: Body) -> None:
@@ -80,7 +82,7 @@ def compile_steps_and_jumps() -> None:
 def _in_another_process(function: str) -> Iterator[None]:
     """Have a function of this module called meanwhile, and wait for that; nothing where it could keep nothing, or where
     there is no second processor."""
-    if next(cache_roots(), None) is None or (os.cpu_count() or 1) < 2 or not sys.executable:
+    if next(cache_roots(), None) is None or processors() < 2 or not sys.executable:
         yield
         return
     command = [sys.executable, "-c", f"from {__name__} import {function}; {function}()"]
@@ -97,9 +99,6 @@ def _in_another_process(function: str) -> Iterator[None]:
     finally:
         if other is not None and other.poll() is None:
             other.kill()
-
-
-_FRAMES, _RATE = 6, 30.0
 
 
 def are_made() -> bool:
@@ -126,12 +125,9 @@ def made_kernels() -> None:
 
 def track_stand() -> None:
     """Track somebody who stands, for a few frames."""
-    import numpy as np
+    import kinemode as km  # which imports this module
 
-    import kinemode as km
-    from estimator.synthesis import ViewSettings, framing_cameras
-
-    body = km.Body(km.load_subject("human34"))
+    body = Body(load_subject(_SUBJECT))
     points = body.landmarks(body.at(body.neutral))
     (camera,) = framing_cameras(points[None], ViewSettings(count=1))
     pixels = np.tile(camera.project(points), (_FRAMES, 1, 1))

@@ -23,6 +23,12 @@ _SPREAD = 0.06  # m: of the places of a stance, in which ankles roll over feet; 
 _FEWEST = 2  # frames of a stance
 _LOWEST = 20.0  # percentile of the frames, of feet that never stand
 _ROUNDS = 3
+_PARTS = ("hip", "knee", "shoulder", "elbow", "wrist")
+_THIGH = 0.42  # m: of the adult whose lengths the others are
+_HIPS = 0.05  # m: above a floor, the middle of the hips of who sits or lies on it is higher
+_BELOW = 0.1  # m: under a floor, what is lower is not on it, whatever the noise
+_SEVERAL = 3  # joints that far below
+_MANY = 0.25  # share of the frames
 
 
 @dataclass(frozen=True)
@@ -164,14 +170,6 @@ def _part_where_it_moves(held: np.ndarray, points: np.ndarray, speed: np.ndarray
         held[first + begin : first + end] = False
         _part_where_it_moves(held, points, speed, first, first + begin)
         first += end
-
-
-_PARTS = ("hip", "knee", "shoulder", "elbow", "wrist")
-_THIGH = 0.42  # m: of the adult whose lengths the others are
-_HIPS = 0.05  # m: above a floor, the middle of the hips of who sits or lies on it is higher
-_BELOW = 0.1  # m: under a floor, what is lower is not on it, whatever the noise
-_SEVERAL = 3  # joints that far below
-_MANY = 0.25  # share of the frames
 
 
 def lies_below(source: SourceMotion, floor: float) -> bool:

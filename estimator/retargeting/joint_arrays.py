@@ -34,6 +34,7 @@ LAYOUTS = ("layout", "order", "skeleton", "joint_order", "skeleton_type")
 _CLEAR = 0.7  # length of the mean of directions from which somebody stands most of the time
 _HEADS = ("head", "head_top", "nose", "neck")
 _NEEDED = f"an array {', '.join(ARRAYS)} of (frames, joints, 3) is needed"
+_CONVENTION = 0.9  # share of the frames in which the joint that a program put the origin at is there
 
 
 class _Order(NamedTuple):
@@ -208,9 +209,6 @@ def _upward(names: tuple[str, ...], points: np.ndarray, path: Path) -> str:
         problem = "does not say which axis points up, and the head is above the feet along none for most of the time"
         raise InputError(path, problem, remedy=f"--up says it, one of {', '.join(UPS)}")
     return up
-
-
-_CONVENTION = 0.9  # share of the frames in which the joint that a program put the origin at is there
 
 
 def without_zeros(joints: np.ndarray) -> np.ndarray:

@@ -23,6 +23,10 @@ from estimator.retargeting.targets import Targets, targets_of
 from estimator.retargeting.windows import improve
 from humanoid.kinematics.body import Body
 
+_SWEEPS = 40
+_HELD = 30.0  # rad/s^2 or m/s^2: standard deviation of what a frame moves away from where it is, as an acceleration
+_ALONE = 1.0 / 30.0  # s: for which a frame without neighbours moves
+
 
 @dataclass(frozen=True)
 class RetargetedMotion:
@@ -137,11 +141,6 @@ def stands_of(contacts: SourceContacts, frames: int) -> np.ndarray:
         side, part = SIDES_PARTS[name]
         stands[:, side, part] = contacts.standing[:, k]
     return stands
-
-
-_SWEEPS = 40
-_HELD = 30.0  # rad/s^2 or m/s^2: standard deviation of what a frame moves away from where it is, as an acceleration
-_ALONE = 1.0 / 30.0  # s: for which a frame without neighbours moves
 
 
 def mend(problem: MotionProblem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

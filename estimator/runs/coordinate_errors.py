@@ -25,6 +25,9 @@ _OF_LEGS = {
 }
 GROUPS = _OF_LEGS | {"legs": tuple(name for names in _OF_LEGS.values() for name in names)}
 """Flexion of a person's leg joints, of both sides, as our body and OpenSim's gait models call it."""
+_SAME = 1e-6  # [s] what files round times by
+_GAP = 1.5  # steps from one sample to the next above which there is nothing between them
+_FINER = 0.9  # of the run's step: a reference with a shorter one is finer, not only rounded
 
 
 @dataclass(frozen=True)
@@ -198,11 +201,6 @@ def _mean_absolute(x: np.ndarray) -> float:
 
 def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
-
-
-_SAME = 1e-6  # [s] what files round times by
-_GAP = 1.5  # steps from one sample to the next above which there is nothing between them
-_FINER = 0.9  # of the run's step: a reference with a shorter one is finer, not only rounded
 
 
 def common_times(time: np.ndarray, reference_time: np.ndarray) -> np.ndarray:

@@ -33,6 +33,10 @@ _USUAL = 0.2  # by which steps may differ from the median, relatively, to count 
 _ROUNDING = 1e-6
 _OUTSIDE = 1e-6  # rad or m by which a filtered value has to pass a limit to be reported
 _VANISHED = 0.1  # length of a filtered quaternion from which its direction is the noise's
+_PASSES = 2
+_CORRECTION = (2.0 ** (1.0 / _PASSES) - 1.0) ** 0.25
+_PERIODS = 3.0
+"""Periods of the cut-off by which a signal is continued at both ends: the filter's start is then below 1e-7 of it."""
 
 
 @dataclass(frozen=True)
@@ -201,12 +205,6 @@ def _continued(samples: np.ndarray, extended: int, reflection: Reflection) -> np
             samples = np.concatenate([reflection(samples[0], samples[count:0:-1]), samples])
         samples = samples[::-1]
     return samples
-
-
-_PASSES = 2
-_CORRECTION = (2.0 ** (1.0 / _PASSES) - 1.0) ** 0.25
-_PERIODS = 3.0
-"""Periods of the cut-off by which a signal is continued at both ends: the filter's start is then below 1e-7 of it."""
 
 
 def gain(frequency: np.ndarray | float, cutoff: float, rate: float) -> np.ndarray:

@@ -29,6 +29,8 @@ from humanoid.support.errors import InputError
 
 _FAINT = 1e-3  # modes with less weight than this are left out
 _NODES = np.array(np.polynomial.hermite_e.hermegauss(7)).T / (1.0, np.sqrt(2.0 * np.pi))  # of a standard normal
+JITTER = 1e-12  # added to variances, so that factors exist
+_OVERDRAW = 4  # samples made for each one kept
 
 
 @dataclass(frozen=True)
@@ -292,10 +294,6 @@ def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float,
     far = np.maximum(distance, math.sqrt(2.0 / math.pi) * np.sqrt(np.diagonal(lasting)[v]))
     lean[v] = np.where(held, inward * np.minimum(far, body.upper[i] - body.lower[i]), 0.0)
     return lean
-
-
-JITTER = 1e-12  # added to variances, so that factors exist
-_OVERDRAW = 4  # samples made for each one kept
 
 
 def log_around_mode(gap: np.ndarray, covariance: np.ndarray, lean: np.ndarray) -> np.ndarray:

@@ -21,6 +21,8 @@ RANDOM_STARTS = 24
 SCALE = 8.0**0.5
 """On the standard deviations of the samples of the first frame: a factor of eight or so on the covariance (CSS section
 4.2)."""
+STARTS_OF_MARKERS = 8
+_FEWEST = 3  # markers that place a root
 
 
 def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
@@ -85,10 +87,6 @@ def _samples(
         proposal = CovarianceScaledProposal(search.body, mode.q, mode.covariance, SCALE)
         samples += [Hypothesis(proposal.sample(rng), names.index(mode.association)) for _ in range(drawn)]
     return samples
-
-
-STARTS_OF_MARKERS = 8
-_FEWEST = 3  # markers that place a root
 
 
 def marker_starts(rng: np.random.Generator, body: Body, markers: np.ndarray) -> list[np.ndarray]:

@@ -34,6 +34,12 @@ FEWER_STEPS = 15  # of the adjustment of another solution
 UNSURE_TURN, UNSURE_SHIFT = 1.0, 0.02  # degrees; of the distance between two cameras: deviations that are said
 SAME = 2.0  # degrees, within which two solutions are one
 FILM = "tilt the board more, bring it nearer, and carry it through where both cameras see it"
+_TURN = 10.0  # degrees between two placements at which one supports the other half as much
+_SHIFT = 0.2  # of the board's distance, the same
+_CLEAR = 100.0  # twice the difference of log-likelihoods from which one solution of a view alone is taken
+_LEAST_NOISE = 0.1  # px
+_LEAST_SUPPORT = 0.3  # of the best placement's, of others that are looked into
+_MOST = 4  # placements of a pair
 
 
 def place_cameras(
@@ -205,14 +211,6 @@ def _unsure(best: Adjustment, origin: int) -> list[str]:
             f"how the floor is tilted is unsure by {turn:.1f} degrees: bring the board of picture {origin} nearer"
         )
     return notes
-
-
-_TURN = 10.0  # degrees between two placements at which one supports the other half as much
-_SHIFT = 0.2  # of the board's distance, the same
-_CLEAR = 100.0  # twice the difference of log-likelihoods from which one solution of a view alone is taken
-_LEAST_NOISE = 0.1  # px
-_LEAST_SUPPORT = 0.3  # of the best placement's, of others that are looked into
-_MOST = 4  # placements of a pair
 
 
 def candidates(fit: LensFit, corners: int) -> dict[int, list[BoardPose]]:

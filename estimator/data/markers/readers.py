@@ -22,6 +22,8 @@ UNIT_OPTION = "--unit"
 """By which a user gives the unit of length of a file."""
 _EXPORT = ("landmarks", "landmark_names")  # of a run: metres, z up
 _KEYS = (("points", "names"), _EXPORT)
+_BODY = FORMATS["mediapipe33"]
+_COUNTS = (len(_BODY), 553)  # of the body, and with 21 points of each hand and 478 of the face after it
 
 
 def read_points(path: Path, unit: str | None) -> PointFile:
@@ -107,10 +109,6 @@ def _npy(path: Path, unit: str | None) -> PointFile:
 _READERS: dict[str, Callable[[Path, str | None], PointFile]] = {
     ".trc": _trc, ".c3d": _c3d, ".npz": _npz, ".npy": _npy, ".csv": _csv,
 }  # fmt: skip
-
-
-_BODY = FORMATS["mediapipe33"]
-_COUNTS = (len(_BODY), 553)  # of the body, and with 21 points of each hand and 478 of the face after it
 
 
 def read_point_array(path: Path) -> PointFile:

@@ -28,6 +28,11 @@ _COMMON = 0.5  # of the shorter clip: what clips have in common at least
 _FRAMES = 1.5  # by which clocks that are told in two ways may differ
 _HOPELESS = 12.0  # degrees: what is less sure is no calibration
 _SWAPPED = 0.05  # share of the frames
+_SHORT = 8.0  # s: fewer leave the cameras in doubt
+_PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one place, and that is a line
+_FLAT = 0.06  # m: of points in a plane, across it
+NARROW = 25.0
+"""Degrees between cameras, seen from the person, below which they tell little of depth."""
 
 
 @dataclass(frozen=True)
@@ -288,13 +293,6 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
             "which way is up is told by the person's balance, but not to two degrees; joint angles are the same"
         )
     return notes
-
-
-_SHORT = 8.0  # s: fewer leave the cameras in doubt
-_PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one place, and that is a line
-_FLAT = 0.06  # m: of points in a plane, across it
-NARROW = 25.0
-"""Degrees between cameras, seen from the person, below which they tell little of depth."""
 
 
 def causes(points: np.ndarray, seconds: float, centres: np.ndarray, c: int) -> list[str]:

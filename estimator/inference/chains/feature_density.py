@@ -16,6 +16,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 _LEAST = 1e-300  # of a share of a mixture
 _DOUBT = 30.0  # times as far off as is likely may be what is looked at
 _ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that say the same
+_NOTHING = 40.0  # so far below the highest a kernel adds nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,9 +373,6 @@ def _definite_each(matrices: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
-
-
-_NOTHING = 40.0  # so far below the highest a kernel adds nothing
 
 
 @jit

@@ -39,6 +39,8 @@ from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.limbs.merging import Detail
 
 _TIED_STD = 0.01, 0.05  # m, rad: how exactly assembled poses place limbs
+_POSES, _KEPT, _COUNT = 1500, 60, 6  # instead of those of `HullSettings`: what is left over is small
+_STD = np.repeat([0.04, 0.3, 1.5], [3, 2, 1])  # m, rad: of a place, which hardly tells the turn about its axis
 
 
 class LooseLimbed:
@@ -271,10 +273,6 @@ SPEC = Spec(
     settings=LooseLimbedSettings(),
     defaults=ONLY_FILTERS,
 )
-
-
-_POSES, _KEPT, _COUNT = 1500, 60, 6  # instead of those of `HullSettings`: what is left over is small
-_STD = np.repeat([0.04, 0.3, 1.5], [3, 2, 1])  # m, rad: of a place, which hardly tells the turn about its axis
 
 
 def left_over_places(
