@@ -83,7 +83,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
         from and that cannot be read any more.
     """
     if run.header.retargeted:
-        raise InputError(run.file, "was made from another motion, not tracked", remedy="look at it with kinemode view")
+        raise InputError(run.file, "was made from another motion, not tracked", remedy="open it with kinemode view")
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
     can = capabilities_of(make_tracker(run.header.tracker, run.body, settings))
@@ -213,8 +213,8 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
         return
     if case.observation.index:
         yield (
-            "the run does not say what its hypotheses paid for, so the change since the frame before and the flow from"
-            f" there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
+            "the run does not store what its hypotheses paid for, so the change since the frame before and the flow"
+            f" from there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
         )
     if case.likelihood.cameras:
         yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"

@@ -102,7 +102,7 @@ def floor_note(run: Run) -> str:
         return ""
     where = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'}"
     problem = f"the floor is given at {known:g} m, and the person's lowest part is {where} it, so it was not used"
-    return f"{problem}: look at --floor, and whether the cameras' unit is the metre"
+    return f"{problem}: check --floor, and whether the cameras' unit is the metre"
 
 
 def _raised_note(run: Run) -> str:
@@ -120,7 +120,7 @@ def far_note(rows: Sequence[int]) -> str:
     if not len(rows):
         return ""
     count = f"{len(rows)} frame{'s' * (len(rows) != 1)} ({first_of(rows, _FIRST)})"
-    return f"keypoints or markers lie far from the body in {count}, which are marked hard: look at them in the overlay"
+    return f"keypoints or markers lie far from the body in {count}, which are marked hard: check them in the overlay"
 
 
 def status_counts(statuses: Iterable[str]) -> str:

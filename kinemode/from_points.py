@@ -59,4 +59,4 @@ def _check_markers(files: PointFiles, inputs: Inputs) -> None:
     """Raise InputError where no frame has enough markers for a pose."""
     if not any(enough_keypoints(o) for o in inputs.observations):
         names = ", ".join(str(path) for path in files.paths)
-        raise InputError(names, f"no frame has {MIN_KEYPOINTS} of the subject's markers", remedy="look at --markers")
+        raise InputError(names, f"no frame has {MIN_KEYPOINTS} of the subject's markers", remedy="check --markers")

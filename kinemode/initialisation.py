@@ -38,7 +38,7 @@ def check_beginning(
         raise _too_few(subject)
     if not pictures:
         problem = f"{name} can begin in no frame by what there is of keypoints"
-        raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
+        raise InputError("cues", problem, remedy="give the clips and use their pictures (--cues)")
 
 
 def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
@@ -52,7 +52,7 @@ def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -
     """Raise InputError where a tracker, of some name, uses cues of which none is looked at."""
     needed = capabilities_of(tracker).needed_cues
     if needed and not set(needed) & set(cues):
-        problem = f"{name} needs {' or '.join(needed)}, which is not looked at"
+        problem = f"{name} needs {' or '.join(needed)}, which is not used"
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in needed))
 
 
@@ -75,7 +75,7 @@ def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
 
 def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
     """What to tell where a tracker, of some name, found nothing to begin with in any frame."""
-    told = f"{name} could begin in no frame: look at what it uses, with more cues (--cues) or keypoints"
+    told = f"{name} could begin in no frame: give more cues (--cues) or keypoints"
     notes = list[str]()
     for result in results:
         if len(result.q):

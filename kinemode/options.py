@@ -253,7 +253,7 @@ class FromPersonOptions:
 
     def arguments(self) -> dict[str, Any]:
         """The options as `kinemode.calibrate_from_person` takes them; raises InputError for one of a check."""
-        return self._without(("sync",), "is for --check: clocks are found, or --offset says them")
+        return self._without(("sync",), "is for --check: clocks are found, or given with --offset")
 
     def of_check(self) -> dict[str, Any]:
         """The options as `kinemode.check_cameras` takes them; raises InputError for one of cameras that are found."""

@@ -55,11 +55,11 @@ def chosen_cues(
         return settings.using(possible) if possible and wanted and None not in inputs.clips else None
     if inputs.has_depth and not any(CUES[name].needs_depth for name in choice):
         users = " or ".join(name for name, cue in CUES.items() if cue.needs_depth)
-        raise InputError("depth", f"is for the cue {users}, which is not looked at", remedy=f"--cues {users}")
+        raise InputError("depth", f"is for the cue {users}, which is not used", remedy=f"--cues {users}")
     extras = [path for path in (*inputs.masks, *inputs.backgrounds) if path is not None]
     takers = [cue.name for cue in CUES.values() if cue.uses_masks]
     if extras and not set(takers) & set(choice):
-        problem = f"is for the {' and the '.join(takers)}, which is not looked at"
+        problem = f"is for the {' and the '.join(takers)}, which is not used"
         raise InputError(extras[0], problem, remedy=f"--cues {takers[0]}")
     if choice and None in inputs.clips:
         raise InputError("cues", f"{', '.join(choice)} need the pictures", remedy="give the clips, or --cues off")
@@ -87,9 +87,9 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
     usable = [enough_keypoints(o) for o in inputs.observations]
     count = f"keypoints in {sum(usable)} of {len(usable)} frames"
     if choice is None and chosen is not None:
-        return [f"{count}: the pictures are looked at too ({', '.join(names_of(chosen))})"]
+        return [f"{count}: the pictures are used too ({', '.join(names_of(chosen))})"]
     if choice is None and any((*inputs.masks, *inputs.backgrounds)):
-        return [f"{count}: masks and backgrounds are not looked at; --cues {','.join(CUES)} does"]
+        return [f"{count}: masks and backgrounds are not used; --cues {','.join(CUES)} does"]
     return []
 
 
@@ -115,7 +115,7 @@ def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
 
 @contextmanager
 def opened_cues(subject: Subject, inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
-    """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at."""
+    """The reader of the chosen cues, closed when the block ends; None where no pictures are used."""
     if chosen is None:
         yield None
         return

@@ -150,7 +150,7 @@ def test_what_has_no_effect_on_the_input_is_in_the_notes(clip: RenderedClip, tmp
     run = track(clip, keypoints=clip.keypoints, cues="off", out=tmp_path / "a.run", settings=few)
     (note,) = [note for note in run.header.notes if "without effect" in note]
     assert "cues.edges.nu" in note
-    assert "no pictures are looked at" in note
+    assert "no pictures are used" in note
 
 
 def test_what_the_reader_notes_is_passed_on(clip: RenderedClip, tmp_path: Path) -> None:

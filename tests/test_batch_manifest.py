@@ -356,7 +356,7 @@ def test_lists_of_texts_are_files_or_values() -> None:
         ({"detector": "onnx"}, "detector: onnx: needs a model"),
         ({"model": "a.json"}, "detector: model: mediapipe brings its own"),
         ({"people": 0}, "people: must be 1 or more, got 0"),
-        ({"clips": "", "keypoints": "a.json"}, "detect: there is no clip to look at"),
+        ({"clips": "", "keypoints": "a.json"}, "detect: there is no clip"),
     ],
 )
 def test_detectors_that_cannot_be_used(folder: Path, cells: dict[str, Any], fault: str) -> None:

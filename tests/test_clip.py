@@ -236,7 +236,7 @@ def test_a_stream_without_times_has_no_rate_of_its_own(tmp_path: Path) -> None:
     clip = Clip.open(path)
     assert (clip.rate_known, clip.fps, clip.report.read) == (False, 30.0, COUNT)
     np.testing.assert_allclose(clip.times, np.arange(COUNT) / 30.0)
-    assert clip.report.notes == ("no usable frame rate: 30 assumed, --fps says it",)
+    assert clip.report.notes == ("no usable frame rate: 30 assumed; give it with --fps",)
     given = Clip.open(path, fps=50.0)
     assert (given.rate_known, given.report.notes) == (True, ())
     np.testing.assert_allclose(given.times, np.arange(COUNT) / 50.0)

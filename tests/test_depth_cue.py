@@ -248,7 +248,7 @@ def test_depth_that_cannot_be_is_refused_before_any_work(
     two = {"clips": pair.videos, "cameras": pair.cameras, "keypoints": pair.first_frame}
     cases: list[tuple[dict[str, Any], str]] = [
         ({"cues": "depth"}, "cues: depth needs depth, and none is given .*--stereo.*--depth"),
-        ({"cues": "edges", "depth": clip.depths}, "depth: is for the cue depth, which is not looked at"),
+        ({"cues": "edges", "depth": clip.depths}, "depth: is for the cue depth, which is not used"),
         ({"depth": short}, "has depth pictures of 1 frames, the clip has 5"),
         ({"depth": tmp_path / "none"}, "no such depth folder"),
         ({"depth": pair.depths["cam01"]}, "not 160 x 120 as the camera's"),

@@ -124,7 +124,7 @@ def test_a_black_frame_is_tracked(seen: Seen, tracked: Tracked) -> None:
 def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
     made, first = tracker(), seen.observations[0]
     rng = np.random.default_rng(0)
-    with pytest.raises(InputError, match="picture of one camera, there are no"):
+    with pytest.raises(InputError, match="picture of one camera, and there is no"):
         made.init(rng, replace(first, cues=()))
     wall = replace(first.cues[0], picture=np.full_like(first.cues[0].picture, 128))
     with pytest.raises(InputError, match=r"colour of the skin points in .*% of the picture"):

@@ -392,7 +392,7 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
     cases: list[tuple[dict[str, Any], str]] = [
         (
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
-            "elmo needs depth or silhouette, which is not looked at",
+            "elmo needs depth or silhouette, which is not used",
         ),
         ({"tracker": "css-paper", "index": file, "keypoints": clip.first_frame}, "index: css-paper looks nothing up"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),

@@ -183,7 +183,7 @@ def test_a_run_that_does_not_say_what_was_paid(
     explained = explain(old, 2, 0)
     assert not {"transition", "flow"} & {p.name for p in explained.parts}
     assert explained.total > 0.0
-    assert any("does not say what its hypotheses paid for" in note for note in explained.notes)
+    assert any("does not store what its hypotheses paid for" in note for note in explained.notes)
     assert front.main(["explain", str(path), "--frame", "2"]) == 0
     assert "searched as" not in capsys.readouterr().out
 

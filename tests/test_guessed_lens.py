@@ -94,7 +94,7 @@ def test_a_phone_that_is_not_known_is_refused_with_near_names(model: str, said: 
 def test_a_phone_and_a_focal_length_are_too_much(tmp_path: Path) -> None:
     (tmp_path / "a.json").touch()
     for function in (km.track, km.fit):
-        with pytest.raises(InputError, match=r"^--phone: says the focal length, as --focal does .leave one"):
+        with pytest.raises(InputError, match=r"^--phone: gives the focal length, as --focal does .leave one"):
             function("human34", None, keypoints=tmp_path / "a.json", phone="iPhone X", focal="26mm")
 
 

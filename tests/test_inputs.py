@@ -129,7 +129,7 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
         inputs = load(tmp_path, tracks, **more)
         np.testing.assert_allclose(stacked(inputs), expected, atol=1e-9)
         assert sum("80 x 60 are scaled to 160 x 120" in note for note in inputs.notes) == 3
-    with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size says 160 x 120"):
+    with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size has 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
     alone = load_inputs(
         BODY, InputFiles(None, files(tmp_path, {"a": unsaid["a"]}), declared=Declared(keypoint_size=(80, 60)))
@@ -395,7 +395,7 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
 def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
     video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
     half = {"a": every(SEEN["a"], 2, None)}
-    assert told(load(tmp_path, half, {"a": video}), "say the keypoints' rate: --fps a=RATE")
+    assert told(load(tmp_path, half, {"a": video}), "give the keypoints' rate: --fps a=RATE")
     inputs = load(tmp_path, half, {"a": video}, fps="a=15")
     assert told(inputs, "matched by time")
     np.testing.assert_array_equal(stacked(inputs)[::2, 0], SEEN["a"].pixels[::2])
@@ -411,7 +411,7 @@ def test_slow_motion_has_the_rate_that_is_given(tmp_path: Path, declared: float 
     inputs = load(tmp_path, {"a": replace(SEEN["a"], fps=declared)}, {"a": video}, fps=f"a={rate:g}")
     np.testing.assert_allclose(inputs.times, np.arange(COUNT) / rate)
     np.testing.assert_array_equal(stacked(inputs)[:, 0], SEEN["a"].pixels)
-    assert inputs.notes == (f"a: the film has 30 frames per second: {rate:g} is used instead, as --fps says",)
+    assert inputs.notes == (f"a: the film has 30 frames per second: {rate:g} is used instead, as given with --fps",)
     half = load(tmp_path, {"a": every(SEEN["a"], 2, RATE / 2.0)}, {"a": video}, fps=4.0 * RATE)
     np.testing.assert_allclose(half.times, np.arange(COUNT) / (4.0 * RATE))
     np.testing.assert_array_equal(stacked(half)[::2, 0], SEEN["a"].pixels[::2])  # 15 a second of the film's

@@ -92,7 +92,7 @@ def test_the_command_writes_what_the_function_writes(loose: Any, tmp_path: Path)
 
 
 def test_what_cannot_be_drawn_is_said(loose: Any, tmp_path: Path) -> None:
-    with pytest.raises(km.InputError, match=r"tells nothing of limbs, its tracker is css .*track with loose-limbed"):
+    with pytest.raises(km.InputError, match=r"has no limb estimates, its tracker is css .*track with loose-limbed"):
         km.overlay(tmp_path / "plain.run", tmp_path / "a.gif", limbs=True)
     told = loose().result(0).extra
     names = told["limb_names"].copy()

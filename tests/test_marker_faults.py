@@ -148,5 +148,5 @@ def test_a_motion_that_leaves_it_open(tmp_path: Path) -> None:
     assert up_by_motion(still, np.arange(30) / 30.0) is None
     assert up_by_motion(np.full((30, 8, 3), np.nan), np.arange(30) / 30.0) is None
     np.savez(tmp_path / "a.npz", points=still, names=np.array(list("abcdefgh")), fps=30.0, unit="m")
-    with pytest.raises(InputError, match=r"does not say which axis points up, .*--up x, y or z"):
+    with pytest.raises(InputError, match=r"does not say which axis points up, .*--up: x, y, z"):
         load_points(tmp_path / "a.npz")

@@ -115,7 +115,7 @@ def faulty(folder: Path, walk: Path, name: str) -> list[object]:
         ("no_match", "none.toml: there is no such file"),
         ("nan", "all are NaN"),
         ("common", "no limb is named alike"),
-        ("scale", "tell how large the subject is"),
+        ("scale", "show how large the subject is"),
         ("landmark", "match.toml: limb left_thigh: the subject has no landmark knee"),
         ("velocity", "velocity"),
         ("fast", "velocity"),
@@ -147,5 +147,5 @@ def test_a_program_that_has_landmarks() -> None:
     source = part_of(steps(), 0, 5)
     run = km.retarget(SourceMotion(source.names, source.points, source.times, "here"), "human34", method="frames")
     assert run.q.shape == (5, 35)
-    with pytest.raises(km.InputError, match="tell how large the subject is"):
+    with pytest.raises(km.InputError, match="show how large the subject is"):
         km.retarget(SourceMotion(source.names, np.full((5, 26, 3), np.nan), source.times, "here"), "human34")

@@ -52,7 +52,7 @@ def test_the_live_page_has_the_source(run: km.Run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("explain RUN --frame 3", "was made from another motion, not tracked (look at it with kinemode view)"),
+        ("explain RUN --frame 3", "was made from another motion, not tracked (open it with kinemode view)"),
         ("samples RUN --out OUT.png", "it has no posterior to draw poses from (kinemode overlay draws it)"),
         ("plot RUN --out OUT.png", None),
         ("contact RUN --out OUT.csv --plot OUT.png", None),

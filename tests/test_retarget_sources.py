@@ -192,7 +192,7 @@ def faulty(folder: Path, name: str) -> Path:
         ("flat", "joints: is of shape (4, 72)"),
         ("empty", "has no frame"),
         ("huge", "spread over"),
-        ("lying", "--up says it"),
+        ("lying", "give it with --up"),
         ("markers", "markers are tracked first: kinemode track --points markers.npz"),
         ("other", "has no joints and no points (one of joints, person"),
         ("missing", "no such file"),

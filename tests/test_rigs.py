@@ -290,7 +290,7 @@ def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
         name: replace(track, pixels=np.tile(track.pixels[:1], (len(track.pixels), 1, 1)))
         for name, track in filmed.tracks.items()
     }
-    with pytest.raises(InputError, match=r"started cannot be told|does not tell"):
+    with pytest.raises(InputError, match=r"started is not certain|does not determine"):
         calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
 
 
@@ -413,8 +413,8 @@ def test_lenses_of_a_file_are_used_as_they_are(
     ("given", "changes", "message"),
     [
         ("all", {"cameras": None}, "^--lenses: is for cameras that are found from a person .add --cameras auto"),
-        ("all", {"focal": "26mm"}, "^--lenses: says the focal length, as --focal does .leave one of them out"),
-        ("all", {"phone": "iPhone X"}, "^--lenses: says the focal length, as --phone does .leave one of them out"),
+        ("all", {"focal": "26mm"}, "^--lenses: gives the focal length, as --focal does .leave one of them out"),
+        ("all", {"phone": "iPhone X"}, "^--lenses: gives the focal length, as --phone does .leave one of them out"),
         ("two", {}, "two.json: there is no camera 'cam03' .cameras: cam01, cam02"),
         ("no", {}, "no.json: there is no such file"),
     ],

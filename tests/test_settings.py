@@ -229,7 +229,7 @@ def test_what_has_no_effect_on_this_input_is_noted() -> None:
     (several,) = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
     assert several == "settings without effect here: css.jumps (it is for one camera, there are 4)"
     (blind,) = chosen.notes(cues=None, cameras=1, fits=False)
-    assert blind.endswith("cues.edges.nu, cues.flow.nu (no pictures are looked at)")
+    assert blind.endswith("cues.edges.nu, cues.flow.nu (no pictures are used)")
     (edges,) = chosen.notes(cues=chosen.settings.cues.using(["edges", "silhouette"]), cameras=1, fits=False)
     assert "cues.flow" in edges
     assert "cues.edges" not in edges

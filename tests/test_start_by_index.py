@@ -170,8 +170,8 @@ def test_how_long_nothing_was_seen_is_stored(
 def test_what_cannot_begin_by_an_index_is_one_line(clip: RenderedClip, small_index_file: Path, tmp_path: Path) -> None:
     keypoints = {"keypoints": clip.first_frame}
     cases: list[tuple[dict[str, Any], str]] = [
-        ({"start": "index", "depth": None, "cues": "edges"}, "css needs depth or silhouette, which is not looked at"),
-        ({"start": "index", "depth": None, "cues": "off"}, "css needs depth or silhouette, which is not looked at"),
+        ({"start": "index", "depth": None, "cues": "edges"}, "css needs depth or silhouette, which is not used"),
+        ({"start": "index", "depth": None, "cues": "off"}, "css needs depth or silhouette, which is not used"),
         ({"start": "soon", **keypoints}, "--start: 'soon' cannot be used"),
         ({"index": small_index_file, "tracker": "single-mode", **keypoints}, "single-mode looks nothing up in it"),
         ({"settings": {"search": {"start": "anywhere"}}}, "one of keypoints, index"),

@@ -197,7 +197,7 @@ def test_a_step_tells_angles_and_landmarks(alone: Seen) -> None:
         ({"keypoints": None, "time": -1.0}, "time: -1 s does not follow 0 s"),
         ({"keypoints": None, "time": "now"}, "time: cannot be of type str"),
         ({"keypoints": {"at99": None}, "time": 1.0}, "there is no camera 'at99'"),
-        ({"keypoints": None, "picture": np.zeros((4, 4, 3), np.uint8), "time": 1.0}, "picture: is not looked at"),
+        ({"keypoints": None, "picture": np.zeros((4, 4, 3), np.uint8), "time": 1.0}, "picture: is not used"),
     ],
 )
 def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given: Any, message: str) -> None:
@@ -219,7 +219,7 @@ def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given:
         ({"image_size": (640, 480), "cameras": "file.json"}, "exclude each other|no such file"),
         ({"image_size": (640, 480), "layout": "coco99"}, "layout: there is no 'coco99'"),
         ({"image_size": (640, 480), "layout": ["a", "b", "c", "d"]}, "has 0 of the subject's landmarks"),
-        ({"image_size": (640, 480), "cues": "auto"}, "auto looks at a whole clip"),
+        ({"image_size": (640, 480), "cues": "auto"}, "auto needs a whole clip"),
         ({"image_size": (640, 480), "cues": "depth"}, "depth needs depth, which a stream does not have"),
         ({"image_size": (640, 480), "cues": "silhouette"}, "show no whole clip .*picture of the empty scene"),
         ({"image_size": (640, 480), "jitter": {"side": 1.0}}, "jitter: is of side"),

@@ -126,7 +126,7 @@ def test_files_are_put_on_one_clock(tmp_path: Path) -> None:
 
 
 def test_what_is_not_sure_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"when cam1 started cannot be told for sure.*--offset cam1="):
+    with pytest.raises(InputError, match=r"when cam1 started is not certain.*--offset cam1="):
         load(tmp_path, {"cam0": 0.0, "cam1": 0.4}, still=True)
     with pytest.raises(InputError, match="for several cameras"):
         load(tmp_path, {"cam0": 0.0})

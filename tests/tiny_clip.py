@@ -18,7 +18,7 @@ QUICK: dict[str, Any] = {
 }
 """Changes to the settings that make a search short."""
 QUICK_BY_KEYPOINTS: dict[str, Any] = {name: QUICK[name] for name in ("css", "search")}
-"""Those where no pictures are looked at."""
+"""Those where no pictures are used."""
 
 
 def tiny_clip(folder: Path, *, frames: int = 5, fps: float = 5.0) -> RenderedClip:

@@ -72,4 +72,4 @@ def keypoint_rate(track: KeypointTrack, film: ClipReport, given: ClipReport) -> 
 
 
 def _used(own: float, rate: float) -> str:
-    return f"the film has {own:.5g} frames per second: {rate:g} is used instead, as --fps says"
+    return f"the film has {own:.5g} frames per second: {rate:g} is used instead, as given with --fps"

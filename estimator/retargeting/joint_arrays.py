@@ -92,7 +92,7 @@ def load_joints(
         raise InputError(path, "has no joint that is known: all are NaN or zero")
     if up is None:
         up = _upward(names, points, path)
-        notes.append(f"{path.name}: {up} is taken to point up, by head and feet: --up says another")
+        notes.append(f"{path.name}: {up} is taken to point up, by head and feet; give another with --up")
     return SourceMotion(names, points @ upright_world(up).T, times, path.name, tuple(notes))
 
 
@@ -132,10 +132,8 @@ def _order_of(
         reasons = "; ".join(f"as {name} {misfit.why}" for name, misfit in misfits.items() if misfit.why)
         problem = f"{count} joints fit several orders" if several else f"{count} joints fit no known order: {reasons}"
         raise InputError(path, problem, place=place, remedy=_choices(count))
-    note = (
-        f"{path.name}: its {count} joints are in the order of {chosen}, by the lengths of limbs: --layout says another"
-    )
-    return _Order(ORDERS[chosen], "" if chosen == SMPL else note)
+    order = f"{path.name}: its {count} joints are in the order of {chosen}, by the lengths of limbs"
+    return _Order(ORDERS[chosen], "" if chosen == SMPL else f"{order}; give another with --layout")
 
 
 def _given(joints: np.ndarray, path: Path, place: str, layout: str) -> _Order:
@@ -201,13 +199,15 @@ def _upward(names: tuple[str, ...], points: np.ndarray, path: Path) -> str:
     """The axis, one of `UPS`, along which the head is above the feet in points (T, L, 3) on average."""
     at, head = names.index, next((name for name in _HEADS if name in names), None)
     if head is None or not {"left_ankle", "right_ankle"} <= set(names):
-        raise InputError(path, "does not say which axis points up", remedy=f"--up says it, one of {', '.join(UPS)}")
+        raise InputError(
+            path, "does not say which axis points up", remedy=f"give it with --up, one of {', '.join(UPS)}"
+        )
     rise = points[:, at(head)] - points[:, [at("left_ankle"), at("right_ankle")]].mean(axis=1)
     mean = mean_direction(rise)
     up = nearest_axis(mean)
     if not float(axis_of(up) @ mean) > _CLEAR:
         problem = "does not say which axis points up, and the head is above the feet along none for most of the time"
-        raise InputError(path, problem, remedy=f"--up says it, one of {', '.join(UPS)}")
+        raise InputError(path, problem, remedy=f"give it with --up, one of {', '.join(UPS)}")
     return up
 
 

@@ -118,7 +118,7 @@ def match_start(subject: str, landmarks: Collection[str]) -> str:
         f"# What of {subject} follows what of a source, begun by `kinemode retarget --match`: look through it.",
         "",
         "# [match]",
-        "# scale = 1.0  # lengths of the subject over those of the source, told by its legs or places unless given",
+        "# scale = 1.0  # lengths of the subject over those of the source, found from its legs or places unless given",
         "",
         "[limbs]  # directions that are alike; weight is relative to the others",
     ]

@@ -131,7 +131,7 @@ def _scale(
         return of_body / of_source
     about = [p for p in match.places if p.subject_about and {p.source, str(p.source_about)} <= known]
     if not about:
-        problem = "neither legs nor places relative to others tell how large the subject is beside the source"
+        problem = "neither legs nor places relative to others show how large the subject is beside the source"
         raise InputError(match.source, problem, remedy="write scale = 1.0")
     ratios = [
         float(np.linalg.norm(rest[p.subject] - rest[str(p.subject_about)]))

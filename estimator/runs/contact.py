@@ -142,7 +142,7 @@ class Contact(Summarised):
             return UNKNOWN_SPEED
         if not len(self.seen) or self.seen.max() >= _SEEN:
             return ""
-        return "the keypoints have no heels and toes: when these stand is told from ankles and the pose prior alone"
+        return "the keypoints have no heels and toes: when these stand is found from ankles and the pose prior alone"
 
     def has(self, side: Side) -> bool:
         """Whether a foot is among the points."""

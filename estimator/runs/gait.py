@@ -145,7 +145,7 @@ def events_by_contact(contact: Contact, by_pelvis: Sequence[Event]) -> list[Even
 def _remark(feet: Feet, events: Sequence[Event], strides: Sequence[Stride], method: Method) -> str:
     if strides:
         fast = method == "pelvis" and np.median([stride.speed for stride in strides]) > _RUNNING
-        return "faster than people walk: in running the feet leave the ground sooner than this says" if fast else ""
+        return "faster than people walk: in running the feet leave the ground sooner than this assumes" if fast else ""
     speed = float(np.median(walking_direction(feet)[1]))
     if speed < SLOWEST:
         return f"not walking: the pelvis moves at {speed:.2f} m/s"

@@ -133,7 +133,7 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
     if any(name in arrays for name in _LIFTED):
         check_arrays(arrays, _LIFTED, {"L": len(body.landmark_names), "3": 3})
         if np.isinf(arrays["lifted"]).any() or not 0.0 <= arrays["lifted_share"] <= 1.0:
-            raise DamageError("lifted has numbers that cannot be")
+            raise DamageError("lifted has invalid numbers")
     if "markers" in arrays:
         check_arrays(arrays, _MARKERS, {"M": len(body.marker_names), "3": 3})
         if np.isinf(arrays["markers"]).any():

@@ -103,7 +103,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     if "covariance" in arrays:
         there, (rows, columns) = arrays["covariance"][known], triangle_of(body.nv)
         if not (np.abs(there) < LARGEST).all() or (there[:, rows == columns] < 0.0).any():
-            raise DamageError("covariance has numbers that cannot be")
+            raise DamageError("covariance has invalid numbers")
     if "weight" in arrays:
         _check_weight(arrays["mode"][known], weight[known])
 
@@ -113,7 +113,7 @@ def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
     if len(mode) and not ((mode >= 0) & (mode < weight.shape[1])).all():
         raise DamageError("mode is none of a frame's")
     if (weight < 0.0).any() or (weight > 1.0 + _SUM).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():
-        raise DamageError("weight has numbers that cannot be")
+        raise DamageError("weight has invalid numbers")
     if (np.abs(np.nansum(weight, axis=1) - 1.0) > _SUM).any():
         raise DamageError("weight does not sum to one")
 

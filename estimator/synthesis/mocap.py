@@ -160,7 +160,9 @@ def _axes(names: tuple[str, ...], rest: np.ndarray, points: np.ndarray, up: str 
         if not (stands or clear) or (stands and clear and _axis(of_frames) != chosen):
             said = f"its rest pose stands along {_axis(of_rest)}, the person along {_axis(of_frames)}"
             problem = said if stands else "the person stands along none of its axes for most of the time"
-            raise InputError(source, f"which way is up? {problem}", remedy=f"say it: --up, one of {', '.join(UPS)}")
+            raise InputError(
+                source, f"which way is up? {problem}", remedy=f"give it with --up, one of {', '.join(UPS)}"
+            )
         up = chosen
     upward = axis_of(up)
     first = np.roll(np.abs(upward), 1)

@@ -139,7 +139,9 @@ class ViewSettings:
 
     def __post_init__(self) -> None:
         if self.parallel and self.baseline:
-            raise InputError("parallel", "parallel cameras tell no depth by a baseline", remedy="leave out one of both")
+            raise InputError(
+                "parallel", "parallel cameras measure no depth by a baseline", remedy="leave out one of both"
+            )
         in_range("cameras", self.count, 1, 16)
         in_range("azimuth", self.azimuth or 0.0, -360.0, 360.0)
         in_range("elevation", self.elevation, -10.0, 60.0)

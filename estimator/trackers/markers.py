@@ -127,7 +127,7 @@ _SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
 alike, their places, is counted beside it (`estimator.runs.lasting_spread`)."""
 SPEC = Spec(
     name=NAME,
-    sentence="points in space: a descent or two a frame, a search of many where they say little",
+    sentence="points in space: a descent or two a frame, a search of many where they constrain little",
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),

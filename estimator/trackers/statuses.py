@@ -9,6 +9,6 @@ STATUS_MEANINGS = {
     " faster than any body, its search ended early, or the findings speak against it: look at these frames with"
     " `kinemode explain`, and at their keypoints",
     "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
-    " or pictures to look at (--cues)",
+    " or pictures (--cues)",
 }
 """What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""

@@ -84,13 +84,13 @@ def unused_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]
 def unused_with_input(
     tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool, pictures: bool, cameras: int
 ) -> list[UnusedSetting]:
-    """Those that have no effect on this input, where no pictures are looked at, or not for this, or several cameras are
+    """Those that have no effect on this input, where no pictures are used, or not for this, or several cameras are
     there. settings: with the cues that were chosen; the rest is as in `unused_settings`."""
     reasons: dict[str, str] = {}
     if cameras > 1:
         reasons |= dict.fromkeys(_needing(tracker, ONE_CAMERA), f"it is for one camera, there are {cameras}")
     if not pictures:
-        reasons |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are looked at")
+        reasons |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are used")
     changed = [name for name in changed_names(tracker, settings) if not name.startswith("cues.use_")]
     unused = [UnusedSetting(name, _why(name, reasons)) for name in changed if _covered(name, reasons)]
     known = {i.name for i in unused}

@@ -17,7 +17,7 @@ SURE = 0.5  # confidence from which a keypoint's place says something of the pic
 _FEWEST = 20
 _MANY_OUTSIDE, _MOST_OUTSIDE = 0.1, 0.5
 _CORNER = 0.51  # share of both sides that keypoints of half the size stay within
-_REMEDY = "--keypoint-size WxH says what the detector saw"
+_REMEDY = "give what the detector saw with --keypoint-size WxH"
 
 
 def shown(size: Size) -> str:
@@ -64,7 +64,7 @@ def declared_size(track: KeypointTrack, given: Size | None) -> Size | None:
     Raises InputError where they contradict each other.
     """
     if given is not None and track.image_size is not None and given != track.image_size:
-        problem = f"declares pictures of {shown(track.image_size)}, --keypoint-size says {shown(given)}"
+        problem = f"declares pictures of {shown(track.image_size)}, --keypoint-size has {shown(given)}"
         raise InputError(track.source, problem, remedy="leave the option out, or correct image_size in the file")
     return given or track.image_size
 

@@ -139,7 +139,7 @@ def _detector(row: RowValues, tried: Callable[..., None]) -> None:
     names = _names_of(DetectorOptions)
     if row.get("detect") and not row.faulty & {*names}:
         if not row.get(CLIPS) and CLIPS not in row.places:
-            raise InputError("detect", "there is no clip to look at", remedy="name one in the column clips")
+            raise InputError("detect", "there is no clip", remedy="name one in the column clips")
         given = DetectorOptions(**_those_of(DetectorOptions, row.values))
         if given.detector not in DETECTORS:
             remedy = f"one of {', '.join(DETECTORS)}"

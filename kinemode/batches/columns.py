@@ -110,7 +110,7 @@ def column_of(written: str) -> Column | None:
 def unknown(written: str) -> tuple[str, str]:
     """Problem and remedy of a name that is no column's."""
     if written.strip().lower().lstrip("-") in OF_THE_BATCH:
-        return f"{shown(written)} is not of a clip", "leave it out: the command says it for all of them"
+        return f"{shown(written)} is not of a clip", "leave it out, and give it on the command line"
     near = nearest(written, columns(), "columns")
     return f"there is no column {shown(written)}", f"{near}; all options are in kinemode track --help"
 

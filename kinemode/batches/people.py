@@ -46,7 +46,7 @@ def _known(rows: Sequence[RowValues], person: str, faults: FaultList) -> RowValu
             value, place = known.setdefault(column, (row.values[column], row.place))
             if value != row.values[column]:
                 problem = f"{shown(row.values[column])} for {shown(person)}, of whom {place} says {shown(value)}"
-                faults.add(row.place, problem, "say the same, or name two persons", column=column)
+                faults.add(row.place, problem, "give the same, or name two persons", column=column)
     values = {column: value for column, (value, _) in known.items()}
     return RowValues("", values, {column: place for column, (_, place) in known.items()})
 
@@ -60,7 +60,7 @@ def fitting_rows(rows: Sequence[RowValues], faults: FaultList) -> set[int]:
         if person:
             by_person[person].append(i)
         elif row.get(FITS):
-            faults.add(row.place, "is for clips of a person", "say who it is in the column person", column=FITS)
+            faults.add(row.place, "is for clips of a person", "name the person in the column person", column=FITS)
         if person and wants_all(row.get(PERSON_ID)):
             problem = f"is everybody in the clip, and the column person says {shown(person)}"
             faults.add(row.place, problem, "leave one of them empty", column=PERSON_ID)

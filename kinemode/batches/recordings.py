@@ -169,7 +169,9 @@ def with_cameras(
     names = None if file is None else _paired(listing, file, folder, stems)
     if names is None:
         if len(stems) > 1 and file is None:
-            listing.note(folder, "no camera file: name one in the column cameras, or write auto for the person to tell")
+            listing.note(
+                folder, "no camera file: name one in the column cameras, or write auto to find it from the person"
+            )
         return ClipFiles(parts, videos, keypoints, None, others or {})
     videos, keypoints = ({names[stem]: path for stem, path in paths.items()} for paths in (videos, keypoints))
     return ClipFiles(parts, videos, keypoints, file, others or {})

@@ -47,7 +47,7 @@ def _with_clip(
     if not clip.rate_known and (given or rate):
         report = _at_rate(clip, given or rate)
         if given is None:
-            remedy = f"say the pictures' rate: --fps {name}=RATE"
+            remedy = f"give the pictures' rate: --fps {name}=RATE"
             notes.append(f"{name}: the pictures have no frame rate: {rate:g}, as {track.source} declares")
     elif given is not None and rate is None and of_keypoints(track.frame_count, report, given):
         rate = given
@@ -56,7 +56,7 @@ def _with_clip(
         rate = keypoint_rate(track, clip.report, report)
         notes += [f"{name}: {note}"] if note else []
     elif rate is None:
-        remedy = f"say the keypoints' rate: --fps {name}=RATE"
+        remedy = f"give the keypoints' rate: --fps {name}=RATE"
     clock, of_lengths = clip_clock(name, track, report, rate, offset, remedy)
     return clock, [*notes, *(f"{name}: {note}" for note in report.notes), *of_lengths]
 
@@ -74,9 +74,9 @@ def _without_clips(
     known = {name: track.fps or rates.get(name) for name, track in tracks.items()}
     usual = max((rate for rate in known.values() if rate), default=None)
     if usual is None:
-        notes = [f"no frame rate in the keypoint files: {DEFAULT_FPS:g} frames per second assumed; --fps says it"]
+        notes = [f"no frame rate in the keypoint files: {DEFAULT_FPS:g} frames per second assumed; give it with --fps"]
     else:
-        of_others = f"no frame rate in the keypoint file: {usual:g}, as the others have; --fps NAME=RATE says it"
+        of_others = f"no frame rate in the keypoint file: {usual:g}, as the others have; give it with --fps NAME=RATE"
         notes = [f"{name}: {of_others}" for name, rate in known.items() if not rate]
     clocks = {
         name: keypoint_clock(track.frame_count, known[name] or usual or DEFAULT_FPS, offsets[name])
@@ -90,7 +90,7 @@ def _lengths(tracks: Mapping[str, KeypointTrack], clocks: Mapping[str, CameraClo
     if not in_step(list(clocks.values())):
         return []
     longest = max(track.frame_count for track in tracks.values())
-    return list(length_notes(tracks, longest, "say the rates: --fps NAME=RATE, or fps in the files"))
+    return list(length_notes(tracks, longest, "give the rates: --fps NAME=RATE, or fps in the files"))
 
 
 def _refuse_unused(rates: Mapping[str, float], used: set[str], told: Declared) -> None:

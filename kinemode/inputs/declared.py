@@ -100,7 +100,7 @@ class Declared:
         if self.phone is None:
             return
         if self.focal is not None:
-            raise InputError("--phone", "says the focal length, as --focal does", remedy="leave one of them out")
+            raise InputError("--phone", "gives the focal length, as --focal does", remedy="leave one of them out")
         checked_phone(self.phone)
 
     def known_floor(self) -> KnownFloor:

@@ -80,7 +80,9 @@ class InputFiles:
             raise InputError("--lenses", problem, remedy="add --cameras auto, or give the file as --cameras")
         for option, said in (("--focal", self.declared.focal), ("--phone", self.declared.phone)):
             if said is not None:
-                raise InputError("--lenses", f"says the focal length, as {option} does", remedy="leave one of them out")
+                raise InputError(
+                    "--lenses", f"gives the focal length, as {option} does", remedy="leave one of them out"
+                )
 
 
 def check_exists(path: PathLike) -> None:

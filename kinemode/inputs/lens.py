@@ -79,5 +79,5 @@ def described(lens: Lens, pixels: str, name: str) -> str:
         return f"the focal length of {name} is {pixels}, by {lens.source}"
     return (
         f"no camera given: a focal length of {pixels} (+-{lens.std:.0%}) is guessed for {name}, as most phones have;"
-        " sizes and distances depend on it: --focal or --phone says it"
+        " sizes and distances depend on it: give it with --focal or --phone"
     )

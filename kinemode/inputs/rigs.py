@@ -93,7 +93,7 @@ def rig_notes(rig: PersonCalibration) -> list[str]:
     notes = [f"cameras are found from the person, beside {first}: {places}; they fit by {_errors(rig)}"]
     if any(rig.offset_stds[name] > 0.0 for name in others):
         late = ", ".join(f"{name}={rig.offsets[name]:.3f}" for name in others)
-        notes.append(f"clocks from the person, seconds after {first}: {late}; --offset says it otherwise")
+        notes.append(f"clocks from the person, seconds after {first}: {late}; give another with --offset")
     return [*notes, *rig.notes]
 
 

@@ -128,7 +128,7 @@ def _note(offsets: Mapping[str, float], held: Sequence[int], result: Synchrony) 
     beside = ", ".join(f"{names[c]}={offsets[names[c]]:g}" for c in held)
     return (
         f"clocks from what moves, seconds after {beside}: {each}; there the rays of moving points pass each other by"
-        f" {result.distance:.0f} px, sure (margin {result.margin.min():.1f}); --offset says it otherwise"
+        f" {result.distance:.0f} px, sure (margin {result.margin.min():.1f}); give another with --offset"
     )
 
 
@@ -160,7 +160,7 @@ def _unsure(
     why = _reasons(names, clocks, result)
     if several:
         why += ", or the cameras' largest people are not the same (--person CAMERA=WHO)"
-    problem = f"when {which} started cannot be told for sure, up to {LONGEST:g} s from the others: {why}"
+    problem = f"when {which} started is not certain, up to {LONGEST:g} s from the others: {why}"
     guesses = " ".join(
         f"{names[c]}={result.offsets[c]:.2f}" if result.margin[c] > 0.0 else f"{names[c]}=SECONDS" for c in doubtful
     )

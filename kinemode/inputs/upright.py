@@ -20,7 +20,7 @@ _NEAREST, _FARTHEST, _DOUBTFUL = (float(np.radians(a)) for a in (3.0, 12.0, 20.0
 _DEVIATIONS, _QUIET = 2.5, np.radians(5.0)  # off z, up to which nothing is said
 _LEVEL = np.radians(70.0)  # between the cameras' own up and the world's, at most
 _LIKE_Z = np.radians(25.0)
-_ASKED = "--up AXIS says which way is up: exports, gait and previews depend on it, joint angles do not"
+_ASKED = "give which way is up with --up AXIS: exports, gait and previews depend on it, joint angles do not"
 
 
 def upright_turn(

@@ -89,7 +89,7 @@ def with_detected(
     clips, known = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     missing = {} if len(clips) == len(known) == 1 else {n: path for n, path in clips.items() if n not in known}
     if not clips:
-        raise InputError("detect", "there is no clip to look at", remedy="name one")
+        raise InputError("detect", "there is no clip", remedy="name one")
     with tempfile.TemporaryDirectory(prefix="kinemode-") as temporary:
         folder = Path(temporary) if out is None else made_folder(Path(out).with_suffix(".keypoints"))
         made = [folder / f"{name}.json" for name in missing]

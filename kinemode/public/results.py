@@ -82,7 +82,7 @@ def overlay(
 
     Raises
     ------
-    InputError: no run, no such camera, a tracker that tells nothing of limbs, another ending, a file that cannot be
+    InputError: no run, no such camera, a tracker that has no limb estimates, another ending, a file that cannot be
     written.
     """
     check_arguments(run=run, file=file, camera=camera, progress=progress)

@@ -121,7 +121,7 @@ class Stepper:
             for stream, image in zip(self._streams, self._observer.pictures(picture), strict=True):
                 stream.put(observation.index, image)
         elif picture is not None:
-            raise InputError("picture", "is not looked at", remedy='leave it out, or name cues, as cues="edges,flow"')
+            raise InputError("picture", "is not used", remedy='leave it out, or name cues, as cues="edges,flow"')
         self._observer.accept()
         # the matrices are small: more threads only wait for each other
         with self._threads.limit(limits=1):
@@ -152,7 +152,7 @@ def _chosen_cues(given: str | Iterable[str], chosen: Chosen) -> CueSettings | No
     """Settings of the cues to look at, None for keypoints alone; raises InputError for those that cannot be."""
     choice = cue_choice(given)
     if choice is None:
-        raise InputError("cues", "auto looks at a whole clip", remedy=f"off, or some of {', '.join(CUES)}")
+        raise InputError("cues", "auto needs a whole clip", remedy=f"off, or some of {', '.join(CUES)}")
     for name in choice:
         if CUES[name].needs_depth:
             raise InputError("cues", f"{name} needs depth, which a stream does not have", remedy="leave it out")

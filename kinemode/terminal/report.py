@@ -140,7 +140,7 @@ def print_contact(contact: Contact) -> None:
         out.print(contact.remark, soft_wrap=True)
     floor = contact.floor
     if floor is None:
-        out.print("no floor: it is off, or nothing stands long enough to tell one", soft_wrap=True)
+        out.print("no floor: it is off, or nothing stands long enough to find one", soft_wrap=True)
     else:
         tilt = np.degrees(np.arccos(np.clip(floor.normal[2], -1.0, 1.0)))
         out.print(f"floor at z = {floor.height:.3f} +- {floor.std:.3f} m, {tilt:.1f} degrees off level", soft_wrap=True)

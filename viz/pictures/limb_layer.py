@@ -58,12 +58,12 @@ def limb_layer(run: Run) -> LimbLayer:
 
     Raises
     ------
-    InputError: the run's tracker tells nothing of limbs, or what it tells is not of the limbs of its subject.
+    InputError: the run's tracker has no limb estimates, or what it tells is not of the limbs of its subject.
     """
     told = [run.result(k).extra for k in range(len(run))]
     if not any(set(_ARRAYS) <= set(extra) for extra in told):
         able = " or ".join(name for name, spec in TRACKERS.items() if spec.group == _GROUP)
-        problem = f"tells nothing of limbs, its tracker is {run.header.tracker}"
+        problem = f"has no limb estimates, its tracker is {run.header.tracker}"
         raise InputError(run.file, problem, remedy=f"leave limbs out, or track with {able}")
     settings = run.header.settings.get(_GROUP, {})
     detail = cast(Detail, settings.get("detail", "paper"))

@@ -222,7 +222,7 @@ def assumed_part(facts: Facts) -> str:
     """What contradicts subject or input, what nobody measured, and the lengths that were fitted."""
     parts = []
     if facts.findings:
-        parts += ["<h3>What the run says against its subject or its input</h3>", listed(facts.findings)]
+        parts += ["<h3>What contradicts the subject or the input</h3>", listed(facts.findings)]
         parts.append("<h3>What nobody measured</h3>")
     parts.append(listed(facts.assumed) if facts.assumed else "<p>Nothing that the run knows of.</p>")
     if facts.lengths:

@@ -82,7 +82,7 @@ def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = 
     if not _SPREADS[0] <= spread <= _SPREADS[1]:
         problem = f"its markers are spread over {spread:.3g} m, read in {unit}"
         remedy = f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: mend the unit" + (
-            f", or say it with {option}" if option else ""
+            f", or give it with {option}" if option else ""
         )
         raise InputError(path, problem, place="Units", remedy=remedy)
 

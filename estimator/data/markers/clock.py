@@ -45,7 +45,7 @@ def with_clock(file: PointFile, said: Said) -> PointFile:
         return file._replace(time=time if kept else time * own / fps, notes=file.notes + _taken(file, own, fps))
     if rate is not None and not _alike(own, rate):
         problem = f"its times have {own:.4g} frames per second, its header says {rate:.4g}"
-        raise InputError(path, problem, place="time", remedy="mend one of them, or --fps says which is right")
+        raise InputError(path, problem, place="time", remedy="correct one of them, or give the right one with --fps")
     checked_rate(path, own)
     return file
 

@@ -33,7 +33,7 @@ def load_points(
     """Points from a TRC, C3D, npz, npy or csv file, or from several files of the same instants.
 
     npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and `unit` and `up` if they are there; or a run's export.
-    csv: see `estimator.data.markers.table`; npy: `estimator.data.markers.readers`. Names lose the name of whom they are
+    csv: see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. Names lose the name of whom they are
     of (`ann:LKNE`), points that nobody has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero
     is missing, as many programs write it; outputs of a gait model (`LKneeAngles`) are left out; notes say so.
 

@@ -58,7 +58,7 @@ def _axes(files: Sequence[PointFile], up: str | None) -> tuple[list[str], tuple[
     by_motion = up_by_motion(np.concatenate([file.points for file in open_files], axis=1), files[0].time)
     if by_motion is None:
         problem = "does not say which axis points up, and its motion leaves it open"
-        raise InputError(open_files[0].path, problem, remedy="--up x, y or z says it, or -z")
+        raise InputError(open_files[0].path, problem, remedy="give it with --up: x, y, z or -z")
     notes.append(f"{open_files[0].path.name}: {_UNSAID}: {by_motion}, by its motion; --up gives another")
     return [axis or by_motion for axis in axes], tuple(notes)
 

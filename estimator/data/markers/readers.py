@@ -9,21 +9,18 @@ import numpy as np
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.c3d import read_c3d
-from estimator.data.formats.keypoints_names import naming_beside, places_of_names
-from estimator.data.formats.npz import read_npy, read_npz
+from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import METRES, read_trc, unit_of
 from estimator.data.formats.point_arrays import name_list, number_array
+from estimator.data.markers.array import read_point_array
 from estimator.data.markers.table import read_point_table
 from estimator.data.markers.track import PointFile
-from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError, shown
 
 UNIT_OPTION = "--unit"
 """By which a user gives the unit of length of a file."""
 _EXPORT = ("landmarks", "landmark_names")  # of a run: metres, z up
 _KEYS = (("points", "names"), _EXPORT)
-_BODY = FORMATS["mediapipe33"]
-_COUNTS = (len(_BODY), 553)  # of the body, and with 21 points of each hand and 478 of the face after it
 
 
 def read_points(path: Path, unit: str | None) -> PointFile:
@@ -109,32 +106,3 @@ def _npy(path: Path, unit: str | None) -> PointFile:
 _READERS: dict[str, Callable[[Path, str | None], PointFile]] = {
     ".trc": _trc, ".c3d": _c3d, ".npz": _npz, ".npy": _npy, ".csv": _csv,
 }  # fmt: skip
-
-
-def read_point_array(path: Path) -> PointFile:
-    """Read an array of points (T, M, 3). Their names are those beside the file (`walk.names.txt`, see
-    `estimator.data.formats.keypoints_names`), else MediaPipe's of 33 or 553 points; the others are left out, with a
-    note.
-
-    Raises
-    ------
-    InputError: no array of numbers of this shape, or of another count of points without names beside it.
-    """
-    points = number_array(read_npy(path), path, "")
-    if points.ndim != 3 or points.shape[2] != 3:
-        raise InputError(path, f"has the shape {points.shape}", remedy="(frames, points, 3) is needed")
-    count = points.shape[1]
-    naming = naming_beside(path)
-    if naming.names is not None and len(naming.names) != count:
-        raise InputError(naming.source or path, f"has {len(naming.names)} names, the points are {count}")
-    if naming.names is None and count not in _COUNTS:
-        counts = " or ".join(map(str, _COUNTS))
-        remedy = f"{counts} are MediaPipe's, as FreeMoCap writes them; name others in {places_of_names(path)}"
-        raise InputError(path, f"has {count} points without names", remedy=remedy)
-    time = np.full(len(points), np.nan)
-    if naming.names is not None:
-        return PointFile(path, naming.names, points, time)
-    known = {name: i for i, name in enumerate(_BODY) if name is not None}
-    others = f", {count - len(known)} that are no landmarks of the body left out"
-    notes = (f"{path.name}: {count} points without names are read as MediaPipe's{others}",)
-    return PointFile(path, tuple(known), points[:, list(known.values())], time, notes=notes)

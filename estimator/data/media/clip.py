@@ -244,7 +244,7 @@ class VideoClip(Clip):
                 varies = intervals.max() > 1.5 * intervals.min()
                 notes = ("the frame rate varies: the frames' own times are used",) if varies else ()
                 return times, float(rate), notes
-        known = ((),) if self._fps_known else ((f"no usable frame rate: {DEFAULT_FPS:g} assumed, --fps says it",),)
+        known = ((),) if self._fps_known else ((f"no usable frame rate: {DEFAULT_FPS:g} assumed; give it with --fps",),)
         return np.arange(count) / self.fps, self.fps, known[0]
 
     def _read(self) -> np.ndarray | None:

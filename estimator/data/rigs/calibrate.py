@@ -175,7 +175,7 @@ def _check(fit: RigFit) -> None:
     if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
         points, centres = fit.state.points, -np.einsum("cji,cj->ci", fit.state.R, fit.state.t)
         why = in_words(causes(points, float(np.ptp(fit.instants)), centres, int(np.argmax(turns))))
-        problem = f"the person's motion does not tell where the cameras stand, to {turns.max():.0f} degrees{why}"
+        problem = f"the person's motion does not determine where the cameras stand, to {turns.max():.0f} degrees{why}"
         raise InputError("cameras", problem, remedy=FILM)
 
 
@@ -196,7 +196,7 @@ def _check_clocks(
         agree[c] &= common >= _COMMON * min(np.ptp(first), np.ptp(own))
     if not agree.all():
         names = [name for name, sure in zip(rig.cameras, agree, strict=True) if not sure]
-        problem = f"when {', '.join(names)} started cannot be told for sure before the cameras are placed"
+        problem = f"when {', '.join(names)} started is not certain before the cameras are placed"
         if told.rates is not None and told.rates.differ:
             steps = [float(np.median(np.diff(view.times))) for view in views]
             at = [
@@ -206,7 +206,7 @@ def _check_clocks(
             problem += (
                 f": the clocks run at different rates, frames per second: {', '.join(at)}; give the true ones as fps"
             )
-        raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS says it, or {FILM}")
+        raise InputError("cameras", problem, remedy=f"--offset {names[0]}=SECONDS gives it, or {FILM}")
 
 
 def _right_way(
@@ -290,7 +290,7 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
         notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")
     elif not world.up_sure:
         notes.append(
-            "which way is up is told by the person's balance, but not to two degrees; joint angles are the same"
+            "which way is up is known from the person's balance, but not to two degrees; joint angles are the same"
         )
     return notes
 

@@ -73,7 +73,7 @@ class SkinFeatures:
         """See `SeenFeatures`."""
         _check_one_camera(observation)
         if not observation.cues or observation.cues[0].picture is None:
-            problem = "uses the picture of one camera, there are none to look at"
+            problem = "needs the picture of one camera, and there is none"
             remedy = f'one clip, with --cues edges,silhouette, or features = "{KEYPOINTS}"'
             raise InputError("dual-chain", problem, remedy=remedy)
 

@@ -122,7 +122,7 @@ class Fit:
 def _floor_note(by_floor: FloorSize, size: float) -> str:
     if not by_floor.believed:
         problem = f"to stand on the floor the person would be {by_floor.seen:.2f} times as large, which is not believed"
-        return f"{problem}: look at --floor, and whether the cameras' unit is the metre"
+        return f"{problem}: check --floor, and whether the cameras' unit is the metre"
     return f"by the floor the person is {size:.2f} (+-{by_floor.std:.0%}) times as large as the subject"
 
 

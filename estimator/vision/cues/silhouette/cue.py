@@ -119,7 +119,7 @@ class Outline(Cue):
         known = silhouette.known[y, x]
         if known.mean() < 1.0 - ON_SILHOUETTE:
             said = f"the background behind {np.mean(~known):.0%} of the keypoints of frame {instant} is never seen"
-            return f"{said}: the silhouette says nothing there; give masks or a picture of the empty scene"
+            return f"{said}: the silhouette has no part there; give masks or a picture of the empty scene"
         share = float(np.mean(silhouette.distance[y, x][known] < _NEAR))
         if share >= ON_SILHOUETTE:
             return ""
