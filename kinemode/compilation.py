@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import compile_search, is_search_compiled
 from estimator.energy.descent.qp import StepSolver
@@ -69,13 +70,18 @@ def compile_smoothing() -> None:
 def compile_steps_and_jumps() -> None:
     """Compile what measures contacts, solves steps and turns limbs: the energy and the search need the first two."""
     body = Body(load_subject(_SUBJECT))
-    q, posed = body.neutral, body.at(body.neutral)
-    (camera,) = framing_cameras(body.landmarks(posed)[None], ViewSettings(count=1))
-    SelfCollision(body).penetration(posed)
+    q = body.neutral
+    SelfCollision(body).penetration(body.at(q))
     active = np.zeros(body.nv, dtype=np.int8)
     StepSolver(body).solve(np.eye(body.nv), np.full(body.nv, _FAR), 0.0, np.ones(body.nv), q, active)
-    for _ in KinematicJumps(body).of(q, camera):
+    for _ in KinematicJumps(body).of(q, _camera_before(body)):
         pass
+
+
+def _camera_before(body: Body) -> Camera:
+    """One that sees all of a body at rest."""
+    (camera,) = framing_cameras(body.landmarks(body.at(body.neutral))[None], ViewSettings(count=1))
+    return camera
 
 
 @contextmanager
@@ -128,9 +134,8 @@ def track_stand() -> None:
     import kinemode as km  # which imports this module
 
     body = Body(load_subject(_SUBJECT))
-    points = body.landmarks(body.at(body.neutral))
-    (camera,) = framing_cameras(points[None], ViewSettings(count=1))
-    pixels = np.tile(camera.project(points), (_FRAMES, 1, 1))
+    camera = _camera_before(body)
+    pixels = np.tile(camera.project(body.landmarks(body.at(body.neutral))), (_FRAMES, 1, 1))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         km.track(

@@ -68,6 +68,21 @@ def test_a_sum_is_that_of_its_terms_also_where_contacts_are_left_to_coal(exact: 
     assert 0 < some_left < 20
 
 
+@pytest.mark.parametrize("lasts", [False, True])
+def test_terms_added_to_a_sum_make_the_sum_of_all(lasts: bool) -> None:
+    """To the last bit, also where what is added lasts, and has to stand among what the base has of its kind."""
+    rng = np.random.default_rng(3)
+    whole = energy(rng)
+    later = [t for t in whole.terms if (t.name == "stabilisers" if lasts else t.name in ("transition", "balance"))]
+    base = Cost(BODY, [term for term in whole.terms if term not in later])
+    added, anew = base.plus(later), Cost(BODY, [*base.terms, *later])
+    assert added.terms == anew.terms
+    q = random_pose(BODY, rng, share=0.5)
+    for a, b in zip(added.at(q, exact=True)[1:], anew.at(q, exact=True)[1:], strict=True):
+        assert np.array_equal(a, b)
+    assert added.value_at(q) != base.value_at(q)
+
+
 def test_joints_that_follow_others_have_their_terms_recorded_too() -> None:
     body, rng = body_of("gripper"), np.random.default_rng(1)
     assert body.follows

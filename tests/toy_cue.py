@@ -29,7 +29,6 @@ class ToySettings:
 
 class Toy(Cue):
     name, summary, settings = "toy", "where the picture is bright", ToySettings()
-    needs_picture = True
 
     def read(self, pictures: Any, instant: int, settings: ToySettings, prepared: Any) -> np.ndarray:
         moments = cv2.moments(cv2.cvtColor(pictures.picture(instant), cv2.COLOR_BGR2GRAY))

@@ -19,7 +19,7 @@ class ImageCues(Mapping[str, Any]):
     frame, no silhouette without a background.
 
     camera: at the working resolution, that of all maps. by_name: what was read. picture (H, W, 3) uint8 BGR: the frame
-        at that resolution, not to be written to; None in helping processes where no cue asks for it when it is matched.
+        at that resolution, not to be written to; None where it is not known.
     """
 
     camera: Camera

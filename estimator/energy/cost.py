@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.energy.recorded import RecordedSum, Rows
+from estimator.energy.recorded import RecordedSum, TermRows
 from estimator.energy.term import BatchTerm, Term
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 
@@ -27,16 +27,16 @@ class Cost:
     """A sum of terms on one body (CSS eqs. 3, 11, 12).
 
     terms: all of them, those first that compiled code evaluates together. compiled, others: those that it evaluates,
-    and those that it does not.
+    and those that it does not. base: a sum that the terms given are added to.
     """
 
-    def __init__(self, body: Body, terms: Sequence[Term]) -> None:
-        self._set(body, Rows.of(terms))
-        self._base: Cost | None = None
-
-    def _set(self, body: Body, rows: Rows) -> None:
-        self.body, self._rows = body, rows
-        self.compiled, self.others, self.terms = rows.compiled, rows.others, rows.terms
+    def __init__(self, body: Body, terms: Sequence[Term], base: Cost | None = None) -> None:
+        rows = TermRows.of(terms)
+        # the base's records are used again where nothing comes between them
+        self._base = None if rows.lasting or rows.repulsion else base
+        self.body = body
+        self._rows: TermRows = rows if base is None else base._rows.plus(rows)
+        self.compiled, self.others, self.terms = self._rows.compiled, self._rows.others, self._rows.terms
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the records, which are made again."""
@@ -44,12 +44,7 @@ class Cost:
 
     def plus(self, terms: Sequence[Term]) -> Cost:
         """This sum and more terms."""
-        if not terms:
-            return self
-        more, cost = Rows.of(terms), Cost.__new__(Cost)
-        cost._set(self.body, self._rows.plus(more))
-        cost._base = None if more.lasting or more.repulsion else self
-        return cost
+        return Cost(self.body, terms, self) if terms else self
 
     @cached_property
     def recorded(self) -> RecordedSum:

@@ -81,7 +81,7 @@ class RecordedSum:
         return float(value), left > 0
 
 
-class Rows(NamedTuple):
+class TermRows(NamedTuple):
     """Terms in the order in which they are summed: recorded ones of a frame, lasting ones, the repulsion last, and the
     others."""
 
@@ -91,17 +91,17 @@ class Rows(NamedTuple):
     others: tuple[Term, ...] = ()
 
     @staticmethod
-    def of(terms: Sequence[Term]) -> Rows:
+    def of(terms: Sequence[Term]) -> TermRows:
         """Of these terms; a second repulsion is one of the others."""
         rows: tuple[list[Any], ...] = ([], [], [], [])
         for term in terms:
             k = _row(term)
             rows[_OTHERS if k == _REPULSION and rows[k] else k].append(term)
-        return Rows(*map(tuple, rows))
+        return TermRows(*map(tuple, rows))
 
-    def plus(self, more: Rows) -> Rows:
+    def plus(self, more: TermRows) -> TermRows:
         """These and more of them."""
-        return Rows.of([*self.terms, *more.terms]) if more.repulsion else Rows(*map(operator.add, self, more))
+        return TermRows.of([*self.terms, *more.terms]) if more.repulsion else TermRows(*map(operator.add, self, more))
 
     @property
     def compiled(self) -> tuple[RecordedTerm, ...]:

@@ -212,7 +212,8 @@ def _upward(names: tuple[str, ...], points: np.ndarray, path: Path) -> str:
 
 
 def without_zeros(joints: np.ndarray) -> np.ndarray:
-    """Joints (T, J, 3) with NaN where one is at exactly zero."""
+    """Joints (T, J, 3) with NaN where one is at exactly zero, as lifting networks and detectors write what they did not
+    find."""
     return np.where(_at_zero(joints)[..., None], np.nan, joints)
 
 

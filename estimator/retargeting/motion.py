@@ -144,8 +144,9 @@ def stands_of(contacts: SourceContacts, frames: int) -> np.ndarray:
 
 
 def mend(problem: MotionProblem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q (T, nq) with the frames that do not keep to their rows moved until they do, each within what the velocities to
-    its neighbours leave it; these move along where that is too little. And which keep to them (T,) then."""
+    """The last look at a motion: q (T, nq) with the frames that do not keep to their rows moved until they do, each
+    within what the velocities to its neighbours leave it; these move along where that is too little. And which keep to
+    them (T,) then."""
     q = q.copy()
     bad = np.array([not problem.keeps(t, each) for t, each in enumerate(q)], dtype=bool)
     for sweep in range(_SWEEPS):

@@ -1,5 +1,10 @@
 """A run's motion without its fast part: the Butterworth filter on configurations.
 
+The low-pass filter of movement analysis, of fourth order, without lag: a filter of second order is run forwards and
+backwards (Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed. 2009, section 2.2.4.4). Two passes would
+let less through than one, so each gets a higher cut-off, by the factor (sqrt(2) - 1)^(-1/4) = 1 / 0.802 in the tangent
+of the frequency; then the amplitude at the cut-off that was asked for is 1 / sqrt(2) after both.
+
 Every joint is filtered by what it turns or slides, in its tangent space. A root is filtered by its position, entry by
 entry, and by its quaternion: signs are made continuous, the four entries are filtered alike and brought back to unit
 length. That is the mean of the neighbouring rotations with the filter's weights (chordal, Markley et al. 2007); a root

@@ -58,9 +58,9 @@ class FrameSearch:
     def follow(self, previous: Sequence[PreviousPose]) -> None:
         """Follow the flow of the surface in every camera since it lay at each previous pose, looked for also where it
         lies at the predicted one if that is known: of many poses at once, since their nodes see the same pixels."""
-        if not self.case.likelihood.cameras:
-            return
         new = {pose.key: pose for pose in previous if pose.key not in self.flows}
+        if not new or not self.case.likelihood.cameras:
+            return
         at = self._body.at
         pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in new.values()]
         self.flows.update(zip(new, self.case.likelihood.follow(pasts), strict=True))

@@ -20,6 +20,7 @@ FIT_GROUPS = ("cost", "search", "cues")
 
 
 _NOT_IN_FIT = ("search.follow", "search.start", "search.index")
+
 RULES = (
     unused_where("cost.nu", cost__potential="gaussian"),
     unused_where("cost.transition_nu", cost__transition_potential="gaussian"),
@@ -44,6 +45,11 @@ RULES = (
         " smooth.renewed",
     ),
 )  # fmt: skip
+"""Which of the common settings have no effect under which others; the rules of a tracker stand in its `Spec`.
+
+There is a rule where somebody may well be mistaken: what makes the settings unused is a default, or the input. Who
+turns a part off and sets its details, too, knows what he does.
+"""
 
 
 class UnusedSetting(NamedTuple):

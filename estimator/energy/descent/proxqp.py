@@ -21,7 +21,7 @@ _NO_ROWS = None, None, None
 
 Rows = tuple[np.ndarray, np.ndarray]
 """A (m, n) and b (m,): A x >= b."""
-Problem = tuple[np.ndarray | None, ...]
+QuadraticProgram = tuple[np.ndarray | None, ...]
 """What ProxQP takes: matrix, gradient, no equations, rows with their lower and upper sides, lower and upper bounds."""
 
 
@@ -60,7 +60,7 @@ class ProxQP:
         self._of_few[self.near[:m]] = self._solved(m, 0, problem, start)
         return self._of_few
 
-    def _solved(self, n: int, m: int, problem: Problem, start: np.ndarray) -> np.ndarray:
+    def _solved(self, n: int, m: int, problem: QuadraticProgram, start: np.ndarray) -> np.ndarray:
         """Multipliers (m + n,) of a problem in n unknowns with m rows, from a start (n,); the solver's own array."""
         solver = self._solvers.get((n, m))
         if solver is None:
@@ -90,7 +90,7 @@ class ProxQP:
         return A / length[:, None], rows[1] / length, np.full(len(length), UNBOUNDED)
 
 
-def _parts(few: np.ndarray, m: int) -> tuple[Problem, np.ndarray]:
+def _parts(few: np.ndarray, m: int) -> tuple[QuadraticProgram, np.ndarray]:
     """The problem in m unknowns that `few` holds, see `box_step.reduce`, and its start (m,)."""
     gradient, lower, upper, start = few[m * m :][: 4 * m].reshape(4, m)
     return (few[: m * m].reshape(m, m), gradient, None, None, *_NO_ROWS, lower, upper), start

@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.data.formats.npz import read_npz
 from estimator.data.media.threads import one_thread
-from estimator.numerics.processes import begin_as_worker, checked_count, one_thread_each
+from estimator.numerics.processes import GUARD, begin_as_worker, checked_count, one_thread_each
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
@@ -178,7 +178,7 @@ def _painters(painting: Painting, processes: int) -> Iterator[_Paint]:
         try:
             yield lambda work, pieces: pool.map(partial(_work_in_gallery, work), pieces)
         except BrokenProcessPool:
-            remedy = "too little memory is the usual cause; --workers 1 does without"
+            remedy = f"{GUARD}; else too little memory is the usual cause, and --workers 1 does without"
             raise InputError("workers", "a worker process has ended", remedy=remedy) from None
         finally:
             pool.shutdown(cancel_futures=True)

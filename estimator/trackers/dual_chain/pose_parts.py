@@ -78,7 +78,9 @@ class PoseParts:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """The joints (K,) with a stabiliser: entries and dofs, where they are in configurations and tangents; at (K,),
+    """How poses go back to rest: random steps that in the long run leave joints as their stabilisers have them.
+
+    The joints (K,) with a stabiliser: entries and dofs, where they are in configurations and tangents; at (K,),
     their mean, and std (K,) about it [rad or m]."""
 
     entries: np.ndarray

@@ -50,8 +50,8 @@ class ImportanceSettings(CheckedSettings):
 def importance_functions(
     detectors: Sequence[AllPartProposals], limbs: int, box: np.ndarray, settings: ImportanceSettings
 ) -> tuple[Density, ...]:
-    """Q of each limb: what several part detectors say, each counting alike, box (2, 3) [m]: where limbs can be at
-    all."""
+    """Importance functions Q of the limbs (Sigal et al., CVPR 2004, section 4.1): what several part detectors say, each
+    counting alike, box (2, 3) [m]: where limbs can be at all."""
     return tuple(
         _function([part_proposals[limb] for part_proposals in detectors], box, settings) for limb in range(limbs)
     )

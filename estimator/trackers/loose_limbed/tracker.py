@@ -39,8 +39,12 @@ from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.limbs.merging import Detail
 
 _TIED_STD = 0.01, 0.05  # m, rad: how exactly assembled poses place limbs
-_POSES, _KEPT, _COUNT = 1500, 60, 6  # instead of those of `HullSettings`: what is left over is small
-_STD = np.repeat([0.04, 0.3, 1.5], [3, 2, 1])  # m, rad: of a place, which hardly tells the turn about its axis
+_OF_LEFT_OVER = {
+    "poses": 1500,
+    "survivors": 60,
+    "count": 6,
+}  # of `HullSettings`: it is small
+_LEFT_OVER_STD = np.repeat([0.04, 0.3, 1.5], [3, 2, 1])  # m, rad: the turn about an axis is hardly known
 
 
 class LooseLimbed:
@@ -265,16 +269,6 @@ def _potentials_of(body: Body, graph: LimbGraph, speed: tuple[float, ...]) -> Li
     return potentials_for(graph, body, np.array(speed))
 
 
-SPEC = Spec(
-    name="loose-limbed",
-    sentence="limbs as nodes of a graph, by non-parametric belief propagation (Sigal et al. 2004)",
-    make=by_search(LooseLimbed),
-    group="loose_limbed",
-    settings=LooseLimbedSettings(),
-    defaults=ONLY_FILTERS,
-)
-
-
 def left_over_places(
     rng: np.random.Generator,
     graph: LimbGraph,
@@ -284,9 +278,19 @@ def left_over_places(
 ) -> dict[int, list[PlacementCluster]]:
     """By outermost limb, places in the hull of the person as views show them where what is explained is not known
     (`estimator.trackers.loose_limbed.limbs.left_over.LeftOver.views`), by the likelihood of the whole views."""
-    settings = replace(settings, poses=_POSES, survivors=_KEPT, count=_COUNT)
-    part_proposals, covariance = hull_proposals(rng, graph, likelihood, left, settings), np.diag(_STD**2)
+    part_proposals = hull_proposals(rng, graph, likelihood, left, replace(settings, **_OF_LEFT_OVER))
+    covariance = np.diag(_LEFT_OVER_STD**2)
     places = {
         i: [PlacementCluster(point, covariance, 1.0) for point in part_proposals[i].points] for i in outermost(graph)
     }
     return {i: there for i, there in places.items() if there}
+
+
+SPEC = Spec(
+    name="loose-limbed",
+    sentence="limbs as nodes of a graph, by non-parametric belief propagation (Sigal et al. 2004)",
+    make=by_search(LooseLimbed),
+    group="loose_limbed",
+    settings=LooseLimbedSettings(),
+    defaults=ONLY_FILTERS,
+)

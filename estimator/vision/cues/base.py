@@ -136,9 +136,8 @@ class Cue:
     name: as in `--cues` and in the settings' group `cues.NAME`. summary: in one sentence. settings: a frozen dataclass
     of numbers, texts and truth values, with its defaults and what they mean in its docstring.
     follows: whether it ties a pose to where the body was in the frame before. on_contours: whether its features lie on
-    the body's contours, to which the shape of a body can be fitted. needs_picture: whether its matcher looks at
-    `ImageCues.picture`, which otherwise stays in the process that reads it. uses_masks: whether it takes given masks of
-    the person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
+    the body's contours, to which the shape of a body can be fitted. uses_masks: whether it takes given masks of the
+    person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
     pictures are given.
     """
 
@@ -147,7 +146,6 @@ class Cue:
     settings: ClassVar[Any]
     follows: ClassVar[bool] = False
     on_contours: ClassVar[bool] = False
-    needs_picture: ClassVar[bool] = False
     uses_masks: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
 

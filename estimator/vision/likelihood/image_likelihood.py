@@ -112,7 +112,7 @@ class CameraLikelihood:
     """The image likelihood of one instant in one camera.
 
     cues: what was read of the image. extent: the subject's in it [px]. matchers: of the cues, by name, in the order in
-    which their parts are summed. needs_picture: whether one of them looks at the picture itself.
+    which their parts are summed.
     """
 
     def __init__(self, model: ImageModel, cues: ImageCues, extent: float, detected: float = 0.0) -> None:
@@ -123,7 +123,6 @@ class CameraLikelihood:
         known = cues_of(cues)
         self.matchers: dict[str, Matcher] = {cue.name: cue.match(self.view(cue.name)) for cue in known}
         self._following = [cue.name for cue in known if cue.follows]
-        self.needs_picture = any(cue.needs_picture for cue in known)
 
     def view(self, name: str) -> CameraView:
         """What a cue is matched by."""
