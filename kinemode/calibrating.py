@@ -13,9 +13,8 @@ from estimator.data.formats.cameras import write_cameras
 from estimator.data.rigs.calibrate import PersonCalibration
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import calibration_by_person
-from kinemode.jobs import check_stature
+from kinemode.request import FileOptions
 from kinemode.terminal.progress import Reporter
 
 
@@ -48,10 +47,9 @@ def calibrated(
 
 
 def calibrated_by_person(
-    subject: Subject, files: InputFiles, out: Path | None, picture: Path | None
+    subject: Subject, files: FileOptions, out: Path | None, picture: Path | None
 ) -> PersonCalibration:  # fmt: skip
     """Find cameras from the person in files, and write what was asked for."""
-    check_stature(files.declared.height)
     calibration = calibration_by_person(Body(subject), files)
     if out is not None:
         write_cameras(out, calibration.cameras.values())

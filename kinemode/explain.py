@@ -144,7 +144,7 @@ def run_settings(run: Run) -> Settings:
             problem = f"was made with the cue {name!r}, which is not here: there are {', '.join(CUES)}"
             raise InputError(run.file, problem, remedy=f"{VARIABLE} names the module that has it")
     tracker = run.header.tracker
-    changes = stored_changes(tracker, run.header.settings, run.file)
+    changes = stored_changes(tracker, run.header.settings)
     return settings_for(tracker, changes=changes, source=run.file)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -50,53 +51,47 @@ from kinemode.initialisation import (
     note_on_beginning,
     notes_on_fit,
 )
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
-from kinemode.inputs.named import PathLike
 from kinemode.inputs.persons import plain
 from kinemode.likely_layout import likely_layout
+from kinemode.named import PathLike
 from kinemode.notices import FindingWarning, InputWarning
+from kinemode.option import words_given
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
-from kinemode.settings import Chosen, choose
+from kinemode.request import BY_INDEX, OFF, FileOptions, FitRequest, TrackRequest
+from kinemode.settings import DEFAULT, Chosen, choose
 from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
-from kinemode.terminal.progress import Reporter, unreported
 
-HEIGHTS = (0.5, 2.5)  # m, of people
 _IN_MEMORY = 300  # frames as tracked, while smoothing
 
 
-@dataclass(frozen=True)
-class TrackOptions:
-    """How to track: arguments of `kinemode.track`, of the same names, which have been checked.
+class Known(NamedTuple):
+    """What is known before a subject is tracked that is not fitted anew. estimates: of poses, by index of the frame.
+    noise: what the fit has measured of each camera's keypoints (`Fit.noise`)."""
 
-    estimates: by index of the frame, what is known of poses where the subject is not fitted anew; noise: what the fit
-    has measured of each camera's keypoints (`Fit.noise`), there too."""
-
-    cues: str | Iterable[str] = "auto"
-    tracker: str = "css"
-    modes: int | None = None
-    settings: Mapping[str, Any] | PathLike | None = None
-    seed: int = 0
-    fit: str = "auto"
-    out: PathLike | None = None
-    resume: bool = False
-    overwrite: bool = False
-    progress: Reporter = unreported
-    estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
+    estimates: Mapping[int, PoseEstimate] = MappingProxyType({})
     noise: tuple[float, ...] = ()
-    index: PathLike | None = None
-    start: str | None = None
-    height: float | None = None
 
 
-def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
-    """What `kinemode.track` does once its arguments are known to be of the right kinds, and its files to be there."""
-    # gone with this function unless the run keeps it
-    temporary = TemporaryFolder() if wanted.out is None else None
-    path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, wanted.out))
-    choice = cue_choice(wanted.cues)
-    job = job_of(loaded, wanted, path, plain(files.person))
+UNKNOWN = Known()
+
+
+def run_path(request: TrackRequest) -> tuple[Path, TemporaryFolder | None]:
+    """Where a run is written, and the temporary folder that it is in, which goes with its last `Run`, where no file is
+    named."""
+    if request.out is not None:
+        return Path(request.out), None
+    temporary = TemporaryFolder()
+    return temporary.path / "track.run", temporary
+
+
+def track_subject(loaded: Subject, files: FileOptions, request: TrackRequest, known: Known = UNKNOWN) -> Run:
+    """What `kinemode.track` does for one person once its arguments are checked; files: what is read, in place of what
+    the request has."""
+    path, _kept = run_path(request)  # gone with this function unless the run keeps it
+    choice = cue_choice(request.cues)
+    job = job_of(loaded, request, path, plain(files.person), known)
     job.target.check()
     # the matrices are small: more threads only wait for each other
     with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
@@ -104,31 +99,24 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
         inputs = load_inputs(body, files, lambda: make_tracker(job.tracker, body, job.settings).needs_keypoints)
         against_input = track_inputs(job, loaded, inputs, choice)
     for sentence in against_input:
-        warnings.warn(sentence, FindingWarning, stacklevel=3)
+        warnings.warn(sentence, FindingWarning, stacklevel=4)
     return Run.open(path)
 
 
-def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> TrackingJob:
-    """The options checked against subject and tracker, with where the run goes and whom it is of."""
-    chosen = beginning(choose(wanted.tracker, wanted.settings, wanted.modes), wanted.start)
+def job_of(
+    loaded: Subject, request: TrackRequest, path: Path, person: str | int | dict[str, str], known: Known = UNKNOWN
+) -> TrackingJob:
+    """The request checked against subject and tracker, with where the run goes and whom it is of."""
+    given = choose(request.tracker or DEFAULT, request.settings, request.modes)
+    chosen = beginning(given, BY_INDEX if request.begins_by_index else None)
     tracker = make_tracker(chosen.tracker, Body(loaded), chosen.settings)
     check_start(tracker, chosen)
     check_smoothing(tracker, chosen)
-    chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
-    job = TrackingJob(
-        chosen,
-        chosen.settings,
-        wanted.seed,
-        wanted.fit,
-        person,
-        RunTarget(path, wanted.resume, wanted.overwrite),
-        wanted.progress,
-        wanted.estimates,
-        height=wanted.height,
-        noise=wanted.noise,
-    )
-    _check_fit_choice(job.fit, loaded)
-    check_height(job.height, loaded)
+    chosen = with_index(chosen, loaded, request.index, request.reporter)
+    target = RunTarget(path, request.resume, request.overwrite)
+    job = TrackingJob(request, chosen, chosen.settings, person, target, known)
+    _check_fit_choice(request.fit, loaded)
+    check_height(request.height, loaded)
     chosen.check(job.fits(loaded))
     return job
 
@@ -143,7 +131,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
-    compile_with(job.progress, body)
+    compile_with(job.request.reporter, body)
     with opened_cues(subject, inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
@@ -155,12 +143,12 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         unseen = unseen_joints_note(unseen_by(body, inputs.observations)) if chosen is None else ""
         notes += (unseen,) if unseen else ()
         for note in notes:
-            warnings.warn(job.told(note), InputWarning, stacklevel=4)
+            warnings.warn(job.of_person(note), InputWarning, stacklevel=5)
         expected, clip = job.settings.cost.keypoint_noise, inputs.observations
         noise = given_noise(inputs.noise, clip, expected)
         fitted = _fitted(job, subject, replace(inputs, observations=[replace(o, noise=noise) for o in clip]), cues)
         for note in fitted.notes:
-            warnings.warn(job.told(note), InputWarning, stacklevel=4)
+            warnings.warn(job.of_person(note), InputWarning, stacklevel=5)
         notes += fitted.notes
         noise = given_noise(inputs.noise, clip, expected, fitted.noise)
         seen = [replace(o, estimate=fitted.first.get(o.index), noise=noise) for o in clip]
@@ -180,41 +168,34 @@ class _Fitted(NamedTuple):
 
 def _fitted(job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None) -> _Fitted:
     if not job.fits(subject):
-        sized = subject if job.height is None else subject.resized(job.height / stature(subject))
-        return _Fitted(sized, job.estimates, noise=job.noise)
+        sized = subject if job.request.height is None else subject.resized(job.request.height / stature(subject))
+        return _Fitted(sized, job.known.estimates, noise=job.known.noise)
     if job.target.resumed:
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
             return _Fitted(stored.subject, known, noise=stored.observation(0).noise)  # fitted when the run began
     if inputs.observations[0].markers is not None:
         moving, static = inputs.observations, inputs.static
-        fit = fit_markers(subject, moving, static, seed=job.seed, track_settings=job.settings)
+        fit = fit_markers(subject, moving, static, seed=job.request.seed, track_settings=job.settings)
     else:
-        shown = cues if job.fit == "auto" else None
+        shown = cues if job.request.fit == "auto" else None
         fit = person.fit_person(
             subject,
             inputs.observations,
             shown,
-            seed=job.seed,
+            seed=job.request.seed,
             track_settings=job.chosen.for_fit,
-            height=job.height,
+            height=job.request.height,
             floor=inputs.floor,
         )
     first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
     return _Fitted(fit.subject, first, fit.notes, fit.noise)
 
 
-def fit_subject(
-    loaded: Subject,
-    files: InputFiles,
-    cues: str | Iterable[str],
-    seed: int,
-    out: PathLike | None,
-    height: float | None = None,
-) -> Fit:
-    """What `kinemode.fit` does once its arguments are known to be of the right kinds, and its files to be there."""
-    choice = cue_choice(cues)
-    check_stature(height)
+def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit:
+    """What `kinemode.fit` does once its arguments are checked; files: what is read, in place of what the request
+    has."""
+    choice = cue_choice(request.cues)
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
@@ -227,42 +208,37 @@ def fit_subject(
             if reader is not None and chosen is not None:
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
-                warnings.warn(note, InputWarning, stacklevel=3)
+                warnings.warn(note, InputWarning, stacklevel=4)
             noise = given_noise(inputs.noise, inputs.observations, Settings().cost.keypoint_noise)
             seen = [replace(o, noise=noise) for o in inputs.observations]
-            result = person.fit_person(loaded, seen, reader, seed=seed, height=height, floor=inputs.floor)
-    return kept_fit(result, out)
+            result = person.fit_person(
+                loaded, seen, reader, seed=request.seed, height=request.height, floor=inputs.floor
+            )
+    return kept_fit(result, request.out)
 
 
 def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
     """The same, written where it is to be; what it says against its input is told to who has called for it."""
     for note in fit.notes:
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warnings.warn(note, InputWarning, stacklevel=5)
     if said := bound_note(fit.subject):
-        warnings.warn(said, FindingWarning, stacklevel=4)
+        warnings.warn(said, FindingWarning, stacklevel=5)
     if out is not None:
         fit.subject.write(out)
     return fit
 
 
 def check_height(height: float | None, subject: Subject) -> None:
-    """Raise InputError for a height that no person has, or of a subject that is taken as measured."""
+    """Raise InputError for the height of a person whose subject is used as measured."""
     if height is None:
         return
-    check_stature(height)
     if not is_built_in(subject):
-        raise InputError("height", f"{subject.source} is taken as measured", remedy="leave it out")
+        raise InputError("height", f"{subject.source} is used as measured", remedy="leave it out")
     stature(subject)
 
 
-def check_stature(height: float | None) -> None:
-    """Raise InputError for a height [m] that no person has."""
-    if height is not None and not HEIGHTS[0] <= height <= HEIGHTS[1]:
-        raise InputError("height", "must be {:g} to {:g} m, got {:g}".format(*HEIGHTS, height))
-
-
 def _height_of(job: TrackingJob) -> dict[str, float]:
-    return {} if job.height is None else {"height": job.height}
+    return {} if job.request.height is None else {"height": job.request.height}
 
 
 def frames_at_first(target: RunTarget) -> int | None:
@@ -274,24 +250,18 @@ def frames_at_first(target: RunTarget) -> int | None:
 
 @dataclass(frozen=True)
 class TrackingJob:
-    """How to track, which with the subject and the inputs decides the result; and where to, what reports the progress,
-    and how many processes share the work. settings: the chosen ones with the cues that are looked at. name: of one of
-    several people, "" for the only one. height [m]: of the person, None where it is not known. noise: as of
-    `TrackOptions`."""
+    """A request with what was chosen by it. chosen: the tracker. settings: its own, with the cues that are used.
+    person: whom the run is of. name: of one of several people, "" for the only one."""
 
+    request: TrackRequest
     chosen: Chosen
     settings: Settings
-    seed: int
-    fit: str
     person: str | int | dict[str, str]
     target: RunTarget
-    progress: Reporter
-    estimates: Mapping[int, PoseEstimate]
+    known: Known = UNKNOWN
     name: str = ""
-    height: float | None = None
-    noise: tuple[float, ...] = ()
 
-    def told(self, note: str) -> str:
+    def of_person(self, note: str) -> str:
         """A note, with whom it is of where several people are tracked."""
         return f"{self.name}: {note}" if self.name else note
 
@@ -302,7 +272,7 @@ class TrackingJob:
 
     def fits(self, subject: Subject) -> bool:
         """Whether a subject is fitted before it is tracked."""
-        return self.fit != "off" and is_built_in(subject)
+        return self.request.fit != OFF and is_built_in(subject)
 
 
 def _track_into(
@@ -320,16 +290,16 @@ def _track_into(
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         state, last = stored_state(tracker, stored, target.path)
-        with job.progress("tracking") as report:
+        with job.request.reporter("tracking") as report:
             run_into(
-                writer, tracker, observations, job.seed,
+                writer, tracker, observations, job.request.seed,
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
         # as stored, so that a resumed run is told the same
         results = Spill(_IN_MEMORY).list(Run.open(target.path).paths())
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
-            with job.progress("smoothing") as report:
+            with job.request.reporter("smoothing") as report:
                 smoothed = smooth_track(
                     energy, observations, results, job.settings.smooth, cues=cues, floor=inputs.floor, progress=report
                 )
@@ -383,8 +353,8 @@ def _header(
         image_sizes={c.name: c.image_size for c in cameras},
         times=inputs.times,
         tracker=job.tracker,
-        settings={**job.settings.to_dict(), "fit": job.fit, "person": job.person, **_height_of(job)},
-        seed=job.seed,
+        settings={**job.settings.to_dict(), "fit": job.request.fit, "person": job.person, **_height_of(job)},
+        seed=job.request.seed,
         version=__version__,
         notes=notes,
         cues=cues,
@@ -400,8 +370,14 @@ def _header(
         R_upright_given=inputs.R_upright_given,
         floor=inputs.floor,
         points=tuple(os.path.abspath(path) for path in inputs.points),
-        given=inputs.given,
+        request=asked_words(job),
     )
+
+
+def asked_words(job: TrackingJob) -> dict[str, tuple[str, ...]]:
+    """What was asked for, as words of the command line by flag, with the name of the file that was to be written."""
+    request = job.request
+    return words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)})
 
 
 def _absolute(names: list[str], paths: tuple[Path | None, ...]) -> dict[str, str]:
@@ -411,5 +387,5 @@ def _absolute(names: list[str], paths: tuple[Path | None, ...]) -> dict[str, str
 
 def _check_fit_choice(fit: str, subject: Subject) -> None:
     if fit == "proportions" and subject.source not in BUILT_IN:
-        problem, remedy = f"{subject.source} is taken as measured", "leave it out; kinemode fit fits a file"
+        problem, remedy = f"{subject.source} is used as measured", "leave it out; kinemode fit fits a file"
         raise InputError("fit", problem, remedy=remedy)

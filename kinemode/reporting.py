@@ -21,25 +21,17 @@ from humanoid.subject.subject import BUILT_IN, load_subject
 from humanoid.support.files import content_digest
 from kinemode.explain import run_settings
 from kinemode.findings import findings
-from kinemode.inputs.declared import ALL, AUTO
-from kinemode.inputs.named import words_of
 from kinemode.motion_figures import motion_figures
+from kinemode.option import options_of
+from kinemode.request import USUAL_SUBJECT, RetargetRequest, TrackRequest
 from viz.report.facts import Facts
 
 _LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "numba")
 _SAME = 1e-9  # of a length
-_GUESSED = "no camera given"  # as the note of `kinemode.inputs.load` begins
-_ONE_OF_ALL = f"{ALL}: "  # before the name of one of all people, in what a run keeps
 
 
-_BLANKS = (
-    "The run does not keep the names of keypoint and camera files, which belong where capitals stand. Where"
-    " SETTINGS.toml is named it has the settings that differ."
-)
-_OLD_BLANKS = " Nor does it keep options of time, axes and units (--start, --end, --fps, --offset, --up, --unit)."
-_OLD_MOTION_BLANKS = (
-    "The run does not keep what was given beside the source: --fps, --up, --unit, --contacts and --modes."
-)
+_BLANKS = "What stands in capitals was made by a program, and no file of it is known."
+_NO_REQUEST = "The run was made by an earlier version, which did not keep what was asked for."
 
 
 def facts_of(run: Run) -> Facts:
@@ -61,8 +53,8 @@ def facts_of(run: Run) -> Facts:
         findings=told,
         assumed=assumed,
         lengths=lengths,
-        command=_command(run),
-        blanks=_BLANKS + (_OLD_BLANKS if header.given is None else ""),
+        command=command_of(run),
+        blanks=_blanks(run),
         errors=camera_errors(keypoints) if keypoints is not None and len(header.cameras) > 1 else {},
         keypoints=keypoints,
         settings=changed_settings(run),
@@ -77,8 +69,8 @@ def _facts_of_motion(run: Run) -> Facts:
     assumed = [*run.header.notes, f"the subject is as large as {run.header.subject_source} has it"]
     return Facts(
         assumed=assumed,
-        command=_command(run),
-        blanks=_OLD_MOTION_BLANKS if run.header.given is None else "",
+        command=command_of(run),
+        blanks=_blanks(run),
         motion=motion_figures(run).rows(),
         settings=changed_settings(run),
         files=[(what, str(path), digest(path)) for what, path in _files(run)],
@@ -113,56 +105,30 @@ def changed_settings(run: Run) -> list[tuple[str, str, str]]:
     return [(name, str(here), str(usual)) for name, here, usual in changed if not name.startswith("cues.use_")]
 
 
-def _command(run: Run) -> str:
-    """The command that makes the run again, as far as the run knows it."""
-    header = run.header
-    if header.retargeted:
-        words = ["retarget", *header.points, "--subject", header.subject_source, "--seed", str(header.seed)]
-        changed = {name: here for name, here, _ in changed_settings(run)}
-        words += ["--match", str(header.settings["match"])] if header.settings.get("match") else []
-        words += ["--method", "frames"] if changed.get("rounds") == "0" else []
-        words += [w for name in ("velocity", "clearance") if name in changed for w in (f"--{name}", changed[name])]
-        return shlex.join(["kinemode", *words, *_given_words(run), "--out", run.file.name])
-    words = ["track"]
-    words += [f"{name}={clip}" for name, clip in header.clips.items() if clip is not None]
-    words += ["--subject", header.subject_source, "--tracker", header.tracker, "--seed", str(header.seed)]
-    if len(run.confidence) and (run.confidence > 0.0).any():
-        words += ["--keypoints", *(f"{c.name}=KEYPOINTS_{c.name}" for c in header.cameras)]
-    words += ["--points", *header.points] if header.points else []
-    words += (
-        [] if header.points or any(note.startswith(_GUESSED) for note in header.notes) else ["--cameras", "CAMERAS"]
-    )
-    for option, named in (("--mask", header.masks), ("--background", header.backgrounds), ("--depth", header.depths)):
-        words += [option, *(f"{n}={path}" for n, path in named.items())] if named else []
-    words += ["--stereo", *(f"{left}={right}" for left, right in header.stereo.items())] if header.stereo else []
-    words += [] if header.points else ["--cues", ",".join(header.cues) or "off"]
-    words += [] if header.settings.get("fit", "auto") == "auto" else ["--fit", str(header.settings["fit"])]
-    person, out = _person_words(run)
-    words += [*person, *_given_words(run)]
-    words += ["--settings", "SETTINGS.toml"] if changed_settings(run) else []
-    return shlex.join(["kinemode", *words, "--out", out])
+def command_of(run: Run) -> str:
+    """The command that makes the run again, empty where the run does not know it. Its arguments come first, for an
+    option may take several words."""
+    request = run.header.request
+    if request is None:
+        return ""
+    kind = RetargetRequest if run.header.retargeted else TrackRequest
+    arguments = [word for name in ("clips", "source") for word in request.get(name, ())]
+    options = {name: words for name, words in request.items() if name not in ("clips", "source")}
+    if kind is TrackRequest and options.get("subject") == (USUAL_SUBJECT,):
+        del options["subject"]
+    options.setdefault("out", (run.file.name,))
+    words = [word for name, given in options.items() for word in _option(name, given)]
+    return shlex.join(["kinemode", "retarget" if run.header.retargeted else "track", *arguments, *words])
 
 
-def _person_words(run: Run) -> tuple[list[str], str]:
-    """Whom the run is of, as options, and the name of the file that then was asked for: of one of all people in the
-    clip the run's own has a number in it."""
-    person, out = run.header.settings.get("person", AUTO), run.file.name
-    if isinstance(person, str) and person.startswith(_ONE_OF_ALL):
-        number = f".{person.removeprefix(_ONE_OF_ALL)}"
-        return ["--person", ALL], out.replace(number, "", 1) if number in out else out
-    words = words_of(person)
-    return ([] if words == (AUTO,) else ["--person", *words]), out
-
-
-def _given_words(run: Run) -> list[str]:
-    """What was said of the files; of runs made before that was kept the height and the floor, which decide."""
-    header = run.header
-    given = header.given
-    if given is None:
-        height, floor = header.settings.get("height"), None if header.retargeted else header.floor
-        known = (("height", height), ("floor", floor))
-        given = {name: (str(value),) for name, value in known if value is not None}
-    return [word for name, words in given.items() for word in _option(name, words)]
+def _blanks(run: Run) -> str:
+    """What the command leaves to be filled in."""
+    request = run.header.request
+    if request is None:
+        return _NO_REQUEST
+    options = options_of(RetargetRequest if run.header.retargeted else TrackRequest).values()
+    unknown = [o for o in options if any(w.rpartition("=")[2] == o.placeholder for w in request.get(o.flag, ()))]
+    return _BLANKS if unknown else ""
 
 
 def _option(name: str, words: Sequence[str]) -> list[str]:
@@ -173,6 +139,7 @@ def _option(name: str, words: Sequence[str]) -> list[str]:
 
 
 def _files(run: Run) -> Iterator[tuple[str, Path]]:
+    """Every file that the run depends on, with what it is."""
     header = run.header
     yield "run", run.file
     for what, named in (
@@ -184,6 +151,11 @@ def _files(run: Run) -> Iterator[tuple[str, Path]]:
     yield from (("points", Path(path)) for path in header.points)
     if header.subject_source not in BUILT_IN and not header.subject_source.startswith(PREFIX):
         yield "subject", Path(header.subject_source)
+    for flag in ("keypoints", "cameras", "lenses", "settings", "static", "index", "match", "contacts"):
+        for word in (header.request or {}).get(flag, ()):
+            name, separator, path = word.rpartition("=")
+            if Path(path).is_file():
+                yield f"{flag} of {name}" if separator else flag, Path(path)
 
 
 def digest(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import cast
 
@@ -27,64 +27,49 @@ from humanoid.subject.subject import Subject
 from humanoid.support.atomic import replacing
 from kinemode import __version__
 from kinemode.inputs.motions import hypotheses_of, load_source
-from kinemode.inputs.named import PathLike
+from kinemode.named import PathLike
 from kinemode.notices import InputWarning
+from kinemode.option import words_given
+from kinemode.request import RetargetRequest
 from kinemode.target import RunTarget
-from kinemode.terminal.progress import Reporter
 
+FRAMES = "frames"  # the method in which each frame is followed from the one before alone
 GAP = 0.5
 """[s] Gaps of a source that are not longer are filled."""
 
 
-@dataclass(frozen=True)
-class MotionWanted:
-    """What is made of a source: its frame rate, axis, unit and order of joints where it does not say them, the files of
-    correspondence and contacts, the settings, how many other hypotheses of a run are carried through, and where the
-    new run goes."""
-
-    fps: float | None = None
-    up: str | None = None
-    unit: str | None = None
-    match: PathLike | None = None
-    contacts: PathLike | None = None
-    settings: RetargetSettings = field(default_factory=RetargetSettings)
-    modes: int = 0
-    seed: int = 0
-    out: PathLike | None = None
-    overwrite: bool = False
-    layout: str | None = None
-
-
-def retarget_to(
-    subject: Subject, source: PathLike | Run | SourceMotion, wanted: MotionWanted, progress: Reporter
-) -> Run:
-    """What `kinemode.retarget` does once its arguments are known to be of the right kinds."""
-    temporary = TemporaryFolder() if wanted.out is None else None
-    path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, wanted.out))
-    RunTarget(path, overwrite=wanted.overwrite).check()
-    read = load_source(source, fps=wanted.fps, up=wanted.up, unit=wanted.unit, layout=wanted.layout)
+def retarget_to(subject: Subject, request: RetargetRequest) -> Run:
+    """What `kinemode.retarget` does once its arguments are checked."""
+    temporary = TemporaryFolder() if request.out is None else None
+    path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, request.out))
+    RunTarget(path, overwrite=request.overwrite).check()
+    source = request.source
+    settings = RetargetSettings(velocity=float(request.velocity), clearance=float(request.clearance))
+    if request.method == FRAMES:
+        settings = settings.frame_by_frame
+    read = load_source(source, fps=request.fps, up=request.up, unit=request.unit, layout=request.layout)
     read = without_rest_pose(without_mirrored_parts(read))
     motion = filled(read, GAP)
-    match = None if wanted.match is None else load_match(wanted.match)
-    standing = None if wanted.contacts is None else load_standing(wanted.contacts, motion)
-    others = hypotheses_of(source, wanted.modes) if wanted.modes else None
+    match = None if request.match is None else load_match(request.match)
+    standing = None if request.contacts is None else load_standing(request.contacts, motion)
+    others = hypotheses_of(source, request.modes) if request.modes else None
     body = Body(subject)
-    with threadpool_limits(limits=1), progress("retarget") as step:
+    with threadpool_limits(limits=1), request.reporter("retarget") as step:
         made = retarget_motion(
             body,
             motion,
             match,
-            settings=wanted.settings,
-            seed=wanted.seed,
+            settings=settings,
+            seed=request.seed,
             others=others,
             standing=standing,
             progress=step,
         )
     doubts = doubts_of(body, made, motion, leaps_of(read))
     for note in (*made.notes, *doubts.findings):
-        warnings.warn(note, InputWarning, stacklevel=3)
-    header = _header(subject, _origin(source), made, wanted)
-    write_motion_run(path, header, body, made, motion, doubts=doubts, overwrite=wanted.overwrite)
+        warnings.warn(note, InputWarning, stacklevel=4)
+    header = _header(subject, _origin(source), made, request, settings)
+    write_motion_run(path, header, body, made, motion, doubts=doubts, overwrite=request.overwrite)
     return Run.open(path)
 
 
@@ -94,7 +79,9 @@ def _origin(source: PathLike | Run | SourceMotion) -> str:
     return os.path.abspath(file)
 
 
-def _header(subject: Subject, source: str, made: RetargetedMotion, wanted: MotionWanted) -> RunHeader:
+def _header(
+    subject: Subject, source: str, made: RetargetedMotion, request: RetargetRequest, settings: RetargetSettings
+) -> RunHeader:
     return RunHeader(
         subject_urdf=subject.urdf,
         subject_source=subject.source,
@@ -105,27 +92,17 @@ def _header(subject: Subject, source: str, made: RetargetedMotion, wanted: Motio
         times=made.times,
         tracker=RETARGETED,
         settings={
-            **asdict(wanted.settings),
+            **asdict(settings),
             "scale": made.targets.scale,
-            "match": None if wanted.match is None else str(wanted.match),
+            "match": None if request.match is None else str(request.match),
         },
-        seed=wanted.seed,
+        seed=request.seed,
         version=__version__,
         notes=(*subject.notes, *made.notes),
         points=(source,),
         floor=0.0 if made.targets.feet else None,
-        given=_words(wanted),
+        request=words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)}),
     )
-
-
-def _words(wanted: MotionWanted) -> dict[str, tuple[str, ...]]:
-    """What was given beside the source, as words of the command line by option."""
-    contacts = None if wanted.contacts is None else os.path.abspath(wanted.contacts)
-    given = {
-        "fps": wanted.fps, "up": wanted.up, "unit": wanted.unit, "layout": wanted.layout, "contacts": contacts,
-        "modes": wanted.modes or None,
-    }  # fmt: skip
-    return {name: (str(value),) for name, value in given.items() if value is not None}
 
 
 def begun_match(subject: Subject, out: PathLike | None) -> str:

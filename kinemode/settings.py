@@ -13,7 +13,6 @@ from estimator.tracking.registry import (
     DEFAULT,
     TRACKERS,
     changes_for,
-    current_changes,
     other_tables,
     settings_for,
 )
@@ -37,14 +36,12 @@ PathLike = str | Path
 @dataclass(frozen=True)
 class Chosen:
     """A tracker with its settings. changes: what was changed of its own, as nested mappings; source: the file that they
-    are from, None where a program gave them. former: what is to be said of settings that were called by a former
-    name."""
+    are from, None where a program gave them."""
 
     tracker: str
     settings: Settings
     changes: Mapping[str, Any]
     source: PathLike | None = None
-    former: tuple[str, ...] = ()
 
     @property
     def for_fit(self) -> Settings:
@@ -74,18 +71,14 @@ class Chosen:
         return [f"settings without effect here: cost.pose_prior_weight (the pose prior shipped needs {problem})"]
 
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
-        """What has no effect on this input, and former names. cues: those that are looked at, None for none."""
+        """What has no effect on this input. cues: those that are used, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
         unused = unused_with_input(
             self.tracker, settings, self.changes, fits=fits, pictures=cues is not None, cameras=cameras
         )
         why = dict.fromkeys(i.because for i in unused)
         return [
-            *self.former,
-            *(
-                f"settings without effect here: {', '.join(i.name for i in unused if i.because == b)} ({b})"
-                for b in why
-            ),
+            f"settings without effect here: {', '.join(i.name for i in unused if i.because == b)} ({b})" for b in why
         ]
 
 
@@ -107,9 +100,8 @@ def loaded_changes(given: Mapping[str, Any] | PathLike | None) -> tuple[Mapping[
 
 
 def _choose(tracker: str, given: Mapping[str, Any], source: PathLike | None, modes: int | None) -> Chosen:
-    changes, former = current_changes(tracker, given, source)
-    settings = settings_for(tracker, modes=modes, changes=changes, source=source)
-    return Chosen(tracker, settings, changes, source, former)
+    settings = settings_for(tracker, modes=modes, changes=given, source=source)
+    return Chosen(tracker, settings, dict(given), source)
 
 
 def read_settings(tracker: str, given: Mapping[str, Any] | PathLike | None, modes: int | None = None) -> Settings:
@@ -142,13 +134,6 @@ def choose_for_all(
     _check_each_acts(list(chosen.values()), fits)
     own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
     return {name: (own[name], used[name]) for name in trackers}
-
-
-def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None) -> list[str]:
-    """What is to be said of settings that are called by a former name, for several trackers."""
-    changes, source = loaded_changes(given)
-    told = [sentence for name in trackers for sentence in current_changes(name, changes_for(name, changes), source)[1]]
-    return list(dict.fromkeys(told))
 
 
 def _check_each_acts(chosen: Sequence[Chosen], fits: bool) -> None:

@@ -26,8 +26,8 @@ from kinemode import __main__ as front
 from kinemode.annotation.annotate import serve_annotation
 from kinemode.annotation.landmark_guide import landmark_guide
 from kinemode.annotation.server import AnnotationServer
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of
 from tests.waiting import DEADLINE, ended, kinemode_process, until
 
@@ -203,7 +203,7 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     expected[0, 1:] = pixels
     np.testing.assert_array_equal(track.pixels, expected)
     np.testing.assert_array_equal(track.confidence, np.where(np.isnan(expected[..., 0]), 0.0, 1.0))
-    inputs = load_inputs(body_of("arm8"), InputFiles({"front": clip}, {"front": served.out}, None))
+    inputs = load_inputs(body_of("arm8"), FileOptions({"front": clip}, keypoints={"front": served.out}))
     np.testing.assert_array_equal(np.stack([o.pixels[0] for o in inputs.observations]), expected)
 
     clicked = {"2": {"neck": [7.25, 8.5, 1.0]}}  # edited further, also where a frame has one point only
@@ -284,7 +284,7 @@ def test_what_is_wrong_is_said_before_there_is_a_page(serve: Serve, clip: Path, 
     ]
     for options, expected in cases:
         with pytest.raises(InputError, match=expected):
-            km.annotate(clip, **{"subject": "arm8", "out": tmp_path / "c.json", "open_browser": False, **options})
+            km.annotate(clip, **{"subject": "arm8", "out": tmp_path / "c.json", "browser": False, **options})
     with pytest.raises(InputError, match="in use"):
         km.annotate(clip, subject="arm8", out=tmp_path / "c.json", port=serve().server.server_address[1])
 

@@ -35,7 +35,7 @@ def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run
     out = tmp_path_factory.mktemp("run") / "a.run"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return track(clip, out=out, masks=clip.masks)
+        return track(clip, out=out, mask=clip.masks)
 
 
 def track(clip: RenderedClip, **changes: Any) -> Run:
@@ -74,23 +74,23 @@ def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tr
 def test_a_stopped_run_goes_on_to_the_same_bits(clip: RenderedClip, tracked: Run, tmp_path: Path) -> None:
     out = tmp_path / "b.run"
     with pytest.raises(KeyboardInterrupt), interrupted_after(2):
-        track(clip, out=out, masks=clip.masks)
+        track(clip, out=out, mask=clip.masks)
     assert len(kinemode.open_run(out)) == 2
-    resumed = track(clip, out=out, masks=clip.masks, resume=True)
+    resumed = track(clip, out=out, mask=clip.masks, resume=True)
     assert resumed.complete
     for name in ARRAYS:
         assert getattr(resumed, name).tobytes() == getattr(tracked, name).tobytes(), name
     for changes, told in (
         ({}, "cameras with masks"),
-        ({"masks": clip.masks, "cues": "silhouette"}, "cues"),
-        ({"masks": clip.masks, "background": clip.plates}, "cameras with a background"),
+        ({"mask": clip.masks, "cues": "silhouette"}, "cues"),
+        ({"mask": clip.masks, "background": clip.plates}, "cameras with a background"),
     ):
         with pytest.raises(InputError, match=told):
             track(clip, out=out, resume=True, **changes)
 
 
 def test_keypoints_of_most_frames_leave_the_pictures_alone(clip: RenderedClip, tmp_path: Path) -> None:
-    run = track(clip, keypoints=clip.keypoints, masks=clip.masks, out=tmp_path / "a.run")
+    run = track(clip, keypoints=clip.keypoints, mask=clip.masks, out=tmp_path / "a.run")
     assert run.header.cues == ()
     assert run.header.masks == {}
     assert any("--cues" in note for note in run.header.notes)
@@ -136,8 +136,8 @@ def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip
             {"settings": tmp_path / "no.toml", "cues": "edges,flow"},
             r"no.toml: \[cues\] use_flow: .*--cues asks for flow",
         ),
-        ({"subject": str(clip.subject), "fit": "proportions"}, "fit: .*is taken as measured"),
-        ({"subject": str(clip.subject), "height": 1.7}, "height: .*is taken as measured"),
+        ({"subject": str(clip.subject), "fit": "proportions"}, "fit: .*is used as measured"),
+        ({"subject": str(clip.subject), "height": 1.7}, "height: .*is used as measured"),
         ({"subject": "human34", "height": 170.0}, "height: must be 0.5 to 2.5 m, got 170"),
     ):
         with pytest.raises(InputError, match=told):
@@ -173,7 +173,7 @@ def test_a_silhouette_that_is_not_the_persons_is_said_to_be_none(
         corner[5:25, 5:25] = 255
         cv2.imwrite(str(tmp_path / "corner" / path.name), corner)
     few = {**QUICK, "smooth": {"enabled": False}}
-    run = track(clip, out=tmp_path / "a.run", masks={name: tmp_path / "corner"}, settings=few)
+    run = track(clip, out=tmp_path / "a.run", mask={name: tmp_path / "corner"}, settings=few)
     told = f"{name}: the silhouette of frame 0 has"
     assert any(note.startswith(told) for note in run.header.notes)
     assert not any(note.startswith(told) for note in tracked.header.notes)
@@ -193,11 +193,11 @@ def test_what_cannot_be_is_refused_before_any_work(clip: RenderedClip, tmp_path:
         ({"keypoints": nobody}, "no frame has 4 or more of the subject's landmarks"),
         ({"clips": None, "cues": "edges"}, "cues: edges need the pictures"),
         ({"cues": "edges,colour"}, "no cue 'colour'.*edges, flow, silhouette"),
-        ({"cues": "flow", "masks": masks}, "is for the silhouette"),
+        ({"cues": "flow", "mask": masks}, "is for the silhouette"),
         ({"cues": "off", "background": clip.plates}, "is for the silhouette"),
-        ({"masks": few}, f"masks of 1 frames, the clip has {FRAMES}"),
-        ({"masks": {"elsewhere": masks, "here": masks}}, "no clip 'elsewhere' for this mask"),
-        ({"clips": None, "masks": masks}, "for this mask"),
+        ({"mask": few}, f"masks of 1 frames, the clip has {FRAMES}"),
+        ({"mask": {"elsewhere": masks, "here": masks}}, "no clip 'elsewhere' for this mask"),
+        ({"clips": None, "mask": masks}, "for this mask"),
         ({"background": tmp_path / "none.png"}, "no such background"),
         ({"background": clip.cameras}, "no image"),
         ({"settings": tmp_path / "none.toml"}, "none.toml"),

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +32,7 @@ from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.outcome import ClipOutcome, TrackedRun
 from kinemode.batches.row import BatchRow
 from kinemode.batches.shown import ShownBatch
-from kinemode.batches.task import OF_TRACK_ALONE, TOKEN, BatchTask, TaskAnswer, check_versions, versions
-from kinemode.options import InputOptions, TrackerOptions
+from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
@@ -305,16 +303,6 @@ def test_an_outcome_is_kept_whole(tmp_path: Path) -> None:
     assert ClipOutcome.kept(tmp_path) == whole
     (tmp_path / "outcome.json").write_text(json.dumps({"name": "a"}))
     assert ClipOutcome.kept(tmp_path) is None
-
-
-def test_a_fit_takes_all_options_but_those_of_the_track() -> None:
-    taken = set(signature(km.fit).parameters)
-    names = {f for kind in (InputOptions, TrackerOptions) for f in kind.__dataclass_fields__} - {
-        "by",
-        "mask",
-        "subject",
-    }
-    assert names - taken | {"tracker"} == set(OF_TRACK_ALONE)
 
 
 def square(number: int) -> int:

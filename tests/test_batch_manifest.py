@@ -8,7 +8,6 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -23,17 +22,9 @@ from kinemode.batches import columns
 from kinemode.batches.faults import ManifestError
 from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.row import BatchRow
-from kinemode.commands import tracking
-from kinemode.options import (
-    NO_INPUT,
-    NO_POINTS,
-    USUAL,
-    DetectorOptions,
-    Files,
-    InputOptions,
-    PointOptions,
-    TrackerOptions,
-)
+from kinemode.flags import flag_types
+from kinemode.option import options_of
+from kinemode.request import DetectorOptions, PointOptions, TrackRequest
 
 FILES = ("a.mp4", "b.mp4", "my walk.mp4", "a.json", "b.json", "cameras.json", "me.urdf", "a=b.mp4", "truth.npz")
 
@@ -88,7 +79,7 @@ def test_all_faults_are_named_at_once(folder: Path) -> None:
         ("row 3, column fits", "'Anna' is fitted from row 2 already"),
         ("row 3, column fit", "'x' is not taken"),
         ("row 3, column tracker", "no tracker 'css2'"),
-        ("row 3, column detector", "there is nothing to detect"),
+        ("row 3, column detector", "is for --detect, which is not given"),
         ("row 5, column subject", "there is no subject 'human35'"),
         ("row 5", "neither clips nor keypoints"),
         ("row 6, column clips", "no such clip: 'gone.mp4'"),
@@ -164,7 +155,7 @@ def test_rows_are_lines_of_the_file(folder: Path) -> None:
 def test_a_fault_said_for_all_rows_is_said_once(folder: Path) -> None:
     text = "[defaults]\nheight = 9.0\ncameras = 'gone.json'\nfps = 'x'\n" + "[[clip]]\nclips = ['a.mp4']\n" * 1
     text += "[[clip]]\nclips = 'b.mp4'\nheight = 1.7\n"
-    assert [fault.split(":")[0] for fault in faults_of(folder, text, "m.toml")] == [
+    assert sorted(fault.split(":")[0] for fault in faults_of(folder, text, "m.toml")) == [
         "[defaults], column cameras",
         "[defaults], column fps",
         "[defaults], column height",
@@ -216,8 +207,10 @@ def test_what_a_row_becomes(folder: Path) -> None:
     assert row.clips == (f"c={folder / 'a.mp4'}", f"{folder / 'a=b.mp4'}")
     assert row.options == {
         "keypoints": [f"c={folder / 'a.json'}"],
-        "detect": {"detector": "onnx", "model": f"{folder / 'a.json'}"},
-        "masks": [f"c={folder / 'b.mp4'}"],
+        "detect": True,
+        "detector": "onnx",
+        "model": f"{folder / 'a.json'}",
+        "mask": [f"c={folder / 'b.mp4'}"],
         "cameras": "auto",
         "lenses": f"{folder / 'cameras.json'}",
         "seed": 0,
@@ -289,16 +282,12 @@ A_VALUE = {"detect": "yes", "floor": "off", "start": "index", "sync": "auto", "f
            "markers": "opencap", "unit": "mm"}  # fmt: skip
 
 
-OF_POINTS = [field.name for field in fields(PointOptions)]
+OF_POINTS = list(options_of(PointOptions))
 
 
 def option_names() -> list[str]:
-    """Every option of `track`, by the fields of the command line's groups and its own arguments."""
-    grouped = [
-        field.name for group in (InputOptions, PointOptions, TrackerOptions, DetectorOptions) for field in fields(group)
-    ]
-    return [name for name in [*grouped, *inspect.signature(tracking.track).parameters] if name not in
-            ("by", "clips", "files", "how", "given", *columns.OF_THE_BATCH)]  # fmt: skip
+    """Every option of `track` that the command line has."""
+    return [name for name in flag_types(TrackRequest) if name not in ("clips", *columns.OF_THE_BATCH)]
 
 
 @pytest.mark.parametrize("name", option_names())
@@ -306,7 +295,7 @@ def test_every_option_of_track_is_a_column(folder: Path, name: str) -> None:
     """By its name on the command line; its value reaches `kinemode.track`."""
     row: dict[str, Any] = {"clips": "a.mp4"}
     column = "person-id" if name == "person" else name.replace("_", "-")
-    if name in [field.name for field in fields(DetectorOptions)]:
+    if name in options_of(DetectorOptions):
         row |= {"detect": "yes", "detector": "onnx", "model": "a.json"}
     if name == "lenses":
         row["cameras"] = "auto"
@@ -316,11 +305,9 @@ def test_every_option_of_track_is_a_column(folder: Path, name: str) -> None:
         (folder / "cameras.json").write_text("")
     (read_row,) = rows_of([row | {column: A_VALUE.get(name, "cameras.json")}], folder=folder)
     given = dict(read_row.options)
-    given |= given.pop("detect") if isinstance(given.get("detect"), dict) else {}
     given["subject"] = read_row.subject
-    argument = {"mask": "masks"}.get(name, name)
-    assert argument in given
-    assert name in A_VALUE or "cameras.json" in str(given[argument])
+    assert name in given
+    assert name in A_VALUE or "cameras.json" in str(given[name])
     with pytest.raises(ManifestError, match=rf"row 1, column {column.replace('-', '_')}: "):
         rows_of([row | {column: {"a": object()}}], folder=folder)
 
@@ -330,9 +317,7 @@ def test_a_value_is_that_of_the_command_line(name: str) -> None:
     option = f"--{name.replace('_', '-')}"
     line = ["track", "a.mp4", "--out", "a.run", option, A_VALUE[name]]
     _, bound, _ = cli.app.parse_args(line, exit_on_error=False, print_error=False)
-    given = bound.arguments.get("files", NO_INPUT).arguments() | vars(bound.arguments.get("how", USUAL))
-    given |= bound.arguments.get("given", NO_POINTS).arguments()
-    expected = (given | bound.arguments)[name]
+    expected = bound.arguments[name]
     what = "points" if name in OF_POINTS else "keypoints"
     (row,) = rows_of([{what: str(Path(__file__)), "person-id" if name == "person" else name: A_VALUE[name]}])
     value = (dict(row.options) | {"subject": row.subject})[name]
@@ -342,10 +327,8 @@ def test_a_value_is_that_of_the_command_line(name: str) -> None:
 
 def test_lists_of_texts_are_files_or_values() -> None:
     """A new option that takes a list says which, so that relative paths in it start in the manifest's folder."""
-    by_camera = {name for name, column in columns.columns().items() if column.type == Files}
-    assert by_camera == {*columns.BY_CAMERA, *columns.VALUES_BY_CAMERA}
-    others = {name for name, c in columns.columns().items() if c.several} - by_camera
-    assert others == {columns.PERSON_ID}
+    for declared in options_of(TrackRequest).values():
+        assert bool(declared.files) == bool({"Named", "Clips", "Keypoints"} & {*declared.parts})
     assert all(get_origin(kind) is not dict for c in columns.columns().values() for kind in c.kinds)
 
 
@@ -353,8 +336,8 @@ def test_lists_of_texts_are_files_or_values() -> None:
     ("cells", "fault"),
     [
         ({"detector": "yolo"}, "detector: 'yolo' is unknown"),
-        ({"detector": "onnx"}, "detector: onnx: needs a model"),
-        ({"model": "a.json"}, "detector: model: mediapipe brings its own"),
+        ({"detector": "onnx"}, "model: onnx needs a model"),
+        ({"model": "a.json"}, "model: mediapipe brings its own"),
         ({"people": 0}, "people: must be 1 or more, got 0"),
         ({"clips": "", "keypoints": "a.json"}, "detect: there is no clip"),
     ],
@@ -408,8 +391,8 @@ def test_rows_of_points(folder: Path) -> None:
         ({"points": "a.json", "markers": "none.toml"}, "there is no such file: 'none.toml'"),
         ({"points": "none.trc"}, "there is no such file of points: 'none.trc'"),
         ({"points": "a.json", "unit": "inch"}, "'inch'"),
-        ({"clips": "a.mp4", "unit": "mm"}, "is of points, and none are given"),
-        ({"clips": "a.mp4", "static": "b.json"}, "is of points, and none are given"),
+        ({"clips": "a.mp4", "unit": "mm"}, "is for points, which are not given"),
+        ({"clips": "a.mp4", "static": "b.json"}, "is for points, which are not given"),
         ({"keypoints": "a.json", "fit": "markers"}, "no points are given"),
     ],
 )

@@ -19,7 +19,7 @@ from estimator.data.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import cli
-from kinemode.inputs.named import named_paths
+from kinemode.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
 from tests.command_lines import interrupted_after
@@ -161,7 +161,7 @@ BAD = {
     "unknown subject": (["track", "--subject", "human35", "--keypoints", "{left}", "--out", "{out}"], "human34"),
     "unknown tracker": (["track", "--tracker", "cs", "--keypoints", "{left}", "--out", "{out}"], "css"),
     "no modes": (["track", "--modes", "0", "--keypoints", "{left}", "--out", "{out}"], "at least 1"),
-    "negative seed": (["track", "--seed=-1", "--keypoints", "{left}", "--out", "{out}"], "negative"),
+    "negative seed": (["track", "--seed=-1", "--keypoints", "{left}", "--out", "{out}"], "must be 0 or more"),
     "bad fit": (["track", "--fit", "maybe", "--keypoints", "{left}", "--out", "{out}"], "auto"),
     "output folder missing": (["track", "--keypoints", "{left}", "--out", "{folder}/a/b.run"], "does not exist"),
     "output is a folder": (["track", "--keypoints", "{left}", "--out", "{folder}"], "is a folder"),

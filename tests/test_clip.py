@@ -20,9 +20,9 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import captured_output
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.lens import PHONES
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 
 COUNT, SIZE = 90, (96, 64)
 
@@ -284,7 +284,7 @@ def test_pixels_need_not_be_square(wide: int, high: int, tmp_path: Path) -> None
     pixels = np.tile(np.random.default_rng(0).uniform(10.0, 50.0, (6, 2)), (COUNT, 1, 1))
     track = KeypointTrack("names", names, pixels, np.ones((COUNT, 6)), SIZE, 25.0)
     write_keypoints(tmp_path / "k.json", track)
-    inputs = load_inputs(Body(load_subject("human34")), InputFiles({"a": path}, {"a": tmp_path / "k.json"}, None))
+    inputs = load_inputs(Body(load_subject("human34")), FileOptions({"a": path}, keypoints={"a": tmp_path / "k.json"}))
     (camera,) = inputs.observations[0].cameras
     assert camera.K[1, 1] / camera.K[0, 0] == pytest.approx(wide / high)
     assert camera.K[1, 1] == pytest.approx(PHONES * max(SIZE[0] * wide / high, SIZE[1]))

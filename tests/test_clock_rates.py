@@ -21,9 +21,8 @@ from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 
 BODY = body_of("human34")
@@ -148,7 +147,7 @@ def load(folder: Path, *tracks: KeypointTrack, **told: Any) -> Inputs:
         write_keypoints(paths[camera.name], track)
     write_cameras(folder / "cameras.json", CAMERAS[: len(tracks)])
     return load_inputs(
-        BODY, InputFiles(None, paths, folder / "cameras.json", declared=Declared(**{"sync": "auto"} | told))
+        BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", **{"sync": "auto"} | told)
     )
 
 

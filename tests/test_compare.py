@@ -29,6 +29,7 @@ from kinemode.comparison.files import plotted
 from kinemode.comparison.scores import courses
 from kinemode.comparison.times import TrackTime
 from kinemode.rendering.files import RenderedClip
+from kinemode.request import TrackRequest
 from kinemode.terminal.progress import unreported
 from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, MeasurePanel, Plot, first_losses, write_plot
@@ -272,10 +273,10 @@ def test_an_interrupted_command_says_how_to_go_on(
     arguments = ["compare", "--trackers", "single-mode,css", "--keypoints", str(keypoints), *out]
     track_subject = jobs.track_subject
 
-    def interrupted(subject: Any, files: Any, wanted: jobs.TrackOptions) -> Any:
+    def interrupted(subject: Any, files: Any, wanted: TrackRequest, known: Any) -> Any:
         if wanted.tracker == "css":
             raise KeyboardInterrupt
-        return track_subject(subject, files, wanted)
+        return track_subject(subject, files, wanted, known)
 
     monkeypatch.setattr(jobs, "track_subject", interrupted)
     assert front.main([a.removeprefix("single-mode,") for a in arguments]) == front.INTERRUPTED

@@ -32,8 +32,9 @@ from kinemode.detection.people import People, Search, shared
 from kinemode.detection.process import DetectorProcess
 from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
 from kinemode.detection.scripts.onnx_pose import decoded, window
-from kinemode.inputs.files import InputFiles
 from kinemode.public.detection import with_detected
+from kinemode.request import FileOptions
+from kinemode.terminal.progress import unreported
 from tests.test_door import STANDARD, imported
 from tests.tiny_onnx import constant_boxes, two_colours
 from tests.waiting import DEADLINE
@@ -334,7 +335,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
         """Whether a file of a time is written again; times are set, for those of two files may be too near."""
         if made.exists():
             os.utime(made, (time, time))
-        with with_detected(InputFiles(clip), "fake", out, None) as files:
+        with with_detected(FileOptions(clip, detect=True, detector="fake"), out, unreported) as files:
             assert files.keypoints == [made]
         return made.stat().st_mtime != time
 
@@ -344,7 +345,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
     assert made_anew(drawn_at - 1.0)  # of another clip of that name
     started.script.write_text(started.script.read_text() + "# changed\n")
     assert made_anew(drawn_at + 1.0)
-    with with_detected(InputFiles(clip, made), "fake", out, None) as files:
+    with with_detected(FileOptions(clip, keypoints=made, detect=True, detector="fake"), out, unreported) as files:
         assert files.keypoints == [made]  # what is given is not looked for
 
 
@@ -361,7 +362,7 @@ def test_commands_detect_for_the_clips_without_keypoints(
 ) -> None:
     seen: list[Any] = []
 
-    def stopped(subject: Any, files: InputFiles, *_: Any) -> None:
+    def stopped(subject: Any, files: FileOptions, *_: Any) -> None:
         assert isinstance(files.keypoints, list)
         seen.extend(files.keypoints)
         raise InputError("here", "is the end")

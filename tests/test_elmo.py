@@ -367,7 +367,7 @@ def test_they_go_by_the_silhouette_where_there_is_no_depth(clip: RenderedClip, f
             mask[np.nonzero(mask)[0].max() - 2 :] = 255
         cv2.imwrite(str(tmp_path / path.name), mask)
     few = {"elmo": {"neighbours": 12, "rounds": 2, "survivors": 6}}
-    how: dict[str, Any] = {"depth": None, "masks": tmp_path, "cues": "silhouette,edges", "index": file}
+    how: dict[str, Any] = {"depth": None, "mask": tmp_path, "cues": "silhouette,edges", "index": file}
     run = tracked(clip, tracker="elmo", settings=few, **how)
     assert all(run.result(i).status != "unobserved" for i in range(len(run)))
     assert run.result(2).extra["looked_at"] >= 12

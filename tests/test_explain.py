@@ -44,7 +44,7 @@ def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[s
             "keypoints": km.track(
                 "human34", None, cameras=clip.cameras, keypoints=clip.keypoints, out=folder / "k.run", **both
             ),
-            "pictures": km.track("human34", **named(clip), masks=clip.masks, out=folder / "p.run", **both),
+            "pictures": km.track("human34", **named(clip), mask=clip.masks, out=folder / "p.run", **both),
             "lifted": km.track(
                 "human34", None, cameras=clip.cameras, keypoints=with_world(clip, folder), out=folder / "l.run", **both
             ),
@@ -125,8 +125,8 @@ def jumping(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dic
     folder = tmp_path_factory.mktemp("jumping")
     seen: dict[str, Any] = {
         "keypoints": {"clips": None, "cameras": clip.cameras, "keypoints": clip.keypoints},
-        "pictures": {**named(clip), "masks": clip.masks},
-        "both": {**named(clip), "keypoints": clip.keypoints, "masks": clip.masks, "cues": "edges,flow,silhouette"},
+        "pictures": {**named(clip), "mask": clip.masks},
+        "both": {**named(clip), "keypoints": clip.keypoints, "mask": clip.masks, "cues": "edges,flow,silhouette"},
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

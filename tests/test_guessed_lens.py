@@ -17,10 +17,9 @@ from estimator.data.media.film import ffmpeg_command
 from estimator.data.media.lens_tags import lens_tags
 from humanoid.support.errors import InputError
 from kinemode.inputs import phones
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.lens import PHONES, lens_of
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 
 BODY = body_of("human34")
@@ -107,8 +106,8 @@ def load(
     pixels = np.tile(camera_at(0.0).project(BODY.landmarks(BODY.at(BODY.neutral))) / 10.0, (2, 1, 1))
     track = KeypointTrack("x", BODY.landmark_names, pixels, np.ones(pixels.shape[:2]), (64, 48), 5.0)
     write_keypoints(folder / "a.json", track)
-    declared = Declared(focal=focal, phone=phone)
-    inputs = load_inputs(BODY, InputFiles(clip, folder / "a.json", cameras, declared=declared))
+    declared = {"focal": focal, "phone": phone}
+    inputs = load_inputs(BODY, FileOptions(clip, keypoints=folder / "a.json", cameras=cameras, **declared))
     return inputs.observations[0].cameras[0].K[0, 0] / 64.0, " ".join(inputs.notes)
 
 

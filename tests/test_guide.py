@@ -91,7 +91,7 @@ def few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
         return changed(usual(spec), groups)
 
     monkeypatch.setattr(registry, "_defaults", few)
-    monkeypatch.setattr(jobs, "_fitted", lambda job, subject, *_: jobs._Fitted(subject, job.estimates))
+    monkeypatch.setattr(jobs, "_fitted", lambda job, subject, *_: jobs._Fitted(subject, job.known.estimates))
 
 
 def follow(name: str, folder: Path) -> None:

@@ -23,9 +23,8 @@ from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 
 SIZE, COUNT, RATE = (160, 120), 60, 30.0
@@ -87,7 +86,7 @@ def files(folder: Path, tracks: dict[str, KeypointTrack]) -> dict[str, Path]:
 
 
 def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **told: Any) -> Inputs:
-    return load_inputs(BODY, InputFiles(clips, files(folder / "k", tracks), CAMERAS, declared=Declared(**told)))
+    return load_inputs(BODY, FileOptions(clips, keypoints=files(folder / "k", tracks), cameras=CAMERAS, **told))
 
 
 def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +100,7 @@ def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatc
     monkeypatch.setattr(load_module, "load_people", counted(load_module.load_people))
     write_cameras(tmp_path / "c.json", list(CAMERAS.values()))
     tracks = files(tmp_path / "k", {"a": every(SEEN["a"], 2, 15.0)})
-    load_inputs(BODY, InputFiles({"a": folder_clip}, tracks, tmp_path / "c.json", declared=Declared(fps="a=30")))
+    load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=tracks, cameras=tmp_path / "c.json", fps="a=30"))
     assert sorted(opened) == ["a", "a", "a.json", "c.json"]  # the clip a second time, at the rate that is given
 
 
@@ -131,9 +130,7 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
         assert sum("80 x 60 are scaled to 160 x 120" in note for note in inputs.notes) == 3
     with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size has 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
-    alone = load_inputs(
-        BODY, InputFiles(None, files(tmp_path, {"a": unsaid["a"]}), declared=Declared(keypoint_size=(80, 60)))
-    )
+    alone = load_inputs(BODY, FileOptions(None, keypoints=files(tmp_path, {"a": unsaid["a"]}), keypoint_size=(80, 60)))
     assert alone.observations[0].cameras[0].image_size == (80, 60)
     with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
         load(tmp_path, {"a": replace(SEEN["a"], image_size=(80, 80))})
@@ -154,10 +151,11 @@ def test_fractions_of_a_picture_become_pixels_of_the_camera_or_of_the_given_size
         (tmp_path / f"{name}.json").write_text(json.dumps(yolo(SEEN["a"], size)))
 
     def read(name: str, with_cameras: bool, size: str | None = None) -> Inputs:
-        declared = Declared(fps=RATE, keypoint_size=size)
+        declared = {"fps": RATE, "keypoint_size": size}
         keypoints = {"a": tmp_path / f"{name}.json"}
         return load_inputs(
-            BODY, InputFiles(None, keypoints, {"a": CAMERAS["a"]} if with_cameras else None, declared=declared)
+            BODY,
+            FileOptions(None, keypoints=keypoints, cameras={"a": CAMERAS["a"]} if with_cameras else None, **declared),
         )
 
     expected = stacked(read("pixels", True))
@@ -203,12 +201,12 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
 def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Path) -> None:
     write_cameras(tmp_path / "c.json", [resized_camera(CAMERAS["a"], (320, 240))])
     keypoints = files(tmp_path, {"a": SEEN["a"]})
-    inputs = load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
+    inputs = load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=keypoints, cameras=tmp_path / "c.json"))
     np.testing.assert_allclose(inputs.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
     assert told(inputs, "calibrated at 320 x 240, scaled to 160 x 120")
     write_cameras(tmp_path / "c.json", [replace(CAMERAS["a"], image_size=(160, 100))])
     with pytest.raises(InputError, match=r"c\.json: image sizes of 'a' disagree: camera 160 x 100, pictures 160 x 120"):
-        load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
+        load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=keypoints, cameras=tmp_path / "c.json"))
 
 
 def test_aspects() -> None:
@@ -335,16 +333,16 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
     write_cameras(tmp_path / "c.json", [CAMERAS["a"]])
 
     def loaded(clip: str, points: str, cameras: Path | None = None) -> Inputs:
-        return load_inputs(BODY, InputFiles(clip, points, cameras))
+        return load_inputs(BODY, FileOptions(clip, keypoints=points, cameras=cameras))
 
     inputs = loaded(str(folder_clip), str(keypoints))
     assert told(inputs, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
     assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are taken for")
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
-            load_inputs(BODY, InputFiles(str(folder_clip), wrong, None))
+            load_inputs(BODY, FileOptions(str(folder_clip), keypoints=wrong, cameras=None))
     with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
-        load_inputs(BODY, InputFiles(str(folder_clip), iter([f"b={keypoints}"]), None))
+        load_inputs(BODY, FileOptions(str(folder_clip), keypoints=[f"b={keypoints}"], cameras=None))
     assert told(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'b'"):
         loaded(None, f"b={keypoints}", tmp_path / "c.json")  # type: ignore[arg-type]
@@ -369,7 +367,7 @@ def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Pat
 def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     folder = shared_data / "beam4cam"
     keypoints = {name: folder / "keypoints" / f"{name}.json" for name in ("cam01", "cam02", "cam03", "cam04")}
-    inputs = load_inputs(BODY, InputFiles(None, keypoints, folder / "calibration.json"))
+    inputs = load_inputs(BODY, FileOptions(None, keypoints=keypoints, cameras=folder / "calibration.json"))
     assert inputs.notes == ()
     assert all(frames is None for frames in inputs.frames)
     cameras, pixels = inputs.observations[0].cameras, stacked(inputs)
@@ -388,7 +386,7 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
     for i in range(0, COUNT, 2):
         flat = [v for point in SEEN["a"].pixels[i][:17].tolist() for v in (*point, 1.0)]
         (folder / f"a_{i:06d}_keypoints.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": flat}]}))
-    inputs = load_inputs(BODY, InputFiles({"a": folder_clip}, {"a": folder}, CAMERAS))
+    inputs = load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints={"a": folder}, cameras=CAMERAS))
     assert [o.count > 0 for o in inputs.observations] == [i % 2 == 0 for i in range(COUNT)]
 
 

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def track(clip: RenderedClip, out: Path, *, resume: bool = False, start: float = START) -> Run:
     few = {**QUICK, "smooth": {"enabled": False}}
     return kinemode.track(
-        "human34", clip.videos, cameras=clip.cameras, keypoints=clip.keypoints, masks=clip.masks, fit="off", out=out,
+        "human34", clip.videos, cameras=clip.cameras, keypoints=clip.keypoints, mask=clip.masks, fit="off", out=out,
         cues="edges,silhouette", settings=few, resume=resume, start=start,
     )  # fmt: skip
 

@@ -160,4 +160,5 @@ def test_an_order_that_is_given_stays_with_the_run(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", joints=in_order("lafan1", 0)[:4], fps=RATE)
     how = {"layout": "lafan1", "up": "z", "unit": "m"}
     run = km.retarget(tmp_path / "a.npz", "example-robot-data:g1", method="frames", out=tmp_path / "a.run", **how)
-    assert run.header.given == {name: (word,) for name, word in how.items()}
+    assert run.header.request is not None
+    assert {name: (word,) for name, word in how.items()}.items() <= run.header.request.items()

@@ -296,7 +296,7 @@ def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
     [
         (Path(__file__), {"keypoints": "absent.json"}, "absent.json: there is no such file"),
         ("absent.mp4", {"keypoints": len}, "absent.mp4: there is no such file"),
-        (0, {"detect": "absent"}, "detector: .absent. is unknown"),
+        (0, {"detector": "absent"}, "detector: .absent. is unknown"),
         (-1, {"keypoints": len}, "source: -1 is negative"),
         (0.5, {"keypoints": len}, "source: cannot be of type float"),
         (97, {"keypoints": len}, "camera 97: gives no picture"),

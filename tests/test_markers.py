@@ -319,7 +319,7 @@ def test_what_does_not_go_with_points_is_refused(
 
 
 def test_options_of_points_need_points() -> None:
-    with pytest.raises(km.InputError, match="--markers: is of points"):
+    with pytest.raises(km.InputError, match="markers: is for points"):
         km.track("human34", "walk.mp4", markers="opencap")
     with pytest.raises(km.InputError, match="fit: no points are given"):
         km.track("human34", "walk.mp4", fit="markers")
@@ -351,9 +351,9 @@ def test_a_static_trial_without_a_use_is_refused(
     points = np.random.default_rng(0).normal(size=(2, 4, 3))
     write_trc(tmp_path / "other.trc", ["A", "B", "C", "D"], points, [0.0, 0.02])
     for subject, given, problem in (
-        ("human34", {"static": path}, "--static: is of points"),
-        ("human34", {"points": path, "static": path, "fit": "off"}, "--static: is for the fit"),
-        (me, {"points": path, "static": path}, "static: .*me.urdf is taken as measured"),
+        ("human34", {"static": path}, "static: is for points"),
+        ("human34", {"points": path, "static": path, "fit": "off"}, "static: is for the fit"),
+        (me, {"points": path, "static": path}, "static: .*me.urdf is used as measured"),
         ("human34", {"points": path, "static": tmp_path / "other.trc"}, "other.trc: no frame has 4 of the markers"),
         ("human34", {"points": path, "static": tmp_path / "none.trc"}, "none.trc"),
     ):

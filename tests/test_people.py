@@ -26,9 +26,9 @@ from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.inputs.persons import persons_of, plain
+from kinemode.request import FileOptions
 
 FRAMES, FPS = 40, 20.0
 Frames = list[list[tuple[int, Person]]]
@@ -285,8 +285,8 @@ def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
         everyone[name] = write_openpose(tmp_path / name, shown)
         shown = [[p for n, p in frame if n == who] for frame in frames]
         lone[name] = write_mmpose(tmp_path / f"{name}.json", shown)
-    chosen = load_inputs(body, InputFiles(None, everyone, cameras()))
-    alone_there = load_inputs(body, InputFiles(None, lone, cameras()))
+    chosen = load_inputs(body, FileOptions(None, keypoints=everyone, cameras=cameras()))
+    alone_there = load_inputs(body, FileOptions(None, keypoints=lone, cameras=cameras()))
     for ours, theirs in zip(chosen.observations, alone_there.observations, strict=True):
         np.testing.assert_array_equal(ours.pixels, theirs.pixels)
         np.testing.assert_array_equal(ours.confidence, theirs.confidence)
@@ -294,4 +294,4 @@ def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
     assert any("cam0, cam1, cam2 see the same person" in note for note in chosen.notes)
     assert not any("person" in note for note in alone_there.notes)
     with pytest.raises(InputError, match="there is no camera 'cam9'"):
-        load_inputs(body, InputFiles(None, everyone, cameras(), person="cam9=1"))
+        load_inputs(body, FileOptions(None, keypoints=everyone, cameras=cameras(), person="cam9=1"))

@@ -11,9 +11,9 @@ import pytest
 from estimator.data.cameras.camera import Camera, camera_before, guessed_camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.lens import PHONES
 from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of
 
 SIZE = 640, 480
@@ -51,7 +51,7 @@ def inputs(folder: Path, subject: str, count: int, camera: Camera | None = None)
     if camera is not None:
         cameras = folder / "cameras.json"
         write_cameras(cameras, [camera])
-    return load_inputs(body, InputFiles(keypoints=path, cameras=cameras))
+    return load_inputs(body, FileOptions(keypoints=path, cameras=cameras))
 
 
 def test_a_guessed_camera_is_put_before_a_subject_that_cannot_be(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_flow_between_two_poses(name: str) -> None:
 @pytest.fixture(scope="module")
 def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     out = tmp_path_factory.mktemp("run") / "a.run"
-    return kinemode.track(subject="human34", fit="off", settings=QUICK, masks=clip.masks, out=out, **named(clip))
+    return kinemode.track(subject="human34", fit="off", settings=QUICK, mask=clip.masks, out=out, **named(clip))
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")

@@ -19,10 +19,10 @@ from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_header import RunHeader
 from estimator.synthesis import ViewSettings
 from humanoid.subject.subject import load_subject
-from kinemode import reporting
 from kinemode.__main__ import main
-from kinemode.inputs.declared import Declared
+from kinemode.option import words_given
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
+from kinemode.request import TrackRequest
 from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.page import page
@@ -183,7 +183,8 @@ def test_what_repeats_the_run_is_told(run: km.Run, text: str) -> None:
     facts = facts_of(run)
     assert ("run", str(run.file), hashlib.sha256(run.file.read_bytes()).hexdigest()) in facts.files
     assert "--seed 5" in facts.command
-    assert "--settings SETTINGS.toml" in facts.command
+    assert "--settings SETTINGS" in facts.command
+    assert "capitals" in facts.blanks
     assert "--cues off" in facts.command
     rows = Reader(text).rows
     assert ["cost.nu", "9.0", "8.0"] in rows
@@ -240,66 +241,71 @@ def test_the_command_writes_what_the_function_writes(
     assert not (tmp_path / "b.pdf").exists()
 
 
+def test_the_command_makes_the_run_again(tmp_path: Path) -> None:
+    """To the last bit, from any folder, with all that was given; its files are listed with their digests."""
+    clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(image_size=(160, 120)), fps=10, seconds=0.4)
+    (name, keypoints), *_ = clip.keypoints.items()
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[cost]\nnu = 9.0\n")
+    out = tmp_path / "arm.run"
+    words = ["--keypoints", f"{name}={keypoints}", "--cameras", str(clip.cameras), "--settings", str(settings)]
+    words += ["--start", "0.1", "--floor", "off", "--up=-y", "--keypoint-noise", "2", "--cues", "off", "--seed", "5"]
+    line = ["track", str(clip.videos[name]), "--subject", str(clip.subject), *words, "--out", str(out)]
+    assert main(line) == 0
+    first = km.open_run(out)
+    facts = facts_of(first)
+    assert facts.blanks == ""
+    assert {"settings", "cameras", f"keypoints of {name}"} <= {what for what, _, _ in facts.files}
+    again = shlex.split(facts.command)
+    assert again[-2:] == ["--out", "arm.run"]
+    assert main([*again[1:-1], str(tmp_path / "again.run")]) == 0
+    second = km.open_run(tmp_path / "again.run")
+    np.testing.assert_array_equal(second.q, first.q)
+    assert second.header.request == {**(first.header.request or {}), "out": ("again.run",)}
+
+
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("given", "words"),
     [
-        (Declared(), {}),
-        (
-            Declared(keypoint_size={"a": (960, 540)}, fps=["a=120"], up="-y", floor="off", start=1.5),
-            {"keypoint-size": ("a=960x540",), "fps": ("a=120",), "up": ("-y",), "floor": ("off",), "start": ("1.5",)},
-        ),
-        (
-            Declared(layout="h36m17", height=1.7, keypoint_noise="3", offset={"b": -0.2}, sync="auto"),
-            {
-                "layout": ("h36m17",),
-                "height": ("1.7",),
-                "keypoint-noise": ("3",),
-                "offset": ("b=-0.2",),
-                "sync": ("auto",),
-            },
-        ),
+        ({}, ""),
+        ({"keypoint_size": {"a": (960, 540)}, "up": "-y"}, "--keypoint-size a=960x540 --up=-y"),
+        ({"fps": ["a=120", "b=60"]}, "--fps a=120 b=60"),
+        ({"floor": "off", "start": 1.5, "layout": "h36m17", "height": 1.7}, "--floor off --start 1.5 --layout h36m17"),
+        ({"keypoint_noise": "3", "offset": {"b": -0.2}, "detect": True}, "--keypoint-noise 3 --offset b=-0.2 --detect"),
+        ({"cues": ["edges", "flow"], "person": {"a": 1}}, "--cues edges,flow --person a=1"),
+        ({"keypoints": {"a": np.zeros((1, 17, 2))}}, "--keypoints a=KEYPOINTS"),
+        ({"settings": {"cost": {"nu": 9.0}}}, "--settings SETTINGS"),
+        ({"points": [__file__], "markers": "opencap"}, f"--points {__file__} --markers opencap"),
     ],
-)
-def test_what_was_said_of_files_is_kept_and_repeated(
-    run: km.Run, monkeypatch: pytest.MonkeyPatch, told: Declared, words: dict[str, tuple[str, ...]]
+)  # fmt: skip
+def test_what_was_asked_for_is_kept_and_repeated(
+    run: km.Run, monkeypatch: pytest.MonkeyPatch, given: dict[str, object], words: str
 ) -> None:
-    assert told.words() == words
-    header = RunHeader.from_json(replace(run.header, given=told.words()).to_json(), "a.run")
-    assert header.given == words
-    monkeypatch.setattr(run, "header", header)
-    command = shlex.split(facts_of(run).command)
-    for name, values in words.items():
-        given = [f"--{name}={values[0]}"] if values[0].startswith("-") else [f"--{name}", *values]
-        at = command.index(given[0])
-        assert command[at : at + len(given)] == given
-    assert "--end, --fps" not in facts_of(run).blanks
-
-
-def test_runs_made_before_have_what_they_kept(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    old = replace(run.header, given=None, floor=0.25, settings={**run.header.settings, "height": 1.62})
-    header = RunHeader.from_json(old.to_json(), "a.run")
-    assert header.given is None
+    asked = words_given(TrackRequest("human34", **given))
+    header = RunHeader.from_json(replace(run.header, request=asked).to_json(), "a.run")
+    assert header.request == asked
     monkeypatch.setattr(run, "header", header)
     facts = facts_of(run)
-    assert "--height 1.62 --floor 0.25" in facts.command
-    assert "--end, --fps" in facts.blanks
+    options = {" ".join(option) for option in _options(shlex.split(facts.command)[2:])}
+    assert {" ".join(option) for option in _options(shlex.split(words))} <= options
+    assert len(options) == 1 + len(given)  # and where it goes
+    assert bool(facts.blanks) == any(word.rpartition("=")[2].isupper() for word in words.split())
 
 
-@pytest.mark.parametrize(
-    ("person", "file", "words", "out"),
-    [
-        ("all: person2", "walk.person2.run", "--person all", "walk.run"),
-        ({"a": "1", "b": "0"}, "walk.run", "--person a=1 b=0", "walk.run"),
-        (3, "walk.run", "--person 3", "walk.run"),
-        ("auto", "walk.run", "", "walk.run"),
-    ],
-)
-def test_whom_a_run_is_of_is_repeated(
-    run: km.Run, monkeypatch: pytest.MonkeyPatch, person: object, file: str, words: str, out: str
-) -> None:
-    monkeypatch.setattr(run, "header", replace(run.header, settings={**run.header.settings, "person": person}))
-    monkeypatch.setattr(run, "file", run.file.with_name(file))
-    command = reporting._command(run)
-    assert words in command
-    assert ("--person" in command) == bool(words)
-    assert command.endswith(f"--out {out}")
+def _options(words: list[str]) -> list[list[str]]:
+    """Words of a command line, those of each option together."""
+    options: list[list[str]] = []
+    for word in words:
+        if word.startswith("--"):
+            options.append([])
+        options[-1].append(word)
+    return options
+
+
+def test_runs_made_before_do_not_know_their_command(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = RunHeader.from_json(replace(run.header, request=None).to_json(), "a.run")
+    assert old.request is None
+    monkeypatch.setattr(run, "header", old)
+    facts = facts_of(run)
+    assert facts.command == ""
+    assert "earlier version" in facts.blanks

@@ -17,8 +17,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode import demo
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from kinemode.terminal.progress import unreported
 from tests.command_lines import killed_at, printed_by, track_line
 from tests.tiny_clip import QUICK, QUICK_BY_KEYPOINTS
@@ -73,7 +73,7 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     body = Body(load_subject("human34"))
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
-    observations = load_inputs(body, InputFiles(None, keypoints, clip.cameras)).observations
+    observations = load_inputs(body, FileOptions(None, keypoints=keypoints, cameras=clip.cameras)).observations
     settings = settings_for("css", changes=QUICK_BY_KEYPOINTS)
     states = [state for _, state in run(make_tracker("css", body, settings), observations, 0)]
     for first in range(1, len(observations)):

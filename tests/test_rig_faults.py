@@ -79,8 +79,8 @@ def test_the_command_says_what_the_function_says(
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (["--height", "1.7"], "--height: is of cameras that are found"),
-        (["--out", "c.json"], "--out: is of a calibration that is made"),
+        (["--height", "1.7"], "--height: is for cameras that are found"),
+        (["--out", "c.json"], "--out: is for a calibration that is made"),
         (["--sync", "some"], "sync"),
     ],
 )

@@ -34,10 +34,9 @@ from estimator.synthesis.motion_keys import motion_named
 from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from viz.pictures.rig_picture import rig_drawing
 from viz.pictures.rig_plan import ABOVE, ASIDE
 
@@ -371,8 +370,8 @@ def test_cameras_are_found_from_keypoint_files(
     said = capsys.readouterr().out.replace("\n", "")
     assert f"--cameras {again}" in said
     assert f"picture written to {drawn}" in said
-    told = InputFiles(None, keypoint_files, Path("auto"), declared=Declared(offset=offset, height=1.8))
-    inputs = load_inputs(filmed.body, told.checked())
+    told = FileOptions(None, keypoints=keypoint_files, cameras=Path("auto"), offset=offset, height=1.8)
+    inputs = load_inputs(filmed.body, told)
     for camera in inputs.observations[0].cameras:
         np.testing.assert_allclose(camera.R_camera_world, rig.cameras[camera.name].R_camera_world)
     assert any("found from the person" in note for note in inputs.notes)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.tracking.registry import TRACKERS, current_changes, settings_for
+from estimator.tracking.former_settings import FORMER
+from estimator.tracking.registry import TRACKERS, settings_for, stored_changes
 from estimator.tracking.unused_settings import RULES
 from estimator.vision.likelihood.settings import unused_rules
-from humanoid.kinematics.body import Body
-from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.settings import declared, every_setting, is_group, members, setting
 from humanoid.support.unused import ONE_CAMERA, PICTURES
@@ -21,7 +21,6 @@ from kinemode.settings import (
     choose,
     choose_for_all,
     describe_settings,
-    former_names_in,
     read_settings,
     write_settings,
 )
@@ -109,7 +108,7 @@ UNUSED = {
     ("css", "[cues]\nuse_flow = false\n[cues.flow]\ntolerance = 1.0\n"): ("[cues.flow] tolerance", "use_flow is off"),
     ("css", "[css.budget]\ncalm = 1.0\nalarm = 3.0\n"): ("[css.budget] alarm", "css.budget.calm is 1"),
     ("css-paper", "[smooth]\nwindow = 9\n"): ("[smooth] window", "smooth.enabled is off"),
-    ("css-paper", "[css]\nother_readings = 3\n"): ("[css] swapped_readings", "search.exchange is off"),
+    ("css-paper", "[css]\nswapped_readings = 3\n"): ("[css] swapped_readings", "search.exchange is off"),
     ("single-mode", "[css]\nmodes = 3\n"): ("[css] modes", "single-mode uses [single_mode]"),
     ("condensation", "[cost]\ntransition_nu = 3.0\n"): ("[cost] transition_nu", "dynamics alone"),
     ("robust-single-mode", "[search.contact]\nsteps = 3\n"): ("[search.contact] steps", "interpenetration_weight is 0"),
@@ -172,20 +171,6 @@ def test_every_number_declares_what_can_work_and_has_a_default_that_can(tracker:
     look(settings_for(tracker))
 
 
-def test_a_setting_may_be_called_by_its_former_name() -> None:
-    chosen = choose("css", {"css": {"flips": 3, "flip_penalty": 2.0}})
-    assert chosen.settings == settings_for("css", changes={"css": {"jumps": 3, "jump_penalty": 2.0}})
-    assert chosen.changes == {"css": {"jumps": 3, "jump_penalty": 2.0}}
-    assert chosen.notes(cues=chosen.settings.cues, cameras=1, fits=False) == [
-        "the setting css.flips is called css.jumps now",
-        "the setting css.flip_penalty is called css.jump_penalty now",
-    ]
-    told = former_names_in(("css", "css-paper", "annealed"), {"css": {"flips": 3}, "annealed": {"layers": 3}})
-    assert told == ["the setting css.flips is called css.jumps now"]
-    with pytest.raises(InputError, match=r"settings\.css\.flips: is called jumps now, and both are given"):
-        choose("css", {"css": {"flips": 3, "jumps": 3}})
-
-
 def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
     chosen = choose("condensation", {"cost": {"transition_nu": 3.0, "nu": 5.0}})
     chosen.check(fits=True)
@@ -235,101 +220,24 @@ def test_what_has_no_effect_on_this_input_is_noted() -> None:
     assert "cues.edges" not in edges
 
 
-def test_former_names_of_settings_and_groups_are_taken() -> None:
-    """Those of the trackers, deep within their tables too."""
-    given = {"shout": {"by_hull": False}, "propagation": {"product": {"sighted": False}}}
-    chosen = choose("loose-limbed", {"loose_limbed": given})
-    assert not chosen.settings.own.part_detectors.by_hull
-    assert not chosen.settings.own.propagation.product.image_weighted
-    notes = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
-    assert "the setting loose_limbed.shout is called loose_limbed.part_detectors now" in notes
-    assert choose("css", {"css": {"other_readings": 3}}).settings.own.swapped_readings == 3
-    assert choose("css", {"search": {"settled": 0.02}}).settings.search.reassign_tolerance == 0.02
-    by_hull = {"loose_limbed": {"part_detectors": {"hull": {"kept": 7}}}}
-    assert choose("loose-limbed", by_hull).settings.own.part_detectors.hull.survivors == 7
-
-
-def test_settings_of_another_group_once_are_found_where_they_are_now() -> None:
+def test_run_files_of_earlier_versions_have_other_names() -> None:
+    """Settings that were in another group, groups and settings of trackers, deep within their tables too."""
     once = {"edge_nu": 3.0, "depth_noise": 0.1, "rounds": 2}
-    former = {"cost": {"nu": 5.0, "image": once}, "cues": {"edges": {"window": 0.2}}}
+    stored = {"cost": {"nu": 5.0, "image": once}, "cues": {"edges": {"window": 0.2}}, "css": {"flips": 3}, "fit": "off"}
     cues = {"edges": {"window": 0.2, "nu": 3.0}, "depth": {"surface_noise": 0.1}, "surface": {"rounds": 2}}
-    now = {"cost": {"nu": 5.0}, "cues": cues}
-    assert choose("css", former).settings == choose("css", now).settings
-    names, noted = current_changes("css", former)
-    assert names == now
-    assert "the setting cost.image.edge_nu is called cues.edges.nu now" in noted
-    with pytest.raises(InputError, match=r"edge_nu: is called cues\.edges\.nu now"):
-        choose("css", {"cost": {"image": {"edge_nu": 3.0}}, "cues": {"edges": {"nu": 3.0}}})
+    now = {"cost": {"nu": 5.0}, "cues": cues, "css": {"jumps": 3}}
+    assert stored_changes("css", stored) == now
+    hull = {"shout": {"hull": {"kept": 7}}, "propagation": {"product": {"sighted": False}}}
+    settings = settings_for("loose-limbed", changes=stored_changes("loose-limbed", {"loose_limbed": hull}))
+    assert settings.own.part_detectors.hull.survivors == 7
+    assert not settings.own.propagation.product.image_weighted
+    with pytest.raises(InputError, match="no setting 'flips'"):  # what a user gives has the present names
+        choose("css", {"css": {"flips": 3}})
 
 
-def test_a_pose_prior_that_the_body_does_not_suit_is_noted() -> None:
-    other, human34 = Body(load_subject("upper13")), Body(load_subject("human34"))
-    asked = {"cost": {"pose_prior_weight": 0.5}}
-    for tracker in ("css", "css-paper"):
-        (note,) = choose(tracker, asked).notes_on_body(other)
-        assert note.startswith("settings without effect here: cost.pose_prior_weight (")
-        assert "joints it does not have" in note
-        assert choose(tracker, asked).notes_on_body(human34) == []
-    for silent in (None, {"cost": {"pose_prior_weight": 0.0}}, {"cost": {"nu": 5.0}}):
-        assert choose("css", silent).notes_on_body(other) == []
-
-
-BAD = {
-    "[cots]\n": ("no setting 'cots'", "did you mean cost?"),
-    "[cost]\nkeypoint_nois = 1.0\n": ("[cost]: no setting 'keypoint_nois'", "did you mean keypoint_noise?"),
-    "[cost]\nturn_spee = 1.0\n": ("[cost]: no setting 'turn_spee'", "did you mean turn_speed?"),
-    "[cues]\nwindow = 1.0\n": ("[cues]: no setting 'window' (it belongs to [smooth] or [cues.edges]; here: one of",),
-    "[cues.edges]\nzzz = 1\n": ("[cues.edges]: no setting 'zzz'", "noise, window"),
-    "[css]\nmodes = 2.0\n": ("[css] modes: 2.0 is no whole number",),
-    "[css]\nmodes = 0\n": ("[css] modes: 0 cannot work", "1 or more"),
-    "[css]\nkeep = 1\n": ("[css] keep: 1 is no true or false",),
-    "[cost]\nnu = 'wide'\n": ("[cost] nu: 'wide' is no number",),
-    "[cost]\nnu = nan\n": ("[cost] nu: nan cannot work", "more than 0"),
-    f"[cost]\nnu = 1{'0' * 400}\n": ("[cost] nu", "cannot work"),
-    "[cost]\npotential = 'soft'\n": ("[cost] potential: 'soft' cannot work", "one of gaussian, lorentzian"),
-    "[cost.image]\nmotion_boundary = 1.5\n": ("[cues.edges] motion_boundary: 1.5", "at most 1"),
-    "cost = 3\n": ("cost: is a group of settings", "give a table"),
-    "[cues.flow]\nfinest_scale = 7\n": ("[cues.flow] finest_scale: 7 cannot work", "0 or more, at most 2"),
-    "[cues]\nworking_size = 8\n": ("[cues] working_size: 8 cannot work", "64 or more"),
-    "[css]\nmodes = = 3\n": ("line 2, column 9", "is not TOML"),
-    "[css]\nmodes = 3\nmodes = 4\n": ("line 3", "is not TOML"),
-    "[css": ("is not TOML",),
-}
-
-
-@pytest.mark.parametrize("text", BAD)
-def test_what_is_wrong_is_named_with_its_place(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as error:
-        read_settings("css", path)
-    assert str(error.value).startswith(f"{path}: ")
-    assert all(part in str(error.value) for part in BAD[text])
-
-
-def test_a_program_is_told_the_same_as_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    for changes, text in (({"css": {"modes": -1}}, "[css]\nmodes = -1"), ({"csss": {}}, "[csss]")):
-        path.write_text(text)
-        with pytest.raises(InputError) as of_file:
-            read_settings("css", path)
-        with pytest.raises(InputError) as of_mapping:
-            read_settings("css", changes)
-        assert (of_file.value.problem, of_file.value.remedy) == (of_mapping.value.problem, of_mapping.value.remedy)
-        assert of_mapping.value.source.startswith("settings")
-
-
-def test_files_that_are_none(tmp_path: Path) -> None:
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    for path, told in (
-        (tmp_path / "none.toml", "no such file"),
-        (tmp_path, "folder"),
-        (tmp_path / "binary.toml", "text"),
-    ):
-        with pytest.raises(InputError, match=told):
-            load_settings(path)
-    with pytest.raises(InputError, match="exists already"):
-        write_settings(tmp_path / "binary.toml")
-    with pytest.raises(InputError, match="tracker"):
-        write_settings(tmp_path / "new.toml", "ccs")
-    assert not (tmp_path / "new.toml").exists()
+@pytest.mark.parametrize("former", FORMER)
+def test_every_former_name_has_a_setting_or_a_group_now(former: str) -> None:
+    table, *path = FORMER[former].split(".")
+    group: Any = settings_for("css" if table != "loose_limbed" else "loose-limbed")
+    for name in (table, *path):
+        group = members(group)[name]

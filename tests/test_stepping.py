@@ -225,7 +225,7 @@ def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given:
         ({"image_size": (640, 480), "jitter": {"side": 1.0}}, "jitter: is of side"),
         ({"image_size": (640, 480), "floor": 0.0, "lag": 4}, "floor: is of the cameras' world, and none is given"),
         ({"camera": camera_at(15.0), "floor": 0.0}, "floor: is kept by smoothing, which there is none of"),
-        ({"camera": camera_at(15.0), "floor": "sea", "lag": 4}, "'sea' is no height"),
+        ({"camera": camera_at(15.0), "floor": "sea", "lag": 4}, "floor: 'sea' is unknown"),
         ({"image_size": (640,)}, "image_size: cannot be of type tuple"),
     ],
 )

@@ -20,9 +20,8 @@ from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 
 BODY = body_of("human34")
@@ -113,7 +112,7 @@ def load(folder: Path, begins: dict[str, float], *, still: bool = False, **told:
         paths[name] = folder / f"{name}.json"
         write_keypoints(paths[name], seen(CAMERAS[c], own_times() + 1.0 + begin, c, still=still))
     write_cameras(folder / "cameras.json", CAMERAS)
-    return load_inputs(BODY, InputFiles(None, paths, folder / "cameras.json", declared=Declared(sync="auto", **told)))
+    return load_inputs(BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", sync="auto", **told))
 
 
 def test_files_are_put_on_one_clock(tmp_path: Path) -> None:

@@ -142,15 +142,15 @@ def test_nothing_else_names_it() -> None:
 
 
 def track(clip: RenderedClip, **changes: Any) -> Run:
-    given: dict[str, Any] = {"clips": clip.videos, "cameras": clip.cameras, "masks": clip.masks, "tracker": NAME}
+    given: dict[str, Any] = {"clips": clip.videos, "cameras": clip.cameras, "mask": clip.masks, "tracker": NAME}
     return km.track("human34", **{**given, "settings": {"cues": {"working_size": 160}}, **changes})
 
 
 def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tmp_path: Path) -> None:
     refused: list[tuple[dict[str, Any], str]] = [
-        ({"cues": "off", "masks": None}, f"{NAME} can begin in no frame.*--cues"),
+        ({"cues": "off", "mask": None}, f"{NAME} can begin in no frame.*--cues"),
         ({"settings": {"smooth": {"enabled": True}}}, f"hypotheses of {NAME} have no energy that could be smoothed"),
-        ({"clips": None, "masks": None}, "keypoints: are needed"),
+        ({"clips": None, "mask": None}, "keypoints: are needed"),
     ]
     for changes, told in refused:
         with pytest.raises(InputError, match=told):
@@ -162,7 +162,7 @@ def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
     toy: None, clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.warns(FindingWarning, match=f"{NAME} could begin in no frame"):
-        run = track(clip, cues="edges", masks=None, out=tmp_path / "a.run")
+        run = track(clip, cues="edges", mask=None, out=tmp_path / "a.run")
     assert run.complete
     assert run.status.tolist() == ["unobserved"] * SHORT
     assert run.mode_q.shape[1] == 0

@@ -18,9 +18,8 @@ from estimator.data.formats.opensim import write_trc
 from estimator.data.people.up_direction import up_direction
 from estimator.runs.run_header import RunHeader
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 from tests.test_run_file import header
 
@@ -107,7 +106,7 @@ def load(folder: Path, R_given_upright: np.ndarray, *, up: str | None = None, ca
             paths[-1], KeypointTrack("x", NAMES, pixels, np.ones(pixels.shape[:2]), camera.image_size, 30.0)
         )
     write_cameras(folder / "cameras.json", [in_world(camera, R_given_upright) for camera in CAMERAS])
-    return load_inputs(BODY, InputFiles(None, paths, folder / "cameras.json", declared=Declared(up=up)))
+    return load_inputs(BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", up=up))
 
 
 def turn_left(inputs: Inputs) -> float:
@@ -149,7 +148,7 @@ def test_a_direction_that_is_none_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"--up: .* is no axis .one of x, y, z, -x, -y, -z"):
             load(tmp_path, np.eye(3), up=wrong)
     with pytest.raises(InputError, match="none is given"):
-        load_inputs(BODY, InputFiles(None, tmp_path / "c0.json", declared=Declared(up="y")))
+        load_inputs(BODY, FileOptions(None, keypoints=tmp_path / "c0.json", up="y"))
 
 
 def test_the_camera_files_word_is_taken(tmp_path: Path) -> None:
@@ -160,7 +159,7 @@ def test_the_camera_files_word_is_taken(tmp_path: Path) -> None:
     path.write_text(json.dumps(content | {"up": "-y"}))
     assert declared_up(path) == "-y"
     keypoints = [tmp_path / f"{camera.name}.json" for camera in CAMERAS]
-    inputs = load_inputs(BODY, InputFiles(None, keypoints, path))
+    inputs = load_inputs(BODY, FileOptions(None, keypoints=keypoints, cameras=path))
     assert turn_left(inputs) < 1e-5
     assert not any("taken for" in note for note in inputs.notes)
     path.write_text(json.dumps(content | {"up": "down"}))

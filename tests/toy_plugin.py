@@ -19,7 +19,7 @@ class LazySettings:
     """
 
     naps: int = setting(2, at_least=0, at_most=5)
-    depth: float = setting(0.5, above=0, formerly=("deepness",))
+    depth: float = setting(0.5, above=0)
     bed: str = setting("sofa", one_of=("sofa", "floor"))
 
 

@@ -108,7 +108,8 @@ def measured(view: str, folder: Path, detector: str, seed: int, work: Path) -> t
     theirs, _ = timed_track({view: shipped}, cameras, work / f"{view}_shipped.run", seed=seed)
     out = work / f"{view}_detected.run"
     ours = km.track(
-        "human34", video, cameras=cameras, detect=detector, cues="off", seed=seed, out=out, overwrite=True,
+        "human34", video, cameras=cameras, detect=True, detector=detector,
+        cues="off", seed=seed, out=out, overwrite=True,
         progress=km.reported,
     )  # fmt: skip
     apart = difference(out.with_suffix(".keypoints") / f"{view}.json", shipped)

@@ -19,8 +19,8 @@ from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.marker_set import LANDMARKS
 from humanoid.subject.subject import load_subject
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from kinemode.terminal import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")
@@ -42,7 +42,9 @@ def measure_cameras(folder: Path, work: Path, seed: int) -> dict[str, Any]:
     files = {name: folder / "keypoints" / f"{name}.json" for name in CAMERAS}
     reference = Reference.load(folder / "reference3d.npz")
     body = Body(load_subject("human34"))
-    observations = load_inputs(body, InputFiles(None, files, folder / "calibration.json")).observations
+    observations = load_inputs(
+        body, FileOptions(None, keypoints=files, cameras=folder / "calibration.json")
+    ).observations
     by_pictures, _ = timed_track(files, folder / "calibration.json", work / "pictures.run", seed=seed)
     figures: dict[str, Any] = {"frames": len(observations), PICTURES: _errors(by_pictures, reference)}
     for way, most in WAYS.items():

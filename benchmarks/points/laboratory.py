@@ -95,8 +95,8 @@ def measure_laboratory(folder: Path, work: Path, fits: Sequence[str], seconds: f
         trial, part = f"{path.parent.name} {path.stem}", middle_of(path, seconds)
         for name in fits if path.parent == own else (OWN,):
             person = subject if name == OWN else fitted[name].subject
-            how, out = "auto" if name == OWN else "off", work / f"{trial}_{name}.run"
-            run = run_of(person, path, out, fit=how, seed=seed, part=part)
+            out = work / f"{trial}_{name}.run"
+            run = run_of(person, path, out, fit="auto" if name == OWN else "off", seed=seed, part=part)
             by_kind, apart = differences(run, truth), residuals_of(run).apart
             figures[f"{trial} {name}"] = {
                 "trial": trial, "fit": name, "frames": len(run), "markers_mm": 1e3 * root_mean_square(apart),

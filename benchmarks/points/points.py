@@ -18,7 +18,7 @@ from benchmarks.points.tracked_points import fit_of, observations_of
 from benchmarks.support.common import Data, Json, Several, Work, check_known, data_folder, save, work_folder
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode.options import Flag
+from kinemode.flags import Flag
 
 _STATIC = "static1"
 MISSING = {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import kinemode as km
+from benchmarks.support.tracking import Fitted
 from estimator.data.markers.load import load_points
 from estimator.data.observation import Observation
 from estimator.runs.marker_residuals import MarkerResiduals, marker_residuals
@@ -19,9 +20,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from kinemode.explain import run_settings
 from kinemode.from_points import fit_to_points, track_points
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.points import PointFiles, load_point_inputs
-from kinemode.jobs import TrackOptions
+from kinemode.inputs.points import load_point_inputs
+from kinemode.request import FitRequest, InputOptions, TrackRequest
 
 TRACKER = "markers"
 Part = tuple[float | None, float | None]
@@ -48,7 +48,7 @@ def fit_of(
     """Lengths and places of markers by a trial, or by a part of it, and by a static trial where there is one."""
     with warnings.catch_warnings():
         _quiet()
-        return fit_to_points(subject, _files(path, markers, part, static), seed, None)
+        return fit_to_points(subject, FitRequest(subject, seed=seed, **_given(path, markers, part, static)))
 
 
 def run_of(
@@ -56,7 +56,7 @@ def run_of(
     path: Path,
     out: Path,
     *,
-    fit: str = "off",
+    fit: Fitted = "off",
     seed: int = 0,
     markers: str = "auto",
     settings: Mapping[str, Any] | None = None,
@@ -65,15 +65,18 @@ def run_of(
     """A trial, or a part of it, tracked, and smoothed, by the tracker of markers."""
     with warnings.catch_warnings():
         _quiet()
-        options = TrackOptions(tracker=TRACKER, settings=settings, seed=seed, fit=fit, out=out, overwrite=True)
-        return track_points(subject, _files(path, markers, part), options)
+        request = TrackRequest(
+            subject, tracker=TRACKER, settings=settings, seed=seed, fit=fit, out=out, overwrite=True,
+            **_given(path, markers, part),
+        )  # fmt: skip
+        return track_points(subject, request)
 
 
 def observations_of(
     subject: Subject, path: Path, *, markers: str = "auto", part: Part = WHOLE
 ) -> tuple[Body, Sequence[Observation]]:
     """The body with its markers, and what it is tracked from."""
-    marked, inputs = load_point_inputs(subject, _files(path, markers, part))
+    marked, inputs = load_point_inputs(subject, InputOptions(**_given(path, markers, part)))
     return Body(marked), inputs.observations
 
 
@@ -89,9 +92,8 @@ def root_mean_square(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.square(values))))
 
 
-def _files(path: Path, markers: str, part: Part, static: Path | None = None) -> PointFiles:
-    declared = Declared(start=part[0], end=part[1])
-    return PointFiles((path,), markers, declared=declared, static=() if static is None else (static,))
+def _given(path: Path, markers: str, part: Part, static: Path | None = None) -> dict[str, Any]:
+    return {"points": path, "markers": markers, "start": part[0], "end": part[1], "static": static}
 
 
 def _quiet() -> None:

@@ -13,7 +13,7 @@ from benchmarks.robustness.batch_overhead import measure_overhead
 from benchmarks.robustness.batch_soak import measure_many, measure_soak
 from benchmarks.support.common import Json, Work, save, work_folder
 from humanoid.support.errors import InputError
-from kinemode.options import Flag
+from kinemode.flags import Flag
 from kinemode.target import made_folder
 
 CLIPS, MANY = 24, 200

@@ -21,8 +21,8 @@ from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from kinemode.target import made_folder
 from kinemode.terminal import report
 
@@ -101,7 +101,8 @@ def said(folder: Path, files: Files) -> tuple[str, tuple[str, ...]]:
     """What a user who tells nothing is told: refused, warned or silent, and the messages."""
     try:
         loaded = load_inputs(
-            Body(load_subject("human34")), InputFiles(files.clips, files.keypoints, folder / "calibration.json")
+            Body(load_subject("human34")),
+            FileOptions(files.clips, keypoints=files.keypoints, cameras=folder / "calibration.json"),
         )
     except InputError as problem:
         return "refused", (str(problem),)

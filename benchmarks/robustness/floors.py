@@ -95,7 +95,7 @@ def tracked(body: Body, scene: Scene, kind: Kind, folder: Path, seed: int) -> Fi
     )  # fmt: skip
 
 
-_BOTH = ("off", "auto")
+_BOTH: tuple[Literal["off", "auto"], ...] = ("off", "auto")
 
 
 def _points(body: Body, points: np.ndarray, folder: Path, rng: np.random.Generator) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def main(*, out: Path, frames: int | None = None, work: Work = None) -> None:
             film = Film(browser, points)
             session = km.live(
                 clip.videos[CAMERA], keypoints=film, subject=person, cameras=clip.cameras, camera=CAMERA,
-                layout=seen.layout, realtime=False, open_browser=False, ready=browser.get,
+                layout=seen.layout, realtime=False, browser=False, ready=browser.get,
             )  # fmt: skip
             film.take(len(points) - 1)
     tell(session.summary())
@@ -68,7 +68,7 @@ class Film:
         self.pictures: list[np.ndarray] = []
 
     def __call__(self, picture: np.ndarray, at: float) -> np.ndarray:
-        """See `kinemode.streams.sources.KeypointSource`."""
+        """See `kinemode.kinds.KeypointSource`."""
         frame = round(at * FPS)
         if frame > 0:
             self.take(frame - 1)

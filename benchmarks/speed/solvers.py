@@ -27,8 +27,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from kinemode.target import made_folder
 from kinemode.terminal import report
 
@@ -103,7 +103,7 @@ def made(clip: str, folder: Path, data: Path | None, frames: int | None, seed: i
         raise InputError("--clips", f"{clip} cannot be tracked: {reason}")
     given = crossing(folder) if clip == "contact" else CASES[clip].given(made_folder(folder), None, data)
     subject = load_subject("human34")
-    files = InputFiles(None, given["keypoints"], given["cameras"])
+    files = FileOptions(None, keypoints=given["keypoints"], cameras=given["cameras"])
     observations = load_inputs(Body(subject), files).observations
     if clip != "contact":
         subject = fit_person(subject, observations, seed=seed).subject

@@ -29,8 +29,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import Subject, load_subject
 from kinemode import demo
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
+from kinemode.request import FileOptions
 from kinemode.terminal import report
 from kinemode.terminal.progress import unreported
 
@@ -108,7 +108,7 @@ def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
         name, camera = "the built-in clip", demo.CAMERA
         files, cameras = {camera: clip.keypoints[camera]}, clip.cameras
     subject = load_subject("human34")
-    observations = load_inputs(Body(subject), InputFiles(None, files, cameras)).observations
+    observations = load_inputs(Body(subject), FileOptions(None, keypoints=files, cameras=cameras)).observations
     subject = fit_person(subject, observations, seed=seed).subject
     return Job(f"{name} {camera}", files, cameras, subject, observations)
 

@@ -26,9 +26,9 @@ from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.likelihood.reader import CueReader
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.rendering.clip import render_clip
+from kinemode.request import FileOptions
 from kinemode.terminal import report
 
 FPS = 10.0
@@ -98,7 +98,7 @@ def rendered(body: Body, folder: Path) -> list[Observation]:
         folder, "reach", view=ViewSettings(image_size=(320, 240)), detector=DetectorSettings(noise_px=1.5), fps=FPS,
         seconds=(FRAME + 1.5) / FPS, seed=1,
     )  # fmt: skip
-    inputs = load_inputs(body, InputFiles(clip.videos, clip.keypoints, clip.cameras))
+    inputs = load_inputs(body, FileOptions(clip.videos, keypoints=clip.keypoints, cameras=clip.cameras))
     paths = [path for path in inputs.clips if path is not None]
     reader = CueReader(paths, inputs.observations[0].cameras, settings_for("css").cues)
     seen = [replace(o, cues=reader.at(o.index)) for o in inputs.observations[: FRAME + 1]]

@@ -7,12 +7,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import kinemode as km
 from estimator.runs.run_file import Run
 from humanoid.subject.subject import Subject
 from kinemode.terminal.progress import Progress
+
+Fitted = Literal["auto", "proportions", "markers", "off"]
+"""What of a subject is fitted, see `kinemode.track`."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ def timed_track(
     cues: str = "off",
     background: Mapping[str, Path] | None = None,
     subject: Subject | Path | str = "human34",
-    fit: str = "auto",
+    fit: Fitted = "auto",
     tracker: str = "css",
     seed: int = 0,
     modes: int | None = None,

@@ -41,7 +41,7 @@ class RunHeader:
     world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
     floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet. points: paths of the
     files of points in space, in place of cameras, or of the motion that was followed; none where cameras see the body.
-    given: what the user said of the files, as words of the command line by option; None in runs that do not keep it.
+    request: what was asked for, as words of the command line by flag; None in runs that do not keep it.
     """
 
     subject_urdf: str
@@ -67,7 +67,7 @@ class RunHeader:
     contradicted: tuple[int, ...] = ()
     floor: KnownFloor = None
     points: tuple[str, ...] = ()
-    given: Mapping[str, tuple[str, ...]] | None = None
+    request: Mapping[str, tuple[str, ...]] | None = None
 
     @property
     def retargeted(self) -> bool:
@@ -138,7 +138,8 @@ class RunHeader:
             extra[_CONTRADICTED] = list(self.contradicted)
         extra |= {} if self.R_upright_given is None else {_TURN: self.R_upright_given.tolist()}
         extra |= {_POINTS: list(self.points)} if self.points else {}
-        extra |= {} if self.given is None else {_GIVEN: {name: list(words) for name, words in self.given.items()}}
+        asked = self.request
+        extra |= {} if asked is None else {_REQUEST: {name: list(words) for name, words in asked.items()}}
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -186,7 +187,7 @@ class RunHeader:
             contradicted=entries.rows(_CONTRADICTED) if _CONTRADICTED in entries.value else (),
             floor=entries.floor(_FLOOR) if _FLOOR in entries.value else None,
             points=points,
-            given=entries.words(_GIVEN) if _GIVEN in entries.value else None,
+            request=entries.words(_REQUEST) if _REQUEST in entries.value else None,
         )
 
 
@@ -201,7 +202,7 @@ def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int
 
 
 _TURN, _CONTRADICTED, _FLOOR, _POINTS = "turn to upright", "contradicted frames", "floor", "points"
-_GIVEN = "given options"
+_REQUEST = "request"
 # what headers of the first runs lack
 _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 

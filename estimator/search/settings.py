@@ -44,7 +44,7 @@ class ModeSearchSettings(CheckedSettings):
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
     spare: int = setting(3, at_least=0)
     distinct: float = setting(0.03, at_least=0)
-    reassign_tolerance: float = setting(0.01, at_least=0, formerly=("settled",))
+    reassign_tolerance: float = setting(0.01, at_least=0)
     exchange: bool = True
     readings: bool = True
     readings_rest: float = setting(0.1, at_least=0, at_most=1)

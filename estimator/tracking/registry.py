@@ -16,7 +16,8 @@ from estimator.trackers.dual_chain import tracker as dual_chain
 from estimator.trackers.elmo import tracker as elmo
 from estimator.trackers.loose_limbed import tracker as loose_limbed
 from estimator.trackers.spec import Spec
-from estimator.tracking.setting_changes import changed, former_names, refused, renamed
+from estimator.tracking.former_settings import with_present_names
+from estimator.tracking.setting_changes import changed, refused
 from estimator.tracking.settings import COMMON, Settings
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
@@ -108,23 +109,15 @@ def changes_for(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     return {table: values for table, values in changes.items() if table not in others}
 
 
-def stored_settings(name: str, stored: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
-    """The settings in the run file `source` as they would be stored now: files once had those of all trackers, and
-    settings other names."""
-    return renamed(_defaults(TRACKERS[name]), changes_for(name, stored), source)
+def stored_settings(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings in a run file as they would be stored now: files once had those of all trackers, and settings other
+    names."""
+    return changes_for(name, with_present_names(stored))
 
 
-def stored_changes(name: str, stored: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
+def stored_changes(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
     """The same without what is no setting, as changes."""
-    return {table: values for table, values in stored_settings(name, stored, source).items() if table not in _BESIDE}
-
-
-def current_changes(
-    name: str, changes: Mapping[str, Any], source: str | Path | None = None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The changes with every setting by its present name, and what is to be said of those that had another."""
-    defaults = _defaults(TRACKERS[name])
-    return renamed(defaults, changes, source), tuple(former_names(defaults, changes))
+    return {table: values for table, values in stored_settings(name, stored).items() if table not in _BESIDE}
 
 
 def make_tracker(name: str, body: Body, settings: Settings | None = None) -> TrackerProtocol[Any]:

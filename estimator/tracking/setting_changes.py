@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,33 +19,14 @@ T = TypeVar("T")
 def changed(settings: T, changes: Mapping[str, Any], source: str | Path | None = None) -> T:
     """A group of settings with nested changes: a table for a group, a value for a setting.
 
-    source: the file that the changes are from; None where a program gave them. Former names (`Valid.formerly`) do.
+    source: the file that the changes are from; None where a program gave them.
 
     Raises
     ------
     InputError: an unknown name (the message names the nearest and all valid ones), a value of another kind than the
         setting's, or one that cannot work; with file, table and name.
     """
-    return _Changes(source, settings).of(settings, renamed(settings, changes, source), "")
-
-
-def renamed(settings: Any, changes: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
-    """The changes with every setting by the name that it has now. Raises InputError where one has both names."""
-    return _renamed(settings, _relocated(settings, changes, source), source, "")
-
-
-def former_names(settings: Any, changes: Mapping[str, Any], table: str = "") -> Iterator[str]:
-    """A sentence for each setting that the changes call by a former name."""
-    for former, name in _moved(settings).items():
-        if _at(changes, former) is not None:
-            yield f"the setting {former} is called {name} now"
-    now, known = _now(settings), members(settings)
-    for name, value in changes.items():
-        if name in now:
-            place = f"{table}.".removeprefix(".")
-            yield f"the setting {place}{name} is called {place}{now[name]} now"
-        elif isinstance(value, Mapping) and is_group(known.get(name)):
-            yield from former_names(known[name], value, f"{table}.{name}".removeprefix("."))
+    return _Changes(source, settings).of(settings, changes, "")
 
 
 def refused(source: object, table: str, name: str, problem: str, remedy: str) -> InputError:
@@ -53,63 +34,6 @@ def refused(source: object, table: str, name: str, problem: str, remedy: str) ->
     if source is None:
         return InputError(".".join(part for part in ("settings", table, name) if part), problem, remedy=remedy)
     return InputError(str(source), problem, place=f"[{table}] {name}".strip() if table else name, remedy=remedy)
-
-
-def _moved(settings: Any) -> Mapping[str, str]:
-    """Settings that were in another group once: `settings.moved`, where there is that."""
-    return getattr(settings, "moved", {})
-
-
-def _at(changes: Mapping[str, Any], path: str) -> Any:
-    """The value of a setting in nested changes, None where it is not there."""
-    value: Any = changes
-    for name in path.split("."):
-        value = value.get(name) if isinstance(value, Mapping) else None
-    return value
-
-
-def _relocated(settings: Any, changes: Mapping[str, Any], source: object) -> dict[str, Any]:
-    """The changes with settings that were in another group where they are now."""
-    new = dict(changes)
-    for former, name in _moved(settings).items():
-        value = _at(changes, former)
-        if value is None:
-            continue
-        if _at(changes, name) is not None:
-            table, _, last = former.rpartition(".")
-            raise refused(source, table, last, f"is called {name} now, and both are given", "leave it out")
-        new = _with(_without(new, former.split(".")), name.split("."), value)
-    return new
-
-
-def _without(changes: Mapping[str, Any], path: list[str]) -> dict[str, Any]:
-    """Without one setting, and without groups that have none then."""
-    first, *rest = path
-    inner = _without(changes[first], rest) if rest else {}
-    left = {name: value for name, value in changes.items() if name != first}
-    return {**left, first: inner} if inner else left
-
-
-def _with(changes: Mapping[str, Any], path: list[str], value: Any) -> dict[str, Any]:
-    first, *rest = path
-    return {**changes, first: _with(changes.get(first, {}), rest, value) if rest else value}
-
-
-def _now(group: Any) -> dict[str, str]:
-    """Former names of the settings in a group, and those of now."""
-    return {old: name for name, valid in declared(group).items() for old in valid.formerly}
-
-
-def _renamed(group: Any, changes: Mapping[str, Any], source: object, table: str) -> dict[str, Any]:
-    now, known = _now(group), members(group)
-    new: dict[str, Any] = {}
-    for given, value in changes.items():
-        name = now.get(given, given)
-        if name != given and name in changes:
-            raise refused(source, table, given, f"is called {name} now, and both are given", "leave it out")
-        inner = isinstance(value, Mapping) and is_group(known.get(name))
-        new[name] = _renamed(known[name], value, source, f"{table}.{name}".removeprefix(".")) if inner else value
-    return new
 
 
 @dataclass(frozen=True)

@@ -12,31 +12,6 @@ from estimator.tracking.smoothing import SmoothSettings
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.support.settings import plain
 
-_OF_CUES = {
-    **{f"edge_{name}": f"edges.{name}" for name in ("evidence", "noise", "window", "candidates", "nu")},
-    "motion_boundary": "edges.motion_boundary",
-    **{f"flow_{name}": f"flow.{name}" for name in ("evidence", "leading", "noise", "share", "nu")},
-    **{f"outline_{name}": f"silhouette.{name}" for name in ("evidence", "noise", "nu")},
-    "depth_evidence": "depth.evidence",
-    "depth_noise": "depth.surface_noise",
-    "depth_slide": "depth.slide",
-    "depth_nu": "depth.nu",
-    **{
-        name: f"surface.{name}"
-        for name in (
-            "nodes",
-            "fineness",
-            "beside_keypoints",
-            "visibility_evidence",
-            "back_facing",
-            "occluded",
-            "rounds",
-        )
-    },
-}
-MOVED = {f"cost.image.{former}": f"cues.{now}" for former, now in _OF_CUES.items()}
-"""Settings that were in another group once, by their former names with all groups in front."""
-
 COMMON = ("cost", "search", "smooth", "cues")
 """The groups that are there for every tracker."""
 
@@ -56,11 +31,6 @@ class Settings:
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     cues: CueSettings = field(default_factory=cue_settings)
     table: str = ""
-
-    @property
-    def moved(self) -> Mapping[str, str]:
-        """See `MOVED`."""
-        return MOVED
 
     def members(self) -> dict[str, Any]:
         """The groups by name, as `humanoid.support.settings.members` takes them."""

@@ -21,8 +21,7 @@ class Valid:
     """Which values of a setting can work.
 
     at_least, above, at_most, below: bounds of a number, None where there is none. tiny: numbers nearer to zero than
-    `SMALLEST` are taken too. one_of: the words that a text may be, any where it is empty. formerly: names that the
-    setting once had.
+    `SMALLEST` are taken too. one_of: the words that a text may be, any where it is empty.
     """
 
     at_least: float | None = None
@@ -31,7 +30,6 @@ class Valid:
     below: float | None = None
     tiny: bool = False
     one_of: tuple[str, ...] = ()
-    formerly: tuple[str, ...] = ()
 
     @property
     def said(self) -> str:
@@ -77,19 +75,13 @@ def setting(
     below: float | None = None,
     tiny: bool = False,
     one_of: tuple[str, ...] = (),
-    formerly: tuple[str, ...] = (),
 ) -> Any:
     """A field of a settings dataclass with its default and what can work, see `Valid`.
 
     What a setting is for stands in the docstring of its dataclass, from where settings files take it.
     """
-    valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of), tuple(formerly))
+    valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of))
     return field(default=default, metadata={_DECLARED: valid})
-
-
-def formerly(*names: str) -> dict[str, Valid]:
-    """Metadata of a dataclass field that is a group of settings of its own: names that the group once had."""
-    return {_DECLARED: Valid(formerly=names)}
 
 
 def declared(group: Any) -> dict[str, Valid]:

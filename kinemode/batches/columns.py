@@ -8,7 +8,7 @@ import shlex
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,25 +17,18 @@ import cyclopts
 
 from humanoid.support.errors import shown
 from humanoid.support.near_names import nearest
-from kinemode.inputs.declared import AUTO
-from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, POINTS
-from kinemode.inputs.point_options import MARKERS
-from kinemode.options import Files, InputOptions, PointOptions, SubjectOption, TrackerOptions
+from kinemode.checks import MARKERS
+from kinemode.flags import Files, SubjectOption, flag_types
+from kinemode.option import options_of
+from kinemode.request import AUTO, RunOptions, TrackRequest
 
 NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
     "name", "clips", "person", "fits", "subject", "reference", "person_id",
 )  # fmt: skip
 OF_A_ROW = (NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE)
 """Columns that are no keyword argument of `track`; its argument `person` is the column `person_id`."""
-OF_THE_BATCH = ("out", "resume", "overwrite", "workers", "progress")
-"""Arguments of `track` that no row has: the batch says them for all."""
-BY_CAMERA = {
-    CLIPS: CLIP, "keypoints": KEYPOINTS, "mask": MASK, "background": BACKGROUND, "depth": DEPTH, "points": POINTS,
-    "static": POINTS,
-}  # fmt: skip
-"""Columns of [NAME=]PATH texts, and what their files are called."""
-VALUES_BY_CAMERA = ("keypoint_size", "keypoint_noise", "fps", "offset", "stereo")
-"""Columns of [NAME=]VALUE texts."""
+OF_THE_BATCH = tuple(options_of(RunOptions))
+"""Arguments of `track` that no row has: the batch gives them for all."""
 WORDS = {"cameras": (AUTO,)}
 """Words that columns of paths take in place of one."""
 _SPELLED = {bool: "yes or no", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
@@ -50,6 +43,11 @@ class Column:
 
     name: str
     type: Any
+
+    @property
+    def files(self) -> str:
+        """What the files of [NAME=]PATH texts are called, "" where a cell has others."""
+        return "" if self.name not in options_of(TrackRequest) else options_of(TrackRequest)[self.name].files
 
     @property
     def kinds(self) -> tuple[Any, ...]:
@@ -84,22 +82,13 @@ def _kinds(hint: Any) -> tuple[Any, ...]:
 @cache
 def columns() -> Mapping[str, Column]:
     """All columns by name."""
-    options = _options(InputOptions) | _options(PointOptions) | _options(TrackerOptions) | {"tracker": str}
+    options = dict(flag_types(TrackRequest))
     own: dict[str, Any] = {
         NAME: str, CLIPS: Files, PERSON: str, FITS: bool, SUBJECT: SubjectOption, REFERENCE: Path | None,
         PERSON_ID: options.pop("person"),
     }  # fmt: skip
     types_by_name = own | {name: hint for name, hint in options.items() if name not in own}
     return {name: Column(name, hint) for name, hint in types_by_name.items() if name not in OF_THE_BATCH}
-
-
-def _options(group_of_options: type) -> dict[str, Any]:
-    """Types of the options of a group, by name, with those of the groups in it."""
-    options: dict[str, Any] = {}
-    for name, hint in typing.get_type_hints(group_of_options, include_extras=True).items():
-        group = next((kind for kind in _kinds(hint) if isinstance(kind, type) and is_dataclass(kind)), None)
-        options |= {name: hint} if group is None else _options(group)
-    return options
 
 
 def column_of(written: str) -> Column | None:
@@ -136,8 +125,8 @@ def cell_value(column: Column, given: Any, folder: Path, say: Say) -> Any:
         return None
     if column.name == MARKERS and Path(value).suffix == ".toml":  # else the name of a set
         return existing(value, folder, say)
-    if column.name in BY_CAMERA:
-        return [_named_file(text, folder, BY_CAMERA[column.name], say) for text in value]
+    if column.files:
+        return [_named_file(text, folder, column.files, say) for text in value]
     if column.is_path and texts[0] not in WORDS.get(column.name, ()):
         return existing(texts[0], folder, say)
     return list(value) if column.several else str(value) if isinstance(value, Path) else value

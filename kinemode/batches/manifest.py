@@ -18,7 +18,7 @@ from kinemode.batches.people import fitting_rows, with_people
 from kinemode.batches.row import LONGEST_NAME, BatchRow, fitting_name
 from kinemode.batches.tables import ManifestTable, csv_table, mapped_row, text_of, toml_table
 from kinemode.batches.values import RowValues, files_of, row_values
-from kinemode.options import USUAL
+from kinemode.request import USUAL_SUBJECT
 
 _NAME = re.compile(rf"(?!\.)[\w.-]{{1,{LONGEST_NAME}}}")
 _TABLES = {".csv": csv_table, ".toml": toml_table}
@@ -86,7 +86,7 @@ def _row(name: str, row: RowValues, fits: bool) -> BatchRow:
         place=row.place,
         person=row.get(PERSON, ""),
         fits=fits,
-        subject=row.get(SUBJECT, USUAL.subject),
+        subject=row.get(SUBJECT, USUAL_SUBJECT),
         clips=tuple(row.get(CLIPS, ())),
         options=track_arguments(row),
         reference=row.get(REFERENCE),

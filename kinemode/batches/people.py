@@ -13,7 +13,7 @@ from kinemode.batches.faults import FaultList
 from kinemode.batches.tables import OF_PEOPLE
 from kinemode.batches.values import RowValues, is_built_in
 from kinemode.inputs.declared import wants_all
-from kinemode.options import USUAL
+from kinemode.request import USUAL_SUBJECT
 
 
 def with_people(
@@ -83,7 +83,7 @@ def _fitting(rows: Sequence[RowValues], indices: Sequence[int], faults: FaultLis
 
 def _never(row: RowValues) -> str | None:
     """Why a row's subject is not fitted, None where it may be."""
-    subject = row.get(SUBJECT, USUAL.subject)
+    subject = row.get(SUBJECT, USUAL_SUBJECT)
     if not is_built_in(subject):
         return f"the subject {shown(subject)} is taken as measured"
     return "fit is off" if row.get("fit") == "off" else None

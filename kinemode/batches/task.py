@@ -14,6 +14,8 @@ from humanoid.support.errors import InputError
 from kinemode.batches.digests import input_files, options_digest, unchanged
 from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow, fitting_name
+from kinemode.option import options_of
+from kinemode.request import BY_INDEX, FitRequest
 from kinemode.target import made_folder
 from viz.batch.entry import DONE
 
@@ -22,8 +24,6 @@ TOKEN = ".batch"
 LOCK = ".lock"
 """The file by which a folder is known as one of a batch, and held by who works in it."""
 _LIBRARIES = ("numpy", "pin")
-OF_TRACK_ALONE = ("tracker", "modes", "settings", "index", "fit")
-"""Options of rows that `fit` does not take."""
 _OF_THE_FIT = (
     "fit",
     "height",
@@ -74,7 +74,7 @@ class BatchTask:
         """As `track` takes them, or `fit`."""
         given = dict(self.row.options)
         if self.fits:
-            return {n: v for n, v in given.items() if n not in OF_TRACK_ALONE and (n, v) != ("start", "index")}
+            return {n: v for n, v in given.items() if n in options_of(FitRequest) and (n, v) != ("start", BY_INDEX)}
         return {n: v for n, v in given.items() if n not in _OF_THE_FIT} if self.subject else given
 
     @property

@@ -14,7 +14,7 @@ from humanoid.support.errors import InputError
 from kinemode.batches.columns import CLIPS, SUBJECT, Column, cell_value, columns, existing
 from kinemode.batches.faults import FaultList
 from kinemode.batches.tables import TableRow
-from kinemode.options import USUAL
+from kinemode.request import USUAL_SUBJECT
 
 _BARE = re.compile(r"[\w:-]+")
 
@@ -80,7 +80,7 @@ def _value(column: Column, given: Any, folder: Path, problems: list[tuple[str, s
 @cache
 def is_built_in(subject: str) -> bool:
     """Whether a subject is one of those that are fitted to a person unless it is said otherwise."""
-    if subject == USUAL.subject:
+    if subject == USUAL_SUBJECT:
         return True  # most are, and the others take a second to look up
     if not _BARE.fullmatch(subject):
         return False

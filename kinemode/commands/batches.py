@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.options import Flag
+from kinemode.flags import Flag
 
 _SHOWN = 10  # clips that failed
 

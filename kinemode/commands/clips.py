@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from kinemode.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument, UpOption
+from kinemode.flags import Files, Flag, UpOption, flags_of
+from kinemode.request import DetectRequest
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
@@ -166,11 +167,12 @@ def render(
     print(out)
 
 
-def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
+@flags_of(DetectRequest, clips=("clip", "Videos or folders of images, each [NAME=]PATH."))
+def detect(**given: Any) -> None:
     """Find the keypoints of all people in clips, and write them as keypoint files.
 
-    The detector gets an environment of its own in the cache folder when it is first needed, by uv; that takes a
-    network. Where the command was interrupted the same command goes on.
+    The detector gets an environment of its own in the cache folder when it is first needed, made by uv, for which a
+    network connection is needed. The same command resumes an interrupted one.
 
     Examples:
 
@@ -179,17 +181,10 @@ def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path,
     kinemode detect cam01.mp4 cam02.mp4 --out keypoints
 
     kinemode detect walk.mp4 --detector onnx --model rtmpose.onnx --out walk.json
-
-    Parameters
-    ----------
-    out
-        The file of one clip; of several clips, or where it is a folder, the folder for NAME.json.
-    overwrite
-        Replace files that are there.
     """
     import kinemode as km
 
-    for path in km.detect(clips, out=out, **how.arguments(), overwrite=overwrite, progress=km.reported).values():
+    for path in km.detect(**given, progress=km.reported).values():
         print(path)
 
 
@@ -244,6 +239,6 @@ def annotate(
         keypoints=keypoints,
         out=out,
         port=port,
-        open_browser=not no_browser,
+        browser=not no_browser,
     )
     print(f"{out}\nnext: {command}")

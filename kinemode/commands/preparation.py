@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from kinemode.options import (
-    NO_INPUT,
-    NO_PERSON,
-    NO_POINTS,
-    ClipArgument,
-    Flag,
-    FromPersonOptions,
-    InputOptions,
-    PointOptions,
-    SubjectOption,
-)
+from kinemode.flags import Flag, SubjectOption, flags_of
+from kinemode.option import options_of
+from kinemode.request import USUAL_SUBJECT, CheckRequest, FitRequest, RigRequest, SyncOptions
 
 
-def fit(
-    *clips: ClipArgument,
-    files: InputOptions = NO_INPUT,
-    given: PointOptions = NO_POINTS,
-    subject: SubjectOption = "human34",
-    cues: str = "auto",
-    seed: int = 0,
-    height: float | None = None,
-    out: Path,
-) -> None:
-    """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
+@flags_of(FitRequest, needed=("out",), subject=USUAL_SUBJECT)
+def fit(**given: Any) -> None:
+    """Fit a subject's proportions, and with images its flesh, to the first frames of a clip; write it as a URDF.
 
     With --points lengths and the places of the markers are fitted, which the URDF has for other trials.
 
@@ -44,46 +29,26 @@ def fit(
     kinemode fit walk.mp4 --detect --out me.urdf
 
     kinemode fit --points static.trc --out me.urdf
-
-    Parameters
-    ----------
-    cues
-        What the flesh is fitted to, see `track`; cues whose features lie on the contours of the body count.
-    seed
-        Seed of the random numbers.
-    height
-        The person's height [m], where it is known: one camera does not see how large somebody is.
-    out
-        The URDF file to write.
     """
     import kinemode as km
 
-    fitted = km.fit(
-        subject,
-        clips,
-        **files.arguments(),
-        **given.arguments(),
-        cues=cues,
-        seed=seed,
-        height=height,
-        out=out,
-        progress=km.reported,
-    )
+    fitted = km.fit(**given, progress=km.reported)
     from kinemode.terminal import report
 
-    report.print_fit(fitted, out)
+    report.print_fit(fitted, given["out"])
 
 
-PicturesArgument = Annotated[
-    str,
-    Parameter(
-        name="pictures", help="[NAME=]PATH: a video or a folder of each camera; or picture files, all of one camera."
-    ),
-]
+@dataclass(frozen=True, kw_only=True)
+class _ByPerson(SyncOptions, RigRequest):
+    """Options of cameras that are found from a person, or checked by one."""
 
 
+@flags_of(
+    _ByPerson,
+    clips=("pictures", "[NAME=]PATH: a video or a folder of each camera; or picture files, all of one camera."),
+)
 def calibrate(
-    *pictures: PicturesArgument,
+    *,
     board: Literal["chessboard", "charuco"] = "chessboard",
     size: str = "9x6",
     square: float | None = None,
@@ -91,11 +56,9 @@ def calibrate(
     dictionary: str = "4X4_50",
     lens: Literal["brown", "rational", "fisheye"] = "brown",
     origin: int | None = None,
-    out: Path | None = None,
-    picture: Path | None = None,
     from_person: Flag = False,
     check: Path | None = None,
-    by: FromPersonOptions = NO_PERSON,
+    **given: Any,
 ) -> None:
     """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
     Or find several from a person who moves before them, without a board; or check a calibration by a person.
@@ -130,11 +93,6 @@ def calibrate(
         Number of the pictures, from 0, in which the board makes the world: origin at its first inner corner (of a
         ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
         several cameras the pictures in which most see it unless given.
-    out
-        The camera file to write; of --check there is none.
-    picture
-        Also write a PNG with the corners and how far they are from where they should be; with --from-person with the
-        cameras and the person from above and from the side, and how far keypoints are off.
     from_person
         Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
         and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
@@ -144,53 +102,48 @@ def calibrate(
     """
     import kinemode as km
 
+    pictures, out, picture = given.pop("clips"), given.pop("out"), given.pop("picture")
+    by_person = {name: value for name, value in given.items() if value != options_of(_ByPerson)[name].default}
     if check is not None:
-        _check_cameras(pictures, check, by, (("--out", out), ("--picture", picture), ("--from-person", from_person)))
+        for name, value in (("--out", out), ("--picture", picture), ("--from-person", from_person)):
+            if value:
+                raise km.InputError(name, "is for a calibration that is made", remedy="leave it out with --check")
+        _refuse_others(by_person, CheckRequest, "is for cameras that are found")
+        checked = km.check_cameras(check, pictures, **by_person, progress=km.reported)
+        from kinemode.terminal import report
+
+        report.print_check(checked, check)
         return
     if out is None:
         raise km.InputError("--out", "is needed: the camera file to write", remedy="or --check FILE")
     if from_person:
-        rig = km.calibrate_from_person(pictures, **by.arguments(), out=out, picture=picture, progress=km.reported)
+        _refuse_others(by_person, RigRequest, "is for --check: clocks are found, or given with --offset")
+        rig = km.calibrate_from_person(pictures, **by_person, out=out, picture=picture, progress=km.reported)
         from kinemode.terminal import report
 
         report.print_rig(rig, out, picture)
         return
-    if by != NO_PERSON:
-        problem = "and their like are for --from-person and --check"
-        raise km.InputError("--keypoints, --height", problem, remedy="add one of them")
+    if by_person:
+        flags = ", ".join(f"--{options_of(_ByPerson)[name].flag}" for name in by_person)
+        raise km.InputError(flags, "are for --from-person and --check", remedy="add one of them")
     if square is None:
         raise km.InputError("--square", "is needed: the side of a square in metres", remedy="or --from-person")
     calibration = km.calibrate(
-        pictures,
-        board=board,
-        size=size,
-        square=square,
-        marker=marker,
-        dictionary=dictionary,
-        lens=lens,
-        origin=origin,
-        out=out,
-        picture=picture,
-        progress=km.reported,
-    )
+        pictures, board=board, size=size, square=square, marker=marker, dictionary=dictionary, lens=lens,
+        origin=origin, out=out, picture=picture, progress=km.reported,
+    )  # fmt: skip
     from kinemode.terminal import report
 
     report.print_calibration(calibration, out, picture)
 
 
-def _check_cameras(
-    clips: tuple[str, ...], cameras: Path, by: FromPersonOptions, others: Sequence[tuple[str, object]]
-) -> None:  # fmt: skip
-    """Print what a person says of cameras; others: options that nothing is made of here, by name."""
+def _refuse_others(given: Mapping[str, Any], request: type, problem: str) -> None:
+    """Raise InputError for an option that is not one of a request."""
     import kinemode as km
 
-    for name, given in others:
-        if given:
-            raise km.InputError(name, "is of a calibration that is made", remedy="leave it out with --check")
-    check = km.check_cameras(cameras, clips, **by.of_check(), progress=km.reported)
-    from kinemode.terminal import report
-
-    report.print_check(check, cameras)
+    for name in given:
+        if name not in options_of(request):
+            raise km.InputError(f"--{options_of(_ByPerson)[name].flag}", problem, remedy="leave it out")
 
 
 def train_index(

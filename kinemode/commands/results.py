@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kinemode.options import Flag
+from kinemode.flags import Flag
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 from threadpoolctl import threadpool_limits
 
@@ -21,10 +20,10 @@ from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
 from kinemode.indexing import beginning, index_unused, uses_index
-from kinemode.inputs.files import InputFiles
-from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.settings import choose, choose_for_all, former_names_in, loaded_changes
+from kinemode.option import shared
+from kinemode.request import BY_INDEX, CompareRequest, FileOptions, TrackRequest
+from kinemode.settings import choose, choose_for_all, loaded_changes
 from kinemode.target import check_absent, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
 
@@ -44,26 +43,18 @@ class Comparison:
     plot: Path
 
 
-def compare_trackers(
-    loaded: Subject,
-    files: InputFiles,
-    trackers: str | Iterable[str],
-    wanted: jobs.TrackOptions,
-    reference: Reference | PathLike | None = None,
-) -> Comparison:
-    """What `kinemode.compare` does once its arguments are known to be of the right kinds, and its files to be there.
-
-    wanted: how each is to track; its `out` is the folder of all.
-    """
-    names, out = tracker_names(trackers), Path(cast(PathLike, wanted.out))
+def compare_trackers(loaded: Subject, files: FileOptions, request: CompareRequest) -> Comparison:
+    """What `kinemode.compare` does once its arguments are checked; files: what is read, in place of what the request
+    has."""
+    names, out = tracker_names(request.trackers), Path(request.out)
+    wanted, known = shared(request, TrackRequest), jobs.Known()
     runs_at = {name: out / f"{name}.run" for name in names}
     order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
     # anything wrong with the settings is said before the first is tracked
     fits = wanted.fit != "off" and is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, fits)
-    for sentence in former_names_in(names, wanted.settings):
-        warnings.warn(sentence, InputWarning, stacklevel=3)
-    each = {name: beginning(choose(name, *chosen[name]), wanted.start) for name in names}
+    start = BY_INDEX if request.begins_by_index else None
+    each = {name: beginning(choose(name, *chosen[name]), start) for name in names}
     body = Body(loaded)
     for name, how_chosen in each.items():
         make_tracker(name, body, how_chosen.settings)
@@ -71,6 +62,7 @@ def compare_trackers(
     if wanted.index is not None and not looking:
         raise index_unused(each[names[0]])
     compared_by = common_settings(*loaded_changes(wanted.settings))
+    reference = request.reference
     truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     made_folder(out)
     remedy = "--resume continues the runs that are there, --overwrite replaces them"
@@ -88,20 +80,19 @@ def compare_trackers(
             if runs:  # the input is the same: its warnings were given
                 warnings.simplefilter("ignore", InputWarning)
             own, count = chosen[name]
-            progress = times.clocked(name, wanted.progress)
+            progress = times.clocked(name, request.reporter)
             how = replace(
                 wanted, tracker=name, modes=count, settings=own, out=runs_at[name],
                 progress=progress, index=wanted.index if name in looking else None,
             )  # fmt: skip
-            runs[name] = jobs.track_subject(loaded, files, how)
+            runs[name] = jobs.track_subject(loaded, files, how, known)
         loaded = runs[name].subject  # fitted now, and not again
-        wanted = replace(
-            wanted, estimates=runs[name].estimates or {}, noise=runs[name].observation(0).noise, height=None
-        )
+        wanted = replace(wanted, height=None)
+        known = jobs.Known(runs[name].estimates or {}, runs[name].observation(0).noise)
     runs = {name: runs[name] for name in names}
     if truth is not None:
         truth = truth.in_world_of(runs[names[0]].header.R_upright_given)
-    with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
+    with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), request.reporter("comparing") as looked:
         by_name = courses(runs, compared_by, truth, files.world_given, looked)
     scores = tuple(scored(name, runs[name], by_name[name], times.of(name), truth) for name in names)
     return Comparison(scores, by_name, runs, *write_comparison(out, scores, by_name))

@@ -6,9 +6,12 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
+
+if TYPE_CHECKING:
+    from kinemode.request import DetectorOptions
 
 SCRIPTS = Path(__file__).parent / "scripts"
 
@@ -42,6 +45,12 @@ class DetectorChoice:
     people: int = 6
     python: Path | None = None
 
+    @staticmethod
+    def of(options: DetectorOptions) -> DetectorChoice:
+        """The detector that is asked for."""
+        model, boxes, python = (None if p is None else Path(p) for p in (options.model, options.boxes, options.python))
+        return DetectorChoice(options.detector, model, boxes, options.people, python)
+
     @property
     def script(self) -> Path:
         """The program that its environment runs."""
@@ -73,11 +82,12 @@ class DetectorChoice:
 
     def check(self) -> None:
         """Raise InputError for a model that is missing, or without use."""
+        if self.name not in DETECTORS:
+            raise InputError("detector", f"{shown(self.name)} is unknown", remedy=f"one of {', '.join(DETECTORS)}")
         about = DETECTORS[self.name]
         if about.needs_model and self.model is None:
-            raise InputError(
-                self.name, "needs a model", remedy="--model FILE names an ONNX file, of RTMPose for example"
-            )
+            problem, remedy = f"{self.name} needs a model", "--model FILE names an ONNX file, of RTMPose for example"
+            raise InputError("model", problem, remedy=remedy)
         for option, path in (("model", self.model), ("boxes", self.boxes)):
             if path is not None and not about.needs_model:
                 raise InputError(option, f"{self.name} brings its own", remedy="leave it out, or --detector onnx")

@@ -6,7 +6,6 @@ all fit into memory. They are PNG and JSON, which lose nothing: the run is that 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -15,29 +14,17 @@ from typing import TYPE_CHECKING, Any, cast
 
 from estimator.runs.run_store import TemporaryFolder
 from humanoid.support.errors import InputError, misplaced
-from kinemode.inputs.named import Named, PathLike
+from kinemode.kinds import are_pictures, is_array
+from kinemode.named import Named
 
 if TYPE_CHECKING:
     import numpy as np
 
-    Pictures = np.ndarray | Iterable[np.ndarray]
-    Clips = Named | Pictures | Mapping[str, PathLike | Pictures]
-    Keypoints = Named | np.ndarray | Mapping[str, PathLike | np.ndarray]
+    from kinemode.request import Clips, Keypoints
 
 _ALONE = "clip"  # what pictures, or keypoints, are called that have no name
 _NEEDED = "(H, W, 3) uint8, BGR, is needed"
 _QUICK = 1  # compression of PNG, of 9
-
-
-def is_array(value: Any) -> bool:
-    """Whether it is an array of numpy, which need not be imported to tell."""
-    numpy = sys.modules.get("numpy")
-    return numpy is not None and isinstance(value, numpy.ndarray)
-
-
-def are_pictures(value: Any) -> bool:
-    """Whether it is an array, or several in a list."""
-    return is_array(value) or (isinstance(value, (list, tuple)) and bool(value) and all(map(is_array, value)))
 
 
 class Spool:
@@ -49,7 +36,7 @@ class Spool:
 
     Attributes
     ----------
-    clips, keypoints: files, as `kinemode.inputs.named` takes them. file_layout: the layout that keypoint files are to
+    clips, keypoints: files, as `kinemode.named` takes them. file_layout: the layout that keypoint files are to
     be read by, "auto" for those that were written here. folder: where those are that were written, gone
     with this object unless a run lies in it; None where there are none.
 

@@ -10,12 +10,14 @@ from estimator.data.given_rates import keypoint_rate, of_keypoints, report_at
 from estimator.data.media.clip import DEFAULT_FPS, Clip, ClipReport
 from estimator.data.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import OFF, Declared
-from kinemode.inputs.named import by_name
+from kinemode.inputs.declared import offsets as offsets_of
+from kinemode.inputs.declared import rates as rates_of
+from kinemode.named import by_name
+from kinemode.request import OFF, FileOptions
 
 
 def clocks_of(
-    tracks: Mapping[str, KeypointTrack], clips: Mapping[str, Clip], told: Declared
+    tracks: Mapping[str, KeypointTrack], clips: Mapping[str, Clip], files: FileOptions
 ) -> tuple[dict[str, CameraClock], list[str]]:
     """The clock of each camera, in the order of the tracks, and notes on what had to be assumed.
 
@@ -26,9 +28,9 @@ def clocks_of(
     InputError: offsets or rates of unknown cameras; a rate for keypoint files that have one, without clips; one rate
     for a film whose frames' times have several.
     """
-    offsets, rates = told.offsets(tracks), told.rates(tracks)
+    offsets, rates = offsets_of(files.offset, tracks), rates_of(files.fps, tracks)
     if not clips:
-        return _without_clips(tracks, offsets, rates, told)
+        return _without_clips(tracks, offsets, rates, files)
     clocks: dict[str, CameraClock] = {}
     notes: list[str] = []
     for name, track in tracks.items():
@@ -68,9 +70,9 @@ def _at_rate(clip: Clip, rate: float | None) -> ClipReport:
 
 
 def _without_clips(
-    tracks: Mapping[str, KeypointTrack], offsets: Mapping[str, float], rates: Mapping[str, float], told: Declared
+    tracks: Mapping[str, KeypointTrack], offsets: Mapping[str, float], rates: Mapping[str, float], files: FileOptions
 ) -> tuple[dict[str, CameraClock], list[str]]:
-    _refuse_unused(rates, {name for name, track in tracks.items() if track.fps is None}, told)
+    _refuse_unused(rates, {name for name, track in tracks.items() if track.fps is None}, files)
     known = {name: track.fps or rates.get(name) for name, track in tracks.items()}
     usual = max((rate for rate in known.values() if rate), default=None)
     if usual is None:
@@ -83,7 +85,7 @@ def _without_clips(
         for name, track in tracks.items()
     }
     # where offsets are still to be found, lengths tell nothing
-    return clocks, notes + (_lengths(tracks, clocks) if told.sync == OFF else [])
+    return clocks, notes + (_lengths(tracks, clocks) if files.sync == OFF else [])
 
 
 def _lengths(tracks: Mapping[str, KeypointTrack], clocks: Mapping[str, CameraClock]) -> list[str]:
@@ -93,10 +95,10 @@ def _lengths(tracks: Mapping[str, KeypointTrack], clocks: Mapping[str, CameraClo
     return list(length_notes(tracks, longest, "give the rates: --fps NAME=RATE, or fps in the files"))
 
 
-def _refuse_unused(rates: Mapping[str, float], used: set[str], told: Declared) -> None:
+def _refuse_unused(rates: Mapping[str, float], used: set[str], files: FileOptions) -> None:
     """A rate that changes nothing is a misunderstanding."""
     unused = [name for name in rates if name not in used]
-    if unused and (by_name(told.fps) or len(unused) == len(rates)):
+    if unused and (by_name(files.fps) or len(unused) == len(rates)):
         problem = f"the files of {', '.join(unused)} declare their frame rates"
         remedy = "--fps is for clips, and for keypoint files that declare none; correct fps in the file"
         raise InputError("--fps", problem, remedy=remedy)

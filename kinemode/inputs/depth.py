@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.data.media.depth_folder import DepthFolder
 from estimator.data.timing import CameraClock, Timeline
 from humanoid.support.errors import InputError
-from kinemode.inputs.named import named_pairs
+from kinemode.named import named_pairs
 
-Pairs = str | Iterable[str] | Mapping[str, str] | None
+if TYPE_CHECKING:
+    from kinemode.request import Pairs
+
+
 OPTION = "--stereo"
 _TOGETHER = 0.1  # of a frame, by how much two pictures that were taken together may be apart
 

@@ -15,7 +15,7 @@ from estimator.data.observation import Observation
 from estimator.vision.resolution import Size
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
+from kinemode.request import FileOptions
 
 _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 _LOOKED_AT, _FEWEST = 60, 30  # instants; bones that were seen
@@ -28,7 +28,7 @@ def checked_agreement(
     observations: Sequence[Observation],
     tracks: Mapping[str, KeypointTrack],
     offsets: Mapping[str, float],
-    told: Declared,
+    files: FileOptions,
 ) -> list[str]:
     """Notes where the keypoints of several cameras do not fit each other, see `agreement` and `likely_offsets`.
 
@@ -47,7 +47,7 @@ def checked_agreement(
     if misfit is None:
         return []
     if misfit.factor is not None:
-        return [_other_size(misfit, tracks, [camera.image_size for camera in cameras], told)]
+        return [_other_size(misfit, tracks, [camera.image_size for camera in cameras], files)]
     doubtful = misfit.distance > _DOUBTFUL * max(max(camera.image_size) for camera in cameras)
     if doubtful and (order := likely_order(cameras, pixels)) is not None:
         names = list(tracks)
@@ -93,7 +93,7 @@ def _unlikely_size(body: Body, cameras: Sequence[Camera], pixels: np.ndarray) ->
 
 
 def _other_size(
-    misfit: Agreement, tracks: Mapping[str, KeypointTrack], pictures: Sequence[Size], told: Declared
+    misfit: Agreement, tracks: Mapping[str, KeypointTrack], pictures: Sequence[Size], files: FileOptions
 ) -> str:
     """The note on keypoints of another size, or the refusal where no file or option says what size it was."""
     factor = misfit.factor or 1.0
@@ -105,7 +105,7 @@ def _other_size(
     first = sizes[unknown[0] if unknown else next(iter(tracks))]
     problem = f"the keypoints of the cameras do not fit each other ({misfit.distance:.0f} px apart in the middle)"
     problem += f", those of pictures of {first} would"
-    if not unknown or told.keypoint_size is not None:
+    if not unknown or files.keypoint_size is not None:
         return f"{problem}: are the sizes that are declared, and the calibration, right?"
     alike = len(unknown) == len(tracks) and len(set(sizes.values())) == 1
     remedy = first if alike else " ".join(f"{name}={sizes[name]}" for name in unknown)

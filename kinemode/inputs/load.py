@@ -18,7 +18,6 @@ from estimator.data.floor import OFF, KnownFloor
 from estimator.data.formats.cameras import declared_floor, declared_up, load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.data.formats.keypoints_layouts import formats_read
-from estimator.data.formats.people_choice import AUTO
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
 from estimator.data.people.across_cameras import subject_tracks
@@ -31,23 +30,23 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
-from kinemode.inputs.declared import SYNC, Declared
+from kinemode.inputs.declared import known_floor, noises, part, sizes
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
-from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
 from kinemode.inputs.lens import described, lens_of
-from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.inputs.placing import before_subject
 from kinemode.inputs.rigs import BY_PERSON, check_by_cameras, rig_by_person, rig_notes, with_offsets
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.inputs.upright import turned, upright_turn
+from kinemode.named import chosen_names, matched, named_paths
+from kinemode.request import AUTO, BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, FileOptions
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
     from estimator.data.rigs.check import RigCheck
-    from kinemode.inputs.files import Cameras
+    from kinemode.request import Cameras
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Inputs:
     other_layouts: makes the observations as they are if the keypoints are of another layout of as many points, by its
     name. noise (C,): standard deviation of each camera's keypoints [px] as the user gives it, NaN where it is to be
     measured; empty where none is given. has_world: whether a camera file or files of points give the world, of which
-    --up says the axis that points up. given: what the user said of the files, as words of the command line by option.
+    --up says the axis that points up.
     """
 
     observations: list[Observation]
@@ -87,7 +86,6 @@ class Inputs:
     noise: tuple[float, ...] = ()
     has_world: bool = True
     R_upright_points: np.ndarray | None = None
-    given: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def has_depth(self) -> bool:
@@ -95,7 +93,7 @@ class Inputs:
         return any(given is not None for given in (*self.rights, *self.depths))
 
 
-def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bool] = lambda: True) -> Inputs:
+def load_inputs(body: Body, files: FileOptions, keypoints_needed: Callable[[], bool] = lambda: True) -> Inputs:
     """Read everything a body is tracked from; of the pictures only what there is of them.
 
     keypoints_needed: asked where there are clips and no keypoints.
@@ -111,7 +109,7 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     return _upright(body, read, [inputs])[0]
 
 
-def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[str, ...]]:
+def load_everybody(body: Body, files: FileOptions) -> tuple[list[Inputs], tuple[str, ...]]:
     """As `load_inputs`, once for each person in the keypoint files, from when the person is first seen to the last; and
     notes on who is left out.
 
@@ -119,7 +117,7 @@ def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[s
     """
     read = _read(body, files, dict.fromkeys(_names(files), AUTO), lambda: True)
     people, notes = everybody(read.people, read.detectors, read.times)
-    start, stop = read.told.part()
+    start, stop = part(read.files)
     inputs = []
     for tracks in people:
         begin, end = _presence(tracks, read.times)
@@ -133,7 +131,7 @@ def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[s
     return _upright(body, read, inputs), notes
 
 
-def calibration_by_person(body: Body, files: InputFiles) -> PersonCalibration:
+def calibration_by_person(body: Body, files: FileOptions) -> PersonCalibration:
     """Cameras from the person in several clips or keypoint files, as `load_inputs` finds them; its notes are all that
     the user should know.
 
@@ -144,7 +142,7 @@ def calibration_by_person(body: Body, files: InputFiles) -> PersonCalibration:
     return replace(read.rig, notes=(*read.notes, *read.clock_notes, *read.rig.notes))
 
 
-def checked_cameras(body: Body, files: InputFiles) -> RigCheck:
+def checked_cameras(body: Body, files: FileOptions) -> RigCheck:
     """What the person in several clips or keypoint files says of the cameras that are given.
 
     Raises InputError: as `load_inputs` does; fewer than two cameras; too little that two see at once.
@@ -158,26 +156,25 @@ def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
     """The same in a world whose z points up, one for all people: as the one who is seen longest tells."""
     longest = max(inputs, key=lambda each: len(each.observations)).observations
     R_upright_given, notes = upright_turn(
-        body, longest, read.told.up or read.known.up, given=read.known.cameras is not None
+        body, longest, read.files.up or read.known.up, given=read.known.cameras is not None
     )
-    given = read.told.words()
-    told = [replace(each, notes=(*each.notes, *notes), floor=_floor(read), given=given) for each in inputs]
+    noted = [replace(each, notes=(*each.notes, *notes), floor=_floor(read)) for each in inputs]
     if R_upright_given is None:
-        return told
+        return noted
     return [
         replace(each, observations=turned(each.observations, R_upright_given), R_upright_given=R_upright_given)
-        for each in told
+        for each in noted
     ]
 
 
 def _floor(read: _Read) -> KnownFloor:
     """What the user or the camera file says of the floor: a turn about the origin leaves its height along up."""
-    told = read.told.known_floor()
-    if told is None:
+    given = known_floor(read.files.floor)
+    if given is None:
         return read.known.floor
-    if told != OFF and read.known.cameras is None:
+    if given != OFF and read.known.cameras is None:
         raise InputError("--floor", "is of the cameras' world, and none is given", remedy="leave it out, or off")
-    return told
+    return given
 
 
 def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarray]) -> tuple[float, float]:
@@ -195,7 +192,7 @@ class _Read:
     rig: where the cameras are found from the person.
     """
 
-    told: Declared
+    files: FileOptions
     known: _KnownCameras
     named: frozenset[str]
     clips: Mapping[str, Path]
@@ -206,7 +203,7 @@ class _Read:
     people: Mapping[str, PeopleFile]
     persons: Mapping[str, str]
     outlines: Mapping[str, KeypointTrack]
-    sizes: Mapping[str, Size]
+    pictures: Mapping[str, Size]
     detectors: Mapping[str, Camera]
     clocks: Mapping[str, CameraClock]
     notes: tuple[str, ...]
@@ -218,55 +215,55 @@ class _Read:
         return {name: clock.offset + clock.keypoints for name, clock in self.clocks.items()}
 
 
-def _names(files: InputFiles) -> list[str]:
+def _names(files: FileOptions) -> list[str]:
     """What the cameras with keypoints are called."""
-    clips, keypoints = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
-    return list(_of_clips(clips, keypoints, chosen_names(files.keypoints, KEYPOINTS))[0]) if keypoints else []
+    clips, keypoints = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
+    return list(_of_clips(clips, keypoints, chosen_names(files.keypoint_files, KEYPOINTS))[0]) if keypoints else []
 
 
-def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
-    told, known = files.declared, _KnownCameras.of(files.cameras, files.lenses)
-    clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
+def _read(body: Body, files: FileOptions, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
+    known = _KnownCameras.of(files.cameras, files.lenses)
+    clip_files, keypoint_files = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
     notes: list[str] = []
     if keypoint_files:
-        keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoints, KEYPOINTS))
+        keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoint_files, KEYPOINTS))
     mask_files, background_files, depth_files = (
         matched(clip_files, named_paths(given, what), what, CLIP, chosen=chosen_names(given, what), every=False)
-        for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND), (files.depths, DEPTH))
+        for given, what in ((files.mask, MASK), (files.background, BACKGROUND), (files.depth, DEPTH))
     )
     pairs = pairs_of(files.stereo, clip_files)
-    people = {name: load_people(path, layout=told.layout) for name, path in keypoint_files.items()}
-    named = chosen_names(files.clips, CLIP) | chosen_names(files.keypoints, KEYPOINTS)
+    people = {name: load_people(path, layout=str(files.layout)) for name, path in keypoint_files.items()}
+    named = chosen_names(files.clip_files, CLIP) | chosen_names(files.keypoint_files, KEYPOINTS)
     with ExitStack() as stack:
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
-        sizes = {name: clip.image_size for name, clip in opened.items()}
+        pictures = {name: clip.image_size for name, clip in opened.items()}
         known = known._replace(
             aspects={name: clip.pixel_aspect for name, clip in opened.items()},
             clips=clip_files,
-            focal=told.focal,
-            phone=told.phone,
+            focal=files.focal,
+            phone=files.phone,
         )
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
-        _, used, of_lenses, _ = _one_size(outlines, sizes, known, named, told)
-        clocks, clock_notes = clocks_of(outlines, opened, told)
-    declared = told.sizes(people)
+        _, used, of_lenses, _ = _one_size(outlines, pictures, known, named, files)
+        clocks, clock_notes = clocks_of(outlines, opened, files)
+    declared = sizes(files.keypoint_size, people)
     people = {name: file.in_pixels(declared.get(name) or used[name].image_size) for name, file in people.items()}
-    detectors = _as_detected(outlines, used, told)
-    rig = rig_by_person(body, people, persons, detectors, clocks, told) if known.by_person else None
+    detectors = _as_detected(outlines, used, files)
+    rig = rig_by_person(body, people, persons, detectors, clocks, files) if known.by_person else None
     if rig is not None:
         notes += [] if known.cameras is None else [_lens_note(known.source), *of_lenses]
         known = known.placed(rig.cameras)
         detectors, clocks = rig.cameras, with_offsets(clocks, rig)
-    elif told.sync == SYNC:
-        clocks, of_motion = synchronised_clocks(body.landmark_names, people, detectors, clocks, persons, told)
+    elif files.sync == AUTO:
+        clocks, of_motion = synchronised_clocks(body.landmark_names, people, detectors, clocks, persons, files)
         clock_notes += of_motion
     return _Read(
-        told, known, named, clip_files, mask_files, background_files, depth_files, pairs, people, persons, outlines,
-        sizes, detectors, clocks, tuple(notes), tuple(clock_notes), rig,
+        files, known, named, clip_files, mask_files, background_files, depth_files, pairs, people, persons, outlines,
+        pictures, detectors, clocks, tuple(notes), tuple(clock_notes), rig,
     )  # fmt: skip
 
 
@@ -275,13 +272,13 @@ def _inputs(
     read: _Read,
     chosen: Mapping[str, KeypointTrack],
     choice_notes: tuple[str, ...],
-    part: tuple[float | None, float | None] | None = None,
+    during: tuple[float | None, float | None] | None = None,
 ) -> Inputs:
-    """What there is to track of one person, whose keypoints were chosen; part [s]: the user's unless given."""
-    told, clocks, pairs = read.told, read.clocks, read.pairs
+    """What there is to track of one person, whose keypoints were chosen; during [s]: the user's unless given."""
+    files, clocks, pairs = read.files, read.clocks, read.pairs
     chosen = {name: measured_keypoints(track, clocks[name].keypoints) for name, track in chosen.items()}
-    tracks, used, *size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
-    line = timeline(clocks).cut(*(told.part() if part is None else part))
+    tracks, used, *size_notes = _one_size(chosen, read.pictures, read.known, read.named, files)
+    line = timeline(clocks).cut(*(part(files) if during is None else during))
     notes = [*read.notes, *([] if read.rig is None else rig_notes(read.rig)), *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
     notes += [*chain(*size_notes), *read.clock_notes, *notes_on_time(clocks, line)]
@@ -294,7 +291,7 @@ def _inputs(
     for name, path in read.depths.items():
         check_depths(path, used[name].image_size, int(line.frames[name].max()) + 1)
     observations = _observations(body, tracks, used, line, clocks)
-    notes += checked_agreement(body, observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
+    notes += checked_agreement(body, observations, tracks, {n: clock.offset for n, clock in clocks.items()}, files)
     clips, masks, backgrounds, depths = (
         tuple(paths.get(name) for name in tracks) for paths in (read.clips, read.masks, read.backgrounds, read.depths)
     )
@@ -306,13 +303,13 @@ def _inputs(
     }
     return Inputs(
         observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths,
-        layout=common_layout(tracks), other_layouts=others, noise=_given_noise(told, list(tracks)),
+        layout=common_layout(tracks), other_layouts=others, noise=_given_noise(files, list(tracks)),
         has_world=read.known.cameras is not None,
     )  # fmt: skip
 
 
-def _given_noise(told: Declared, names: Sequence[str]) -> tuple[float, ...]:
-    given = told.noises(names)
+def _given_noise(files: FileOptions, names: Sequence[str]) -> tuple[float, ...]:
+    given = noises(files.keypoint_noise, names)
     return tuple(given.get(name, np.nan) for name in names) if given else ()
 
 
@@ -341,7 +338,7 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
     """
     outline = {name: KeypointTrack("none", (), np.zeros((0, 0, 2)), np.zeros((0, 0)), size)}
     named = frozenset(outline) if chosen else frozenset()
-    _, used, *notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, Declared())
+    _, used, *notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, FileOptions())
     return used[name], tuple(chain(*notes))
 
 
@@ -424,34 +421,34 @@ def _one_size(
     pictures: Mapping[str, Size],
     known: _KnownCameras,
     named: frozenset[str],
-    told: Declared,
+    files: FileOptions,
 ) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str], list[str]]:
     """Tracks and cameras at the size of the clips, or of the cameras where there are none; notes on cameras, and on
     tracks."""
-    sizes = _detector_sizes(tracks, told)
+    seen = _detector_sizes(tracks, files)
     track_notes: list[str] = []
-    cameras, notes = _cameras(tracks, {n: pictures.get(n) or sizes[n] for n in tracks}, known, named)
+    cameras, notes = _cameras(tracks, {n: pictures.get(n) or seen[n] for n in tracks}, known, named)
     scaled = {}
     for name, track in tracks.items():
         picture = pictures.get(name) or cameras[name].image_size
         cameras[name], of_camera = fitted_camera(cameras[name], picture, known.source)
-        scaled[name], of_track = fitted_track(name, track, sizes[name], picture)
+        scaled[name], of_track = fitted_track(name, track, seen[name], picture)
         notes += of_camera
         track_notes += of_track
     return scaled, cameras, notes, track_notes
 
 
 def _as_detected(
-    tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera], told: Declared
+    tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera], files: FileOptions
 ) -> dict[str, Camera]:
     """The cameras of pictures of the size that the detectors saw."""
-    sizes = _detector_sizes(tracks, told)
-    return {name: resized_camera(cameras[name], size or cameras[name].image_size) for name, size in sizes.items()}
+    seen = _detector_sizes(tracks, files)
+    return {name: resized_camera(cameras[name], size or cameras[name].image_size) for name, size in seen.items()}
 
 
-def _detector_sizes(tracks: Mapping[str, KeypointTrack], told: Declared) -> dict[str, Size | None]:
+def _detector_sizes(tracks: Mapping[str, KeypointTrack], files: FileOptions) -> dict[str, Size | None]:
     """Size of the pictures that each detector saw, None where neither the file nor the user says."""
-    given = told.sizes(tracks)
+    given = sizes(files.keypoint_size, tracks)
     return {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
 
 

@@ -21,7 +21,7 @@ from humanoid.support.errors import InputError, first_of, misplaced
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
-    from kinemode.inputs.named import PathLike
+    from kinemode.named import PathLike
 
 _BVH_NAMES = {"left_toe": "left_big_toe", "right_toe": "right_big_toe", "head_base": "head"}
 _POINTS, _RUN = (".trc", ".c3d", ".csv"), ".run"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from estimator.data.formats.people_choice import AUTO
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import ALL
-from kinemode.inputs.named import named_pairs, named_values
+from kinemode.named import named_pairs, named_values
+from kinemode.request import ALL
 
-Persons = str | int | Iterable[str] | Mapping[str, str | int]
+if TYPE_CHECKING:
+    from kinemode.request import Persons
 
 
 def persons_of(given: Persons, names: Iterable[str]) -> dict[str, str]:

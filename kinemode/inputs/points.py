@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,62 +18,32 @@ from humanoid.subject.marker_matching import chosen_set, matching_set
 from humanoid.subject.marker_set import MarkerSet, marker_set
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
-from kinemode.inputs.declared import AUTO, Declared
+from kinemode.inputs.declared import known_floor, part, rates
 from kinemode.inputs.load import Inputs
-from kinemode.inputs.named import PathLike
+from kinemode.named import PathLike, named_paths
+from kinemode.request import AUTO, POINTS, InputOptions
 
 _SIDES = ("left_", "right_")  # links of limbs begin so
 _FEWEST = 4  # markers that a subject and a file have to share
 _LISTED = 12  # names in a message
 
 
-@dataclass(frozen=True)
-class PointFiles:
-    """Files of points, and what they do not say themselves.
-
-    paths: TRC, C3D, npz, npy or csv; several have points of the same instants. markers: the set that their names are
-    of, by name or as a TOML file; "auto" takes the subject's own markers, or the set that knows most of the names.
-    unit: of length, see `load_points`. declared: axis that points up, rate, part, floor. static: files of a trial in
-    which the person stands upright, for the fit; unit, axis and rate are said of them, too.
-    """
-
-    paths: tuple[PathLike, ...]
-    markers: PathLike = AUTO
-    unit: str | None = None
-    declared: Declared = Declared()  # noqa: RUF009, it is frozen
-    static: tuple[PathLike, ...] = ()
-
-    def words(self) -> dict[str, tuple[str, ...]]:
-        """What was given beside the points, as words of the command line by option."""
-        own = {
-            "markers": () if self.markers == AUTO else (_absolute(self.markers),),
-            "unit": () if self.unit is None else (self.unit,),
-            "static": tuple(_absolute(path) for path in self.static),
-        }
-        return self.declared.words() | {name: words for name, words in own.items() if words}
-
-
-def _absolute(given: PathLike) -> str:
-    """Where a file lies; a name of no file stays as it is."""
-    return os.path.abspath(given) if Path(given).exists() else str(given)
-
-
-def load_point_inputs(subject: Subject, files: PointFiles) -> tuple[Subject, Inputs]:
+def load_point_inputs(subject: Subject, files: InputOptions) -> tuple[Subject, Inputs]:
     """The subject with its markers, and what there is to track.
 
     Raises InputError: files that cannot be read, names that no set knows, nothing between start and end.
     """
-    told = files.declared
-    paths = tuple(Path(path) for path in files.paths)
-    track = load_points(paths, up=told.up, unit=files.unit, fps=_rate(told))
+    paths = tuple(named_paths(files.points, POINTS).values())
+    if not paths:
+        raise InputError("points", "there are none", remedy="a .trc, .c3d, .npz, .npy or .csv")
+    track = load_points(paths, up=files.up, unit=files.unit, fps=_rate(files))
     marked = _marked(subject, files.markers, track)
     body = Body(marked.subject)
-    rows = _part(track, told)
+    rows = _rows(track, files)
     static, notes = _static(body, files, marked.pairs)
     inputs = Inputs(
         _observations(body, track, marked.pairs, rows), track.time[rows], (), (*track.notes, *marked.notes, *notes),
-        R_upright_points=upright_world(track.up), floor=told.known_floor(), points=paths, static=static,
-        given=files.words(),
+        R_upright_points=upright_world(track.up), floor=known_floor(files.floor), points=paths, static=static,
     )  # fmt: skip
     return marked.subject, inputs
 
@@ -100,7 +67,7 @@ def _observations(
 
 
 def _static(
-    body: Body, files: PointFiles, pairs: Sequence[tuple[str, str]]
+    body: Body, files: InputOptions, pairs: Sequence[tuple[str, str]]
 ) -> tuple[tuple[Observation, ...], tuple[str, ...]]:
     """All frames of the static trial, and notes; nothing where there is none.
 
@@ -108,8 +75,8 @@ def _static(
     """
     if not files.static:
         return (), ()
-    told = files.declared
-    track = load_points([Path(path) for path in files.static], up=told.up, unit=files.unit, fps=_rate(told))
+    paths = list(named_paths(files.static, POINTS).values())
+    track = load_points(paths, up=files.up, unit=files.unit, fps=_rate(files))
     observations = _observations(body, track, pairs, np.arange(len(track.time)))
     if max(len(o.known_markers) for o in observations) < _FEWEST:
         problem = f"no frame has {_FEWEST} of the markers that are tracked"
@@ -119,16 +86,13 @@ def _static(
     return tuple(observations), (*track.notes, *notes)
 
 
-def _rate(told: Declared) -> float | None:
-    """Frames per second, where the user says them."""
-    if told.fps is None:
-        return None
-    rates = told.rates(["points"])
-    return rates.get("points")
+def _rate(files: InputOptions) -> float | None:
+    """Frames per second, where the user gives them."""
+    return rates(files.fps, ["points"]).get("points")
 
 
-def _part(track: MarkerTrack, told: Declared) -> np.ndarray:
-    start, end = told.part()
+def _rows(track: MarkerTrack, files: InputOptions) -> np.ndarray:
+    start, end = part(files)
     low, high = (-np.inf if start is None else start), (np.inf if end is None else end)
     rows = np.flatnonzero((track.time >= low) & (track.time <= high))
     if not len(rows):

@@ -13,8 +13,8 @@ from estimator.data.formats.keypoints import PeopleFile
 from estimator.data.timing import CameraClock
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import AUTO, Declared
-from kinemode.inputs.named import named_pairs
+from kinemode.named import named_pairs
+from kinemode.request import AUTO, FileOptions
 
 if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
@@ -30,7 +30,7 @@ def rig_by_person(
     persons: Mapping[str, str],
     lenses: Mapping[str, Camera],
     clocks: Mapping[str, CameraClock],
-    told: Declared,
+    files: FileOptions,
 ) -> PersonCalibration:
     """The cameras, of pictures of the size that the detectors saw, and how much later each clock began.
 
@@ -44,8 +44,8 @@ def rig_by_person(
 
     if not people:
         raise InputError("--cameras auto", "is found from keypoints", remedy="--detect, or --keypoints FILE for each")
-    given = {name for name, _ in named_pairs(told.offset)}
-    size = 1.0 if told.height is None else told.height / stature(body.subject)
+    given = {name for name, _ in named_pairs(files.offset)}
+    size = 1.0 if files.height is None else files.height / stature(body.subject)
     return calibrate_by_person(
         body,
         {name: file.one(persons[name]) for name, file in people.items()},

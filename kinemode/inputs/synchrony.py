@@ -14,8 +14,8 @@ from estimator.data.sequence import common_landmarks
 from estimator.data.synchronisation import LONGEST, SURE_MARGIN, Synchrony, synchronised
 from estimator.data.timing import SAME_RATE, CameraClock
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
-from kinemode.inputs.named import named_pairs
+from kinemode.named import named_pairs
+from kinemode.request import FileOptions
 
 _FRACTION = 0.25  # of a frame: offsets this near to whole frames are whole frames, as cameras with one trigger have
 
@@ -26,7 +26,7 @@ def synchronised_clocks(
     cameras: Mapping[str, Camera],
     clocks: Mapping[str, CameraClock],
     persons: Mapping[str, str],
-    told: Declared,
+    files: FileOptions,
 ) -> tuple[dict[str, CameraClock], list[str]]:
     """The clocks with offsets, and rates where these differ, that were found for the cameras that the user gives no
     offset for, and notes on them.
@@ -42,7 +42,7 @@ def synchronised_clocks(
     if len(names) < 2:
         problem = "is for several cameras with keypoints"
         raise InputError("--sync auto", problem, remedy="leave it out, or give a keypoint file for each camera")
-    given = {name for name, _ in named_pairs(told.offset)}
+    given = {name for name, _ in named_pairs(files.offset)}
     if given >= set(names):
         raise InputError("--sync auto", "has nothing to find: every camera has an --offset", remedy="leave one out")
     held = [c for c, name in enumerate(names) if name in given] or [0]

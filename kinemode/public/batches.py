@@ -12,7 +12,7 @@ from typing import Any
 from humanoid.support.errors import InputError
 from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.outcome import ClipOutcome
-from kinemode.inputs.named import PathLike
+from kinemode.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments, check_as
 from kinemode.terminal.progress import Reporter, unreported

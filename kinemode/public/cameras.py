@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.named import Named, PathLike, chosen_names, kept, named_paths
+from kinemode.named import Named, PathLike, chosen_names, kept, named_paths
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter, unreported

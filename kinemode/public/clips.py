@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike
+from kinemode.checks import check_exists
+from kinemode.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter, unreported
@@ -92,7 +92,7 @@ def annotate(
     keypoints: PathLike | None = None,
     out: PathLike = "clicks.json",
     port: int = 0,
-    open_browser: bool = True,
+    browser: bool = True,
 ) -> str:
     """Serve a page on which a person clicks the subject's landmarks, until the page is closed.
 
@@ -104,7 +104,7 @@ def annotate(
     camera: name of the view, for the command that comes next; the clip's stem unless given.
     keypoints: a detector's keypoint file, to be corrected: it fills the frames without a click.
     out: the file the page saves to, as often as asked; what it holds already is edited further.
-    port: on 127.0.0.1; 0 takes a free one. open_browser: whether the page is opened; its address is printed.
+    port: on 127.0.0.1; 0 takes a free one. browser: whether the page is opened; its address is printed.
 
     Returns the command that tracks from the clicks.
 
@@ -114,7 +114,7 @@ def annotate(
     KeyboardInterrupt: on Ctrl-C, saying what there is by then.
     """
     check_arguments(
-        clip=clip, subject=subject, frame=frame, camera=camera, port=port, open_browser=open_browser
+        clip=clip, subject=subject, frame=frame, camera=camera, port=port, browser=browser
     )  # fmt: skip
     check_as("keypoint file", keypoints=keypoints)
     check_as("file", out=out)
@@ -125,5 +125,5 @@ def annotate(
 
     return serve_annotation(
         clip, subject=subject, frame=frame, camera=camera, keypoints=keypoints, out=out, port=port,
-        open_browser=open_browser,
+        open_browser=browser,
     )  # fmt: skip

@@ -8,114 +8,70 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from humanoid.support.errors import InputError
-from kinemode.detection.detectors import DETECTORS, DetectorChoice
-from kinemode.inputs.files import CLIP, KEYPOINTS, InputFiles
-from kinemode.inputs.named import Named, PathLike, named_paths
+from kinemode.detection.detectors import DetectorChoice
+from kinemode.named import Named, PathLike, named_paths
 from kinemode.notices import InputWarning
-from kinemode.public.arguments import check_arguments, check_as, whole
+from kinemode.option import takes
+from kinemode.request import CLIP, KEYPOINTS, DetectorOptions, DetectRequest, FileOptions
 from kinemode.target import check_absent, check_folder, made_folder
-from kinemode.terminal.progress import Reporter, unreported
-
-if TYPE_CHECKING:
-    Detect = bool | str | Mapping[str, Any]
+from kinemode.terminal.progress import Reporter
 
 
-def detect(
-    clips: Named,
-    *,
-    out: PathLike,
-    detector: str = "mediapipe",
-    model: PathLike | None = None,
-    boxes: PathLike | None = None,
-    people: int = 6,
-    python: PathLike | None = None,
-    overwrite: bool = False,
-    progress: Reporter | None = None,
-) -> dict[str, Path]:
+@takes(DetectRequest)
+def detect(request: DetectRequest) -> dict[str, Path]:
     """Find the keypoints of all people in clips, and write them as keypoint files that `track` reads.
 
-    The detector runs in an environment of its own in the user's cache, made when it is first needed, by uv.
-    The same call goes on where one was interrupted.
+    The detector runs in an environment of its own in the user's cache, made by uv when it is first needed. The same
+    call resumes an interrupted one. Returns the files by the clips' names.
 
     Parameters
     ----------
-    clips: paths or `NAME=PATH` texts of videos or folders of images, or a mapping by name.
-    out: the file of one clip; of several clips, or where it is a folder, the folder that NAME.json are written into.
-    detector: "mediapipe" has 33 keypoints and brings its models; "onnx" works by the file `model`: RTMPose or another
-        model of one person's picture whose output are a line and a column for each keypoint (SimCC).
-    model: an ONNX file. boxes: another one that finds people in a picture; without it "onnx" follows one person.
-    people: at most so many are followed.
-    python: an interpreter to make the environment with; one that has the packages itself is taken as it is.
-    overwrite: replace files that are there. progress: opens a progress report for each clip, such as
-        `kinemode.reported`; none by default.
-
-    Returns the files by the clips' names.
+    OPTIONS
 
     Raises
     ------
     InputError: anything that is wrong with the input; an environment that cannot be made; nobody in a clip.
     """
-    check_arguments(clips=clips, overwrite=overwrite, progress=progress)
-    check_as("file", out=out)
-    wanted = wanted_detector(detector=detector, model=model, boxes=boxes, people=people, python=python)
-    paths = named_paths(clips, CLIP)
+    wanted = checked_detector(request)
+    paths = named_paths(request.clip_files, CLIP)
     if not paths:
         raise InputError("clips", "there is none", remedy="name a video or a folder of images")
-    files = _files(paths, Path(out))
-    check_absent(list(files.values()), False, overwrite, "--overwrite replaces it")
+    files = _files(paths, Path(request.out))
+    check_absent(list(files.values()), False, request.overwrite, "--overwrite replaces it")
     for name, path in paths.items():
-        _detect(name, path, files[name], wanted, progress or unreported)
+        _detect(name, path, files[name], wanted, request.reporter)
     return files
 
 
 @contextmanager
-def with_detected(
-    files: InputFiles, how: Detect, out: PathLike | None, progress: Reporter | None
-) -> Iterator[InputFiles]:
-    """Input files with keypoints found for the clips that have none; see the argument `detect` of `track`.
+def with_detected(files: FileOptions, out: PathLike | None, progress: Reporter) -> Iterator[FileOptions]:
+    """Files with keypoints found for the clips that have none, where they are to be detected.
 
     They go into the folder OUT.keypoints (its suffix replaced), where they are taken from the next time unless the clip
     or the detector has changed; without `out` into a temporary one. Raises InputError as `detect` does.
     """
-    check_arguments(detect=how)
-    if how is False or how == {}:
+    if not files.detect:
         yield files
         return
-    given = {} if how is True else {"detector": how} if isinstance(how, str) else dict(how)
-    wanted = wanted_detector(**given)
-    clips, known = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
+    wanted = checked_detector(files)
+    clips, known = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
     missing = {} if len(clips) == len(known) == 1 else {n: path for n, path in clips.items() if n not in known}
-    if not clips:
-        raise InputError("detect", "there is no clip", remedy="name one")
     with tempfile.TemporaryDirectory(prefix="kinemode-") as temporary:
         folder = Path(temporary) if out is None else made_folder(Path(out).with_suffix(".keypoints"))
         made = [folder / f"{name}.json" for name in missing]
         for (name, path), file in zip(missing.items(), made, strict=True):
             if not _still_good(file, path, wanted):
-                _detect(name, path, file, wanted, progress or unreported)
+                _detect(name, path, file, wanted, progress)
             if out is not None:
-                warnings.warn(f"the keypoints of {name} are in {file}", InputWarning, stacklevel=4)
-        yield replace(files, keypoints=[*_as_texts(files.keypoints), *made])
+                warnings.warn(f"the keypoints of {name} are in {file}", InputWarning, stacklevel=6)
+        yield replace(files, keypoints=[*_as_texts(files.keypoint_files), *made])
 
 
-def wanted_detector(
-    *,
-    detector: str = "mediapipe",
-    model: PathLike | None = None,
-    boxes: PathLike | None = None,
-    people: int = 6,
-    python: PathLike | None = None,
-) -> DetectorChoice:
-    """A detector by the arguments of `detect`. Raises InputError for what they cannot be."""
-    check_as("tracker", detector=detector)
-    check_as("keypoint file", model=model, boxes=boxes, python=python)
-    if detector not in DETECTORS:
-        raise InputError("detector", f"{detector!r} is unknown", remedy=f"one of {', '.join(DETECTORS)}")
-    paths = [None if path is None else Path(path) for path in (model, boxes, python)]
-    wanted = DetectorChoice(detector, paths[0], paths[1], whole("people", people, 1), paths[2])
+def checked_detector(options: DetectorOptions) -> DetectorChoice:
+    """The detector that is asked for. Raises InputError for a model that is missing, or not used."""
+    wanted = DetectorChoice.of(options)
     wanted.check()
     return wanted
 

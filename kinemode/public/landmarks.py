@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike
+from kinemode.checks import check_exists
+from kinemode.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments
 from kinemode.target import check_new

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike
+from kinemode.checks import check_exists
+from kinemode.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as
 from kinemode.target import check_new
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike
+from kinemode.checks import check_exists
+from kinemode.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.public.arguments import check_arguments, check_as
 from kinemode.terminal.progress import Reporter, unreported
@@ -34,7 +34,7 @@ def open_run(path: PathLike) -> Run:
     return Run.open(path)
 
 
-def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, open_browser: bool = True) -> Path | None:
+def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, browser: bool = True) -> Path | None:
     """Look at a run in the browser: bodies, hypotheses, cameras, the video behind.
 
     Parameters
@@ -42,13 +42,13 @@ def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, open_brow
     run: a run, or the path of its file, finished or still being written: then reload the page to see more.
     html: write one self-contained page there, return its path and start nothing. Without it the page is served on this
         machine alone until Ctrl-C, and None is returned.
-    port: on 127.0.0.1; 0 takes a free one. open_browser: whether the page is opened; its address is printed.
+    port: on 127.0.0.1; 0 takes a free one. browser: whether the page is opened; its address is printed.
 
     Raises
     ------
     InputError: no run, one without a pose to show, a page that cannot be written, a port that cannot be used.
     """
-    check_arguments(run=run, html=html, port=port, open_browser=open_browser)
+    check_arguments(run=run, html=html, port=port, browser=browser)
     opened = _opened(run)
     _note_how_it_is_drawn(opened)
     if html is not None:
@@ -57,7 +57,7 @@ def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, open_brow
         return write_html(opened, Path(html))
     from viz.preview.live import serve
 
-    serve(opened, port=port, open_browser=open_browser)
+    serve(opened, port=port, open_browser=browser)
     return None
 
 

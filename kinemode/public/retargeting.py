@@ -6,74 +6,37 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import check_exists
-from kinemode.inputs.named import PathLike
-from kinemode.public.arguments import check_arguments, check_as, choice, whole
+from kinemode.checks import check_exists, check_together
+from kinemode.named import PathLike
+from kinemode.option import takes
+from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.public.tracking import noted_subject
+from kinemode.request import RetargetRequest
 from kinemode.target import check_new
-from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
 
-    from estimator.retargeting.source import SourceMotion
     from estimator.retargeting.streaming import LiveFrame
     from estimator.runs.run_file import Run
-    from kinemode.public.tracking import SubjectLike
-
-METHODS = _, FRAMES = ("windows", "frames")
-"""All frames in windows, after they were followed; or followed alone, each from the one before."""
+    from kinemode.request import SubjectLike
 
 
-def retarget(
-    source: Run | SourceMotion | PathLike,
-    subject: SubjectLike,
-    *,
-    match: PathLike | None = None,
-    contacts: PathLike | None = None,
-    method: str = "windows",
-    velocity: float = 1.0,
-    clearance: float = 0.002,
-    fps: float | None = None,
-    up: str | None = None,
-    unit: str | None = None,
-    layout: str | None = None,
-    modes: int = 0,
-    seed: int = 0,
-    out: PathLike | None = None,
-    overwrite: bool = False,
-    progress: Reporter | None = None,
-) -> Run:
+@takes(RetargetRequest)
+def retarget(request: RetargetRequest) -> Run:
     """Make a motion another body's: within its limits, its parts apart, its feet on the ground.
 
     Limbs keep the source's directions, the hips its path, scaled by the length of the legs. Joints stay within their
     limits and, from frame to frame, their velocities; parts that the URDF gives collision shapes, or flesh, stay
     apart; a foot that stands in the source has one place for as long as it does, and nothing is below the floor, which
-    becomes z = 0. What of this cannot be had in a frame makes it "hard".
+    becomes z = 0. What of this cannot be had in a frame makes it "hard". example-robot-data:g1 and :talos have
+    landmarks.
 
     Parameters
     ----------
-    source: a run, landmarks that a program has (`SourceMotion`), or a file: a run, BVH, points with landmarks' names
-        (TRC, C3D, npz, csv), or an npz of joints in the order of SMPL or of another program.
-    subject: a loaded subject, a built-in name, or the path of a URDF; example-robot-data:g1 and :talos have landmarks.
-    match: a TOML file that says which limbs and landmarks correspond; those whose names are alike unless given.
-        `match_start` begins one.
-    contacts: a csv of when points of the source's feet stand, as `kinemode.contact` writes one; told from how fast and
-        how high they are unless given.
-    method: "windows", or "frames" for each frame from the one before alone, which is some four times as fast
-        and shakes more.
-    velocity: share of the URDF's velocity limits that may be used. clearance [m]: that parts keep from each other.
-    fps, up, unit: frame rate, axis that points up and unit of length of a file that does not say them. layout: the
-        order of joints that have no names, such as "smpl", "lafan1" or "kinect25"; found by the limbs' lengths unless
-        given.
-    modes: how many of a run's other hypotheses in each frame are carried through, the heaviest; each is searched from
-        the motion, frame by frame.
-    seed: of the random ones among the configurations that the first frame is searched from; equal seeds give
-        motions that are equal to some 1e-4 rad, as the solver's last digits depend on the memory.
-    out: the run file. Without it a temporary one, which is gone when no `Run` of it is left. overwrite: replace it.
-    progress: a reporter such as `kinemode.reported`.
+    OPTIONS
 
     Returns
     -------
@@ -83,37 +46,12 @@ def retarget(
     ------
     InputError: a file that cannot be read, or says too little; nothing that corresponds; an argument that cannot be.
     """
-    check_as("motion to follow", source=source)
-    check_arguments(subject=subject, seed=seed, out=out, overwrite=overwrite, progress=progress)
-    check_as("time", velocity=velocity, clearance=clearance)
-    check_as("one file", match=match, contacts=contacts)
-    check_as("unit of length", unit=unit, up=up, layout=layout)
-    choice("format", method, METHODS)
-    if fps is not None:
-        check_as("time", fps=fps)
-    for path in (match, contacts, source):
-        if isinstance(path, (str, Path)):
-            check_exists(path)
-    from estimator.retargeting.problem import RetargetSettings
-    from kinemode.retargeting import MotionWanted, retarget_to
+    check_together(request)
+    if isinstance(request.source, (str, Path)):
+        check_exists(request.source)
+    from kinemode.retargeting import retarget_to
 
-    settings = RetargetSettings(velocity=float(velocity), clearance=float(clearance))
-    if method == FRAMES:
-        settings = settings.frame_by_frame
-    wanted = MotionWanted(
-        fps,
-        up,
-        unit,
-        match,
-        contacts,
-        settings,
-        whole("modes", modes, 0),
-        whole("seed", seed, 0),
-        out,
-        overwrite,
-        layout,
-    )
-    return retarget_to(noted_subject(subject), source, wanted, progress or unreported)
+    return retarget_to(noted_subject(request.subject), request)
 
 
 def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.files import BACKGROUND, check_exists
-from kinemode.inputs.named import Named, PathLike, chosen_names, matched, named_paths
-from kinemode.public.arguments import check_arguments, whole
+from kinemode.checks import check_together
+from kinemode.named import chosen_names, matched, named_paths
+from kinemode.option import constructed_by, with_options
+from kinemode.public.arguments import check_arguments
 from kinemode.public.tracking import loaded_subject
+from kinemode.request import BACKGROUND, StepRequest
 
 if TYPE_CHECKING:
     import numpy as np
 
     from estimator.data.cameras.camera import Camera
     from humanoid.kinematics.body import Body
-    from kinemode.inputs.files import Cameras
-    from kinemode.public.tracking import SubjectLike
     from kinemode.streams.step import Step
 
     Keypoints = np.ndarray | Mapping[str, np.ndarray | None] | None
@@ -43,63 +42,25 @@ class Tracker:
 
     Parameters
     ----------
-    subject: a loaded subject, a built-in name, or the path of a URDF.
-    camera: the one camera, a `kinemode.Camera`. cameras: instead, several by name or the path of a camera file. Without
-        either one is guessed from image_size, the width and height [px] of the pictures that keypoints are seen in.
-    layout: what the keypoints are called: "mediapipe33", "coco17", ... or a name for each; "auto" uses their number.
-    cues: what is taken from the pictures, such as "edges,flow"; "off" looks at none. The silhouette needs `background`,
-        a picture of the empty scene, or a mapping by camera.
-    tracker, modes, settings, seed, index: as `kinemode.track` has them.
-    lag: so many frames later a frame is given out, smoothed with those that came since.
-    floor: its height in the cameras' world, along the axis that points up [m], which nothing of what is smoothed goes
-        below; "auto" takes the camera file's word, "off" does not. In a stream none is found.
-    jitter: how much the keypoints tremble [px], a number or a mapping by camera; `run.observation(0).jitter` has what
-        `kinemode.track` told from its whole clip. Unless given it is told from the last frames, 150 at most.
+    OPTIONS
 
     Raises
     ------
     InputError: anything that is wrong with the input, a changed setting without effect included.
     """
 
-    def __init__(
-        self,
-        subject: SubjectLike,
-        camera: Camera | None = None,
-        *,
-        cameras: Cameras = None,
-        image_size: tuple[int, int] | None = None,
-        layout: str | Sequence[str] = "auto",
-        cues: str | Iterable[str] = "off",
-        background: Named = None,
-        tracker: str = "css",
-        modes: int | None = None,
-        settings: Mapping[str, Any] | PathLike | None = None,
-        seed: int = 0,
-        lag: int = 0,
-        jitter: float | Mapping[str, float] | None = None,
-        index: PathLike | None = None,
-        floor: float | str = "auto",
-    ) -> None:
-        check_arguments(
-            subject=subject, cameras=cameras, layout=layout, cues=cues, background=background, tracker=tracker,
-            modes=modes, settings=settings, jitter=jitter, index=index, image_size=image_size, floor=floor,
-        )  # fmt: skip
-        seed, lag = whole("seed", seed, 0), whole("lag", lag, 0)
-        for path in (cameras, settings, index):
-            if isinstance(path, (str, Path)):
-                check_exists(path)
-        plates = named_paths(background, BACKGROUND)
-        loaded = loaded_subject(subject)
-        from kinemode.streams.known_floor import stream_floor
-        from kinemode.streams.stepper import StepOptions, Stepper
+    @constructed_by(StepRequest)
+    def __init__(self, request: StepRequest) -> None:
+        check_together(request)
+        plates = named_paths(request.background, BACKGROUND)
+        loaded = loaded_subject(request.subject)
+        from kinemode.streams.stepper import Stepper, Streamed, known_floor
 
-        chosen = _cameras(camera, cameras, image_size)
-        names, written = [c.name for c in chosen], chosen_names(background, BACKGROUND)
+        chosen = _cameras(request)
+        names, written = [c.name for c in chosen], chosen_names(request.background, BACKGROUND)
         matching = matched(names, plates, BACKGROUND, "camera", chosen=written, every=False)
-        placed = camera is not None or cameras is not None
-        known = stream_floor(floor, cameras, lag, placed)
-        wanted = StepOptions(layout, cues, matching, tracker, modes, settings, seed, lag, jitter, index, known)
-        self._stepper = Stepper(loaded, chosen, wanted)
+        floor = known_floor(request, placed=request.camera is not None or request.cameras is not None)
+        self._stepper = Stepper(loaded, chosen, request, Streamed(matching, floor, request.jitter))
 
     @property
     def body(self) -> Body:
@@ -139,21 +100,23 @@ class Tracker:
         return self._stepper.finish()
 
 
-def _cameras(camera: Camera | None, cameras: Cameras, image_size: tuple[int, int] | None) -> tuple[Camera, ...]:
-    from estimator.data.cameras.camera import Camera, guessed_camera
+def _cameras(request: StepRequest) -> tuple[Camera, ...]:
+    from estimator.data.cameras.camera import guessed_camera
     from estimator.data.formats.cameras import load_cameras
     from kinemode.inputs.lens import PHONES, PHONES_STD
 
+    camera, cameras, image_size = request.camera, request.cameras, request.image_size
     given = [name for name, value in (("camera", camera), ("cameras", cameras)) if value is not None]
     if len(given) > 1 or (given and image_size is not None):
         given += ["image_size"] if image_size is not None else []
         raise InputError(" and ".join(given), "exclude each other", remedy="give one of camera, cameras, image_size")
     if camera is not None:
-        if not isinstance(camera, Camera):
-            raise InputError("camera", "is no kinemode.Camera", remedy="cameras takes the path of a camera file")
         return (camera,)
     if cameras is not None:
         return tuple((cameras if isinstance(cameras, Mapping) else load_cameras(cameras)).values())
     if image_size is None:
         raise InputError("camera", "is needed", remedy="or image_size=(WIDTH, HEIGHT), from which one is guessed")
     return (guessed_camera(ALONE, image_size, focal=PHONES, focal_std=PHONES_STD),)
+
+
+Tracker.__doc__ = with_options(Tracker.__doc__, StepRequest)

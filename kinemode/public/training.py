@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.inputs.named import PathLike
+from kinemode.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.public.tracking import loaded_subject
 from kinemode.target import check_absent, check_folder

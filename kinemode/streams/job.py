@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,44 +15,31 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.inputs.load import camera_for
+from kinemode.kinds import KeypointSource
 from kinemode.notices import InputWarning
+from kinemode.request import LiveRequest
 from kinemode.streams.capture import CaptureDevice, CapturedPicture, DeviceCamera, FileCamera
 from kinemode.streams.recording import Recording, live_header, recording
 from kinemode.streams.session import Session, Show, run_session
-from kinemode.streams.sources import Detecting, KeypointSource, PlayedBack
+from kinemode.streams.sources import Detecting, PlayedBack
 from kinemode.streams.step import Step
-from kinemode.streams.stepper import StepOptions, Stepper
+from kinemode.streams.stepper import Stepper, Streamed, known_floor
 from viz.preview.moving import Moment, MovingPreview
 
 if TYPE_CHECKING:
-    from kinemode.inputs.files import Cameras
+    from kinemode.request import Layout
+
 
 Ready = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class LiveOptions:
-    """Arguments of `kinemode.live`, of the same names, which have been checked; of `detect` what it names."""
-
-    keypoints: Path | KeypointSource | DetectorChoice
-    cameras: Cameras
-    camera: str | None
-    background: Path | None
-    realtime: bool
-    out: Path | None
-    show: bool
-    port: int
-    open_browser: bool
-    ready: Ready
-
-
-def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: StepOptions) -> Session:
-    """What `kinemode.live` does once its arguments are known to be of the right kinds."""
+def track_live(subject: Subject, device: int | Path, request: LiveRequest) -> Session:
+    """What `kinemode.live` does once its arguments are checked."""
     taking: CaptureDevice = (
-        DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=wanted.realtime)
+        DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=request.realtime)
     )
-    name = wanted.camera or taking.name
-    camera, notes = camera_for(name, taking.image_size, wanted.cameras, chosen=wanted.camera is not None)
+    name = request.camera or taking.name
+    camera, notes = camera_for(name, taking.image_size, request.cameras, chosen=request.camera is not None)
     kept: list[Recording] = []
 
     def watch(observation: Observation, result: FrameResult) -> None:
@@ -60,17 +47,18 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
             each.keep(stepper, observation, result)
 
     with ExitStack() as stack:
-        source, how, more = _keypoints(wanted.keypoints, name, taking, how, stack)
+        source, layout, more = _keypoints(request, name, taking, stack)
         for note in (*notes, *more):
             warnings.warn(note, InputWarning, stacklevel=3)
-        if wanted.background is not None:
-            how = replace(how, backgrounds={camera.name: wanted.background})
-        stepper = Stepper(subject, (camera,), how, watch)
-        header = live_header(stepper, how.seed, None if isinstance(device, int) else device)
-        if wanted.out is not None:
-            kept.append(stack.enter_context(recording(wanted.out, replace(header, notes=(*header.notes, *notes)))))
-        show = stack.enter_context(_preview(stepper, wanted)) if wanted.show else _unseen
-        every = isinstance(device, Path) and not wanted.realtime
+        plates = {} if request.background is None else {camera.name: Path(request.background)}
+        floor = known_floor(request, placed=request.cameras is not None)
+        stepper = Stepper(subject, (camera,), replace(request, layout=layout), Streamed(plates, floor), watch)
+        header = live_header(stepper, request.seed, None if isinstance(device, int) else device)
+        noted = (*header.notes, *notes)
+        if request.out is not None:
+            kept.append(stack.enter_context(recording(Path(request.out), replace(header, notes=noted))))
+        show = stack.enter_context(_preview(stepper, request)) if request.show else _unseen
+        every = isinstance(device, Path) and not request.realtime
         if not every:
             stepper.warm_up()
         session = run_session(taking.shots(), source, stepper, show, every=every)
@@ -80,18 +68,19 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
 
 
 def _keypoints(
-    given: Path | KeypointSource | DetectorChoice, name: str, taking: CaptureDevice, how: StepOptions, stack: ExitStack
-) -> tuple[KeypointSource, StepOptions, tuple[str, ...]]:
-    """Where the keypoints come from, ended with the stack; the options with what they are called, and notes."""
-    if isinstance(given, DetectorChoice):
-        detecting = stack.enter_context(Detecting(given))
-        return detecting, replace(how, layout=detecting.layout), ()
-    if not isinstance(given, Path):
-        return given, how, ()
+    request: LiveRequest, name: str, taking: CaptureDevice, stack: ExitStack
+) -> tuple[KeypointSource, Layout, tuple[str, ...]]:
+    """Where the keypoints come from, ended with the stack; their layout, and notes."""
+    if request.keypoints is None:
+        detecting = stack.enter_context(Detecting(DetectorChoice.of(request)))
+        return detecting, detecting.layout, ()
+    if not isinstance(request.keypoints, (str, Path)):
+        return request.keypoints, request.layout, ()
+    path = Path(request.keypoints)
     if isinstance(taking, DeviceCamera):
-        raise InputError(given, "is of pictures that were taken before", remedy="name the clip that it is of")
-    played = PlayedBack(given, name, taking.image_size, taking.rate)
-    return played, replace(how, layout=tuple(n or f"keypoint_{i}" for i, n in enumerate(played.names))), played.notes
+        raise InputError(path, "is of images that were taken before", remedy="name the clip that it is of")
+    played = PlayedBack(path, name, taking.image_size, taking.rate)
+    return played, tuple(n or f"keypoint_{i}" for i, n in enumerate(played.names)), played.notes
 
 
 def _unseen(step: Step, shot: CapturedPicture, dropped: int) -> None:
@@ -99,11 +88,11 @@ def _unseen(step: Step, shot: CapturedPicture, dropped: int) -> None:
 
 
 @contextmanager
-def _preview(stepper: Stepper, wanted: LiveOptions) -> Iterator[Show]:
+def _preview(stepper: Stepper, request: LiveRequest) -> Iterator[Show]:
     most = getattr(stepper.settings.own, "modes", 1)
-    with MovingPreview(stepper.body, stepper.cameras, most, port=wanted.port) as preview:
-        wanted.ready(preview.address)
-        if wanted.open_browser:
+    with MovingPreview(stepper.body, stepper.cameras, most, port=request.port) as preview:
+        (request.ready or _print_address)(preview.address)
+        if request.browser:
             preview.open_browser()
 
         def show(step: Step, shot: CapturedPicture, dropped: int) -> None:
@@ -116,3 +105,7 @@ def _preview(stepper: Stepper, wanted: LiveOptions) -> Iterator[Show]:
             yield show
         finally:
             preview.end("ended")
+
+
+def _print_address(address: str) -> None:
+    print(f"{address} shows it; Ctrl-C ends it", flush=True)

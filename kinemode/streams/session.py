@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from kinemode.kinds import KeypointSource
 from kinemode.streams.capture import CapturedPicture, LatestFrameQueue
-from kinemode.streams.sources import KeypointSource
 from kinemode.streams.step import Step
 from kinemode.streams.stepper import Stepper
 from kinemode.terminal.interruption import is_interruption

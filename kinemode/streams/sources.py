@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from estimator.data.formats.keypoints import load_keypoints
@@ -11,16 +9,7 @@ from estimator.vision.resolution import Size, fitted_track
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import People, Seen
 from kinemode.detection.process import DetectorProcess
-from kinemode.inputs.named import PathLike
-
-
-class KeypointSource(Protocol):
-    """Finds one person's keypoints. A function will do."""
-
-    def __call__(self, picture: np.ndarray, time: float, /) -> np.ndarray | None:
-        """Keypoints (K, 3), x, y [px] and confidence, in a picture (H, W, 3) uint8 BGR taken at a time [s]; None where
-        nobody is seen."""
-        ...
+from kinemode.named import PathLike
 
 
 class PlayedBack:

@@ -13,8 +13,8 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.floor import KnownFloor
-from estimator.data.formats.keypoints_in_memory import Layout
+from estimator.data.floor import OFF, KnownFloor
+from estimator.data.formats.cameras import declared_floor
 from estimator.data.media.stream import PictureStream
 from estimator.data.observation import Observation
 from estimator.trackers.capabilities import energy_of
@@ -31,9 +31,11 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.indexing import with_index
 from kinemode.initialisation import check_cue
+from kinemode.inputs.declared import known_floor as given_floor
 from kinemode.notices import InputWarning
 from kinemode.pictures import cue_choice
-from kinemode.settings import Chosen, PathLike, choose
+from kinemode.request import StreamOptions
+from kinemode.settings import Chosen, choose
 from kinemode.streams.observing import Observer
 from kinemode.streams.step import Delay, Step
 from kinemode.terminal.progress import unreported
@@ -43,20 +45,32 @@ Watcher = Callable[[Observation, FrameResult], None]
 
 
 @dataclass(frozen=True)
-class StepOptions:
-    """How to track: arguments of `kinemode.Tracker`, of the same names, which have been checked."""
+class Streamed:
+    """What of a request is known by camera. backgrounds: images of the empty scene. floor: see `known_floor`. jitter:
+    see `kinemode.Tracker`."""
 
-    layout: Layout = "auto"
-    cues: str | Iterable[str] = "off"
-    backgrounds: Mapping[str, Path] | None = None
-    tracker: str = "css"
-    modes: int | None = None
-    settings: Mapping[str, Any] | PathLike | None = None
-    seed: int = 0
-    lag: int = 0
-    jitter: float | Mapping[str, float] | None = None
-    index: PathLike | None = None
+    backgrounds: Mapping[str, Path]
     floor: KnownFloor = None
+    jitter: float | Mapping[str, float] | None = None
+
+
+def known_floor(request: StreamOptions, *, placed: bool) -> KnownFloor:
+    """The floor that is given, or a camera file's; none is found in a stream. placed: whether a camera is given, which
+    places the world.
+
+    Raises
+    ------
+    InputError: a height without a camera, or without a lag.
+    """
+    given = given_floor(request.floor)
+    if given is None:
+        in_file = request.lag and isinstance(request.cameras, (str, Path))
+        return declared_floor(request.cameras) if in_file else None  # type: ignore[arg-type] # it is a path
+    if given != OFF and not placed:
+        raise InputError("floor", "is of the cameras' world, and none is given", remedy="leave it out, or off")
+    if given != OFF and not request.lag:
+        raise InputError("floor", "is kept by smoothing, which there is none of", remedy="give a lag, as 8 frames")
+    return given
 
 
 class Stepper:
@@ -71,7 +85,12 @@ class Stepper:
     """
 
     def __init__(
-        self, subject: Subject, cameras: tuple[Camera, ...], wanted: StepOptions, watcher: Watcher | None = None
+        self,
+        subject: Subject,
+        cameras: tuple[Camera, ...],
+        wanted: StreamOptions,
+        streamed: Streamed,
+        watcher: Watcher | None = None,
     ) -> None:
         subject = with_layout_places(subject, wanted.layout if isinstance(wanted.layout, str) else "")
         self.body, self.cameras = Body(subject), cameras
@@ -90,11 +109,11 @@ class Stepper:
         smoother = None
         if wanted.lag:
             search = energy_of(tracker, wanted.tracker)
-            smoother = FixedLag(search, replace(settings.smooth, lag=wanted.lag), wanted.floor)
+            smoother = FixedLag(search, replace(settings.smooth, lag=wanted.lag), streamed.floor)
         self._delay = Delay(self.body, smoother, wanted.lag)
-        self._observer = Observer(self.body, cameras, wanted.layout, wanted.jitter)
+        self._observer = Observer(self.body, cameras, wanted.layout, streamed.jitter)
         self._streams = tuple(PictureStream(f"pictures of {c.name}", c.image_size) for c in cameras)
-        self._reader = None if cues is None else self._opened(cues, wanted.backgrounds or {})
+        self._reader = None if cues is None else self._opened(cues, streamed.backgrounds)
         self._threads = ThreadpoolController()
         self._shown: deque[Observation] = deque()
         self._watcher = watcher

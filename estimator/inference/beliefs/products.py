@@ -45,7 +45,7 @@ class ProductSettings(CheckedSettings):
     rounds: int = setting(2, at_least=0)
     sweeps: int = setting(5, at_least=0)
     exact_below: int = setting(0, at_least=0)
-    image_weighted: bool = setting(True, formerly=("sighted",))
+    image_weighted: bool = setting(True)
 
     def weighs(self, log_likelihood: LogLikelihood | None) -> bool:
         """Whether candidates are weighed by a likelihood."""

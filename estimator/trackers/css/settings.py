@@ -54,9 +54,9 @@ class CssSettings(CheckedSettings):
     keep: bool = True
     momentum: float = setting(0.8, at_least=0)
     refine: str = setting(REFINE_BEST, one_of=REFINED)
-    swapped_readings: int = setting(7, at_least=0, formerly=("other_readings",))
-    jumps: int = setting(5, at_least=0, formerly=("flips",))
-    jump_penalty: float = setting(12.0, at_least=0, formerly=("flip_penalty",))
+    swapped_readings: int = setting(7, at_least=0)
+    jumps: int = setting(5, at_least=0)
+    jump_penalty: float = setting(12.0, at_least=0)
     limb_penalty: float = setting(8.0, above=0)
     limb_samples: int = setting(40, at_least=0)
     limb_searches: int = setting(5, at_least=0)

@@ -8,7 +8,7 @@ from estimator.inference.beliefs.propagation import BeliefSettings
 from estimator.trackers.loose_limbed.assembly import AssemblySettings
 from estimator.trackers.loose_limbed.instant import PartDetectorSettings, SeenSettings
 from humanoid.limbs.merging import RULES
-from humanoid.support.settings import CheckedSettings, formerly, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,6 @@ class LooseLimbedSettings(CheckedSettings):
     start_rounds: int = setting(2, at_least=1)
     start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
     seen: SeenSettings = field(default_factory=SeenSettings)
-    part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings, metadata=formerly("shout"))
+    part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings)
     modes: int = setting(5, at_least=1)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)

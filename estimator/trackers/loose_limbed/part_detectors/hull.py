@@ -47,7 +47,7 @@ class HullSettings(CheckedSettings):
     evenness: float = setting(0.15, at_least=0)
     poses: int = setting(4000, at_least=2)
     rounds: int = setting(2, at_least=0)
-    survivors: int = setting(200, at_least=1, formerly=("kept",))
+    survivors: int = setting(200, at_least=1)
     tries: int = setting(8, at_least=1)
     metres: float = setting(0.04, at_least=0)
     radians: float = setting(0.25, at_least=0)
