@@ -87,7 +87,7 @@ def test_known_shifts_and_noise_are_the_errors(run: Run, tmp_path: Path) -> None
     of_legs = [scores[f"{n}_{s}"].rms_without_bias for s in "lr" for n in ("hip_flexion", "knee_angle", "ankle_angle")]
     assert groups["legs"].rms_without_bias == pytest.approx(np.mean(of_legs))
     assert "reference alone: subtalar_angle_r" in " ".join(result.notes)
-    assert "bent knees are positive in the reference: taken for angles of Rajagopal2016" in result.notes
+    assert "bent knees are positive in the reference: read as angles of Rajagopal2016" in result.notes
 
 
 def test_every_kind_of_file_gives_the_same_scores(run: Run, tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def numbers(result: Evaluation) -> dict[str, tuple[float, ...]]:
 def test_bent_knees_tell_the_gait_model(run: Run, tmp_path: Path) -> None:
     result = km.evaluate(run, km.export(run, tmp_path / "a.mot", format="gait2392-mot"))
     assert max(score.mean_absolute for score in result.joint_scores.values()) < 1e-6
-    assert "bent knees are negative in the reference: taken for angles of gait2392" in result.notes
+    assert "bent knees are negative in the reference: read as angles of gait2392" in result.notes
 
 
 @pytest.mark.parametrize("ending", ["mot", "csv", "npz"])
@@ -142,11 +142,11 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
     ("name", "text", "said"),
     [
         ("a.csv", "time,knee_angle_r\n0,0.4\n1,0.5\n", r"a.csv: angles may be degrees or radians.*knee_angle_r"),
-        ("a.csv", "time,knee_angle_r\n0,10\n1,x\n", r"line 3, column 'knee_angle_r': 'x' is no number"),
+        ("a.csv", "time,knee_angle_r\n0,10\n1,x\n", r"line 3, column 'knee_angle_r': 'x' is not a number"),
         ("a.csv", "# inDegrees=maybe\ntime,knee_angle_r\n0,10\n1,2\n", r"line 1: inDegrees is 'maybe' \(yes or no\)"),
         ("a.csv", "time,knee_angle_r,knee_angle_r_deg\n0,9,9\n", "'knee_angle_r' is there twice"),
         ("a.csv", "time,status\n0,tracked\n", "has no coordinates"),
-        ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not say whether.*add a line inDegrees=yes"),
+        ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not declare whether.*add a line inDegrees=yes"),
         ("a.sto", "endheader\ntime /forceset/a/activation\n0 1\n", "has no coordinates"),
         ("a.sto", "inDegrees=no\nendheader\ntime /jointset/k/b/value b\n0 1 1\n", "line 3: the coordinate 'b' is"),
         ("a.mot", "endheader\ntime ground_force_1_vx\n0 700\n", "shares no landmarks and no joint angles"),

@@ -199,7 +199,7 @@ def test_what_cannot_be_is_refused_before_any_work(clip: RenderedClip, tmp_path:
         ({"mask": {"elsewhere": masks, "here": masks}}, "no clip 'elsewhere' for this mask"),
         ({"clips": None, "mask": masks}, "for this mask"),
         ({"background": tmp_path / "none.png"}, "no such background"),
-        ({"background": clip.cameras}, "no image"),
+        ({"background": clip.cameras}, "not an image"),
         ({"settings": tmp_path / "none.toml"}, "none.toml"),
     ]
     for changes, told in cases:

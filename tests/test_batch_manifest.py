@@ -387,7 +387,7 @@ def test_rows_of_points(folder: Path) -> None:
         ({"points": "a.json", "cameras": "cameras.json"}, "is of cameras, and points are given"),
         ({"points": "a.json", "fit": "proportions"}, "'proportions' is of keypoints"),
         ({"points": "a.json", "static": "b.json", "fit": "off"}, "is for the fit"),
-        ({"points": "a.json", "markers": "no-such-set"}, "is no set of markers"),
+        ({"points": "a.json", "markers": "no-such-set"}, "is not a set of markers"),
         ({"points": "a.json", "markers": "none.toml"}, "there is no such file: 'none.toml'"),
         ({"points": "none.trc"}, "there is no such file of points: 'none.trc'"),
         ({"points": "a.json", "unit": "inch"}, "'inch'"),

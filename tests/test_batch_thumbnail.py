@@ -83,6 +83,6 @@ def test_a_run_file_has_a_thumbnail_wherever_the_person_is(tmp_path: Path) -> No
         run = made_run(tmp_path / f"{k}.run", subject, q)
         assert 0 < write_thumbnail(run, tmp_path / f"{k}.jpg").stat().st_size <= BYTES
     q[:] = np.nan
-    with pytest.raises(InputError, match="holds no tracked frame"):
+    with pytest.raises(InputError, match="contains no tracked frame"):
         write_thumbnail(made_run(tmp_path / "no.run", subject, q), tmp_path / "no.jpg")
     assert not (tmp_path / "no.jpg").exists()

@@ -386,7 +386,9 @@ def test_either_file_of_easymocap_stands_for_both(tmp_path: Path) -> None:
     both = [load_cameras(tmp_path / f"{part}.yml") for part in ("intri", "extri")]
     assert [list(c) for c in both] == [["01", "02", "010"]] * 2
     (tmp_path / "intri.yml").unlink()
-    with pytest.raises(InputError, match=r"extri\.yml: has one half of the cameras: intri\.yml is not beside it"):
+    with pytest.raises(
+        InputError, match=r"extri\.yml: has only half of the camera parameters: intri\.yml is not beside it"
+    ):
         load_cameras(tmp_path / "extri.yml")
 
 
@@ -454,7 +456,7 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.yml", "a: &x [1]\nb: *x\n", "aliases"),
         ("a.yml", "[" * 100_000, "is not (usable )?YAML"),
         ("a.xml", QUALISYS.format(**GOOD | {"turn": "90"}), "Qualisys calibration, camera cam03: its view is turned"),
-        ("a.xml", QUALISYS.format(**GOOD | {"sensor": "1087"}), "no sensor in 1/64 pixels"),
+        ("a.xml", QUALISYS.format(**GOOD | {"sensor": "1087"}), "not a sensor in 1/64 pixels"),
         ("a.xml", QUALISYS.format(**GOOD).replace("fov_video", "fov"), "<fov_video> is missing"),
         ("a.xml", QUALISYS.format(**GOOD).replace("focalLengthU", "f"), "focalLengthU"),
         ("a.xml", QUALISYS.format(**GOOD).replace('active="1"', 'active="0"'), "Qualisys calibration: has no"),
@@ -500,5 +502,5 @@ def test_intrinsics_of_several_cameras_are_no_placements(tmp_path: Path) -> None
         replace(camera_at(a), name=f"c{a:g}", R_camera_world=np.eye(3), t_camera_world=np.zeros(3)) for a in (0, 9)
     ]
     WRITERS["Calib.toml"](tmp_path / "Calib.toml", cameras)
-    with pytest.raises(InputError, match="all 2 cameras stand at one place: the file has intrinsics alone"):
+    with pytest.raises(InputError, match="all 2 cameras are at one place: the file has only intrinsics"):
         load_cameras(tmp_path / "Calib.toml")

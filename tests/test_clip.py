@@ -111,7 +111,7 @@ def test_frame_times(tmp_path: Path) -> None:
 def test_folder(tmp_path: Path) -> None:
     for i in (10, 2, 1, 9):
         cv2.imwrite(str(tmp_path / f"f{i}.png"), picture(i))
-    (tmp_path / "notes.txt").write_text("no image")
+    (tmp_path / "notes.txt").write_text("not an image")
     clip = Clip.open(tmp_path)
     assert [number(f) for f in clip.frames()] == [1, 2, 9, 10]
     np.testing.assert_array_equal(clip.frame(2), picture(9))
@@ -162,7 +162,7 @@ def test_decoders_keep_their_words_to_themselves(tmp_path: Path, capfd: pytest.C
         (tmp_path / "clip" / f"{i}.jpg").write_bytes(data)
     report = Clip.open(tmp_path / "clip", fps=30.0).report
     assert report.read == 4
-    assert report.notes == ("2 images are damaged and not seen as they were, 1.jpg first",)
+    assert report.notes == ("2 images are damaged and only partly decoded, 1.jpg first",)
     (tmp_path / "broken.mp4").write_bytes(damaged(good["mp4"], *range(2000, len(good["mp4"]) // 2, 301)))
     assert Clip.open(tmp_path / "broken.mp4").report.read > 0
     assert capfd.readouterr() == ("", "")

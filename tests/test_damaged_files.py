@@ -82,7 +82,7 @@ def test_frame_numbers_that_cannot_be(number: int | str, valid: Mapping[str, lis
     """They would fill the memory with frames that nobody has."""
     value = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b"image_id" in f["keypoints.json"]))
     said = refused("keypoints", "k.json", changed(value, "3.image_id", f"{number}.jpg"), tmp_path)
-    assert re.search("no likely frame number|number the frames from the clip's first", said)
+    assert re.search("not a likely frame number|number the frames from the clip's first", said)
 
 
 _DEEP = "".join(f"JOINT a{i}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n" for i in range(300))
@@ -151,7 +151,7 @@ REFERENCES: dict[str, tuple[dict[str, Any], str]] = {
     "frame rate": ({"fps": np.array(1e9)}, "fps: must be 0.5 to 2000, got 1e.09"),
     "no character": (
         {"names": np.array([0x7FFFFFFF, 0], np.uint32).view("<U1")},
-        "names: has characters that are none",
+        "names: has invalid characters",
     ),
 }
 

@@ -64,7 +64,7 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "a past that cannot be": (
         "frame",
         _set("origin_q_previous", lambda q: q + np.inf),
-        "origin_q_previous is no config",
+        "origin_q_previous is not a config",
     ),
     "extra of no name": ("frame", lambda a: a.update({"extra_No Name": np.zeros(2)}), "'No Name' is not called by"),
     "extra of many axes": ("frame", lambda a: a.update(extra_x=np.zeros((1,) * 5)), "extra array x has the shape"),
@@ -72,12 +72,12 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "extra of no text": (
         "frame",
         lambda a: a.update(extra_x=np.full(1, 0x7FFFFFFF, "<u4").view("<U1")),
-        "extra_x has characters that are none",
+        "extra_x has invalid characters",
     ),
     "too many extras": ("frame", lambda a: a.update({f"extra_x{i}": np.zeros(1) for i in range(99)}), "at most 64"),
     "extra of another kind": ("frame", _set("extra_searches", np.zeros((2, 2))), "array searches: is of different"),
     "no weight": ("frame", _set("weight", lambda w: 0.0 * w), "weight has negative numbers, or none above zero"),
-    "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is no hypothesis"),
+    "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is not a hypothesis"),
     "a frame beyond": ("frame", _set("index", 10**9), "index 1000000000 of 3 frames"),
     "covariance": ("frame", _set("covariance", lambda c: c + np.inf), "covariance has numbers that are not finite"),
     "a text that is none": (
@@ -107,7 +107,7 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         lambda a: a.update(lifted=np.zeros((a["pixels"].shape[1], 3)), lifted_share=np.array(2.0)),
         "lifted has invalid numbers",
     ),
-    "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
+    "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*not a configuration"),
     "a smoothed covariance": ("smoothed", _set("covariance", lambda c: 1e38 * c), "covariance has invalid numbers"),
     "smoothed weights": ("smoothed", _set("weight", lambda w: w + 1e308), "weight has invalid numbers"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),

@@ -103,7 +103,7 @@ def test_a_stored_state_goes_on_to_the_bit(seen: Seen, tracked: Tracked) -> None
     np.testing.assert_array_equal(after.q, states[2].q)
     np.testing.assert_array_equal(after.points.mean, states[2].points.mean)
     broken = dict(states[1].arrays(), pose_owner=np.full(len(states[1].owner), 99))
-    with pytest.raises(DamageError, match="no hypothesis"):
+    with pytest.raises(DamageError, match="not a hypothesis"):
         made.state_from(broken)
 
 

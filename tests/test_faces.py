@@ -88,7 +88,7 @@ def test_detected_faces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert (np.linalg.eigvalsh(faces.covariance) > 0.0).all()
     StandIn.rows = None
     (tmp_path / "other.onnx").write_bytes(b"something else")
-    with pytest.raises(InputError, match="no model of a face detector"):
+    with pytest.raises(InputError, match="not a model of a face detector"):
         FaceDetector(tmp_path / "other.onnx")
 
 
@@ -97,7 +97,7 @@ def test_a_detector_that_cannot_be_is_one_line(tmp_path: Path, monkeypatch: pyte
         FaceDetector(tmp_path / "missing.onnx")
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"no model")
-    with pytest.raises(InputError, match="no model of a face detector"):
+    with pytest.raises(InputError, match="not a model of a face detector"):
         FaceDetector(broken)
     monkeypatch.delattr(cv2, "FaceDetectorYN")
     with pytest.raises(InputError, match="no FaceDetectorYN"):

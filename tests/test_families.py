@@ -109,7 +109,7 @@ def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) ->
 
 def test_without_them_their_files_are_refused(lines: tuple[Path, list[Told]]) -> None:
     folder, _ = lines
-    with pytest.raises(InputError, match="cameras in a format that is read"):
+    with pytest.raises(InputError, match="cameras in a supported format"):
         load_cameras(folder / "cameras.txt")
     with pytest.raises(InputError):
         load_keypoints(folder / "keypoints.txt")

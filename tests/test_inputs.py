@@ -337,7 +337,7 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
 
     inputs = loaded(str(folder_clip), str(keypoints))
     assert told(inputs, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
-    assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are taken for")
+    assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are treated as")
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
             load_inputs(BODY, FileOptions(str(folder_clip), keypoints=wrong, cameras=None))

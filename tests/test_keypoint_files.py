@@ -131,7 +131,7 @@ def test_names_beside_a_file(tmp_path: Path) -> None:
     (tmp_path / "a.names.txt").write_text("Nose\nLShoulder\nRShoulder\nleft hip\ntail\n")
     track = load_keypoints(tmp_path / "a.npy")
     assert track.names == ("nose", "left_shoulder", "right_shoulder", "left_hip", "tail")
-    assert "('tail'): a.names.json can say" in track.notes[0]
+    assert "('tail'): a.names.json can map" in track.notes[0]
     np.testing.assert_allclose(track.pixels, few[..., :2])
     file = deeplabcut(tmp_path / "b.csv", {"": points()}, lambda t: [str(t)])
     file.write_text(file.read_text().replace("nose", "snout"))
@@ -192,7 +192,7 @@ def data_set(**changed: Any) -> dict[str, Any]:
         ("a.csv", HEAD.replace("x,y", "x,z") + "0,1,2,1\n", r"coords: has 'z' in column 3 \(one of x, y, likelihood\)"),
         ("a.csv", HEAD.replace("x,y", "x,x") + "0,1,2,1\n", "column 3: 'nose' has x twice"),
         ("a.csv", HEAD + "0,1,2,1\n1,1,2\n", "line 5: has 3 cells, 4 are expected"),
-        ("a.csv", HEAD + "0,1,2,much\n", "line 4: has a cell that is no number"),
+        ("a.csv", HEAD + "0,1,2,much\n", "line 4: has a cell that is not a number"),
         ("a.csv", HEAD + "0,1,inf,1\n", "line 4, keypoint 0: has a number that is not finite"),
         ("a.csv", HEAD + "0,1,2,1\n0,1,2,1\n", "line 5: frame 0 is in line 4 too"),
         ("a.csv", HEAD + "a/1.png,1,2,1\nb/1.png,1,2,1\n", "'a/1.png' and 'b/1.png' are both frame 1"),
@@ -207,7 +207,7 @@ def data_set(**changed: Any) -> dict[str, Any]:
         ("a.json", data_set(images=[IMAGE, IMAGE]), "images: two pictures have the id '1'"),
         ("a.json", data_set(images=[IMAGE, IMAGE | {"id": 2, "width": 8}]), r"several sizes \(8x9, 9x9\)"),
         ("a.json", data_set(images=[IMAGE, IMAGE | {"id": 2, "file_name": "b/1.png"}]), "are both frame 1"),
-        ("a.json", data_set(images=[IMAGE]), r"annotations\[0\]: its image_id 1.. is no picture's"),
+        ("a.json", data_set(images=[IMAGE]), r"annotations\[0\]: its image_id 1.. matches no picture"),
         ("a.json", data_set(categories=[{"id": 1, "keypoints": ["nose"]}]), r"annotations\[0\].keypoints: 3 numbers"),
         ("a.json", [{"keypoints": [[[1, 2]]], "scores": []}], "frame 0: has 1 people's keypoints, 0 people's scores"),
         ("a.json", [{"keypoints": [[[1, 2, 3]]], "scores": [[1]]}], r"frame 0, person 0: needs \[x, y\]"),
@@ -250,7 +250,7 @@ def test_members_that_were_meant_for_known_ones_are_not_left_out(tmp_path: Path)
         load_keypoints(tmp_path / "c.npz")
     (tmp_path / "a.names.json").write_text('{"nose": "noze"}')
     notes = load_keypoints(tmp_path / "a.csv").notes
-    assert any("nose is called 'noze', which is no landmark of people: nose?" in note for note in notes)
+    assert any("nose is called 'noze', which is not a landmark of people: nose?" in note for note in notes)
 
 
 def yolo(p: np.ndarray, id: int | None = None, scale: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:

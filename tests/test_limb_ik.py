@@ -227,5 +227,5 @@ def _without_arms(arms: Arms) -> None:
 
 def test_an_image_that_says_nothing_of_the_end_is_refused() -> None:
     body = body_of("upper13")
-    with pytest.raises(InputError, match="does not say where an end is"):
+    with pytest.raises(InputError, match="does not locate the end of a limb"):
         ImageProposal(ik_of(body, 0), cameras()["parallel"], uniform(("end",)))

@@ -100,7 +100,7 @@ def test_what_cannot_be_drawn_is_said(loose: Any, tmp_path: Path) -> None:
     for name, value, problem in (
         ("limb_names", names, "frame 0: has the limbs tail, "),
         ("limb_points", told["limb_points"][:, :, :6], "has limb_points of the shape"),
-        ("limb_weights", 2.0 * told["limb_weights"], "no placements and their shares"),
+        ("limb_weights", 2.0 * told["limb_weights"], "limb_weights that are not shares"),
     ):
         with pytest.raises(km.InputError, match=problem):
             km.overlay(loose(**{name: value}), tmp_path / "a.gif", limbs=True)

@@ -275,13 +275,13 @@ def test_potentials_of_another_graph_are_refused() -> None:
         (lambda c: c.pop("spatial"), "spatial: is missing"),
         (lambda c: c["spatial"].pop(), "both directions"),
         (lambda c: c["spatial"][1].update(to="tail"), "'tail' is none of the limbs"),
-        (lambda c: c["spatial"][1].update(weight=[-1, 1, 1]), "no shares"),
+        (lambda c: c["spatial"][1].update(weight=[-1, 1, 1]), "not shares"),
         (lambda c: c["spatial"][1].update(t=[[0, 0]]), "3 x 3 numbers"),
         (lambda c: c["spatial"][1].update(quaternion=[[0, 0, 0, 2]] * 3), "length 1"),
         (lambda c: c["spatial"][1].update(covariance=[[0] * 6] * 3), "positive definite"),
         (lambda c: c["spatial"][1].update(covariance=[[1e-4] * 5 + [1e-300]] * 3), "positive definite"),
         (lambda c: c["temporal"].pop(), "lacks a limb"),
-        (lambda c: c["temporal"][0].update(dt=-1), "no time step"),
+        (lambda c: c["temporal"][0].update(dt=-1), "not a time step"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path: Path, change, says: str) -> None:  # type: ignore[no-untyped-def]

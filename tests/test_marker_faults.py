@@ -134,13 +134,13 @@ def test_the_axis_that_points_up_is_told_by_who_walks(shared_data: Path, tmp_pat
     np.savez(tmp_path / "a.npz", **arrays)
     read = load_points(tmp_path / "a.npz")
     np.testing.assert_allclose(read.points, walk.points, atol=1e-9)
-    assert "does not say which axis points up: -y, from the feet to the head" in read.notes[0]
+    assert "does not declare which axis points up: -y, from the feet to the head" in read.notes[0]
     write_trc(tmp_path / "a.trc", walk.names, walk.points @ upright_world("y").T, walk.time)
     (note,) = load_points(tmp_path / "a.trc").notes
-    assert "y is taken to point up, but from feet to head the body extends along z" in note
+    assert "y is assumed to point up, but from feet to head the body extends along z" in note
     unnamed = {**arrays, "names": np.array([f"m{i}" for i in range(len(walk.names))])}
     np.savez(tmp_path / "b.npz", **unnamed)
-    assert "does not say which axis points up: -y, by its motion" in load_points(tmp_path / "b.npz").notes[0]
+    assert "does not declare which axis points up: -y, by its motion" in load_points(tmp_path / "b.npz").notes[0]
 
 
 def test_a_motion_that_leaves_it_open(tmp_path: Path) -> None:
@@ -148,5 +148,5 @@ def test_a_motion_that_leaves_it_open(tmp_path: Path) -> None:
     assert up_by_motion(still, np.arange(30) / 30.0) is None
     assert up_by_motion(np.full((30, 8, 3), np.nan), np.arange(30) / 30.0) is None
     np.savez(tmp_path / "a.npz", points=still, names=np.array(list("abcdefgh")), fps=30.0, unit="m")
-    with pytest.raises(InputError, match=r"does not say which axis points up, .*--up: x, y, z"):
+    with pytest.raises(InputError, match=r"does not declare which axis points up, .*--up: x, y, z"):
         load_points(tmp_path / "a.npz")

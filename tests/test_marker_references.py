@@ -168,8 +168,8 @@ TRC = "PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\tRHJC\t\t\tC7\t\t\
         ("a.c3d", c3d_file(("ann:LHJC", "bob:LHJC"), np.ones((2, 2, 3))), "several people: 'ann, bob'"),
         ("a.c3d", c3d_file(("A",), np.ones((200, 1, 3)))[:1800], "ends within its 200 frames"),
         ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), first=5).replace(b"\x05\0\x06\0", b"\x05\0\x03\0"), "-1 frames"),
-        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), processor=99), "unknown processor, 99 .84 to 86"),
-        ("a.c3d", b"PathFileType", "does not begin as C3D files do"),
+        ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)), processor=99), "unknown processor type 99 .84 to 86"),
+        ("a.c3d", b"PathFileType", "does not start with a C3D header"),
         ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)))[:600], "ends within its parameters"),
     ],
 )  # fmt: skip
@@ -184,7 +184,7 @@ def test_an_axis_nobody_names_is_said(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.c3d").write_bytes(c3d_file(MARKERS, 1e3 * laboratory(run), up="", rate=30.0))
     assert "--up" in errors(run, tmp_path / "a.c3d").notes[0]
     assert "--up" not in errors(run, tmp_path / "a.c3d", up="z").notes[0]
-    for how, said in (({"up": "w"}, "up: 'w' is no axis"), ({"offset": float("nan")}, "offset: must be")):
+    for how, said in (({"up": "w"}, "up: 'w' is not an axis"), ({"offset": float("nan")}, "offset: must be")):
         with pytest.raises(InputError, match=said):
             errors(run, tmp_path / "a.c3d", **how)
     np.savez(tmp_path / "a.npz", points=run.landmarks, names=np.array(LIMB_JOINTS), fps=30.0)

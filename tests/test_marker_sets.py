@@ -64,7 +64,7 @@ def test_a_set_that_nobody_knows() -> None:
         matching_set(["a", "b", "C7"])
     with pytest.raises(InputError, match="has none of the markers of opencap: 'a, b'"):
         chosen_set(["a", "b"], marker_set("opencap"))
-    with pytest.raises(InputError, match=r"nosuch: is no set of markers .a .toml, or one of landmarks, "):
+    with pytest.raises(InputError, match=r"nosuch: is not a set of markers .a .toml, or one of landmarks, "):
         marker_set("nosuch")
 
 
@@ -90,7 +90,7 @@ def test_the_other_side_is_made(tmp_path: Path) -> None:
         ("[markers]\n" + LINE.replace(", std = 0.02", ""), "'A': lacks 'std'"),
         ("[markers]\n" + LINE.replace("0.02", "0"), "'A'.std: 0 cannot be a length here"),
         ("[markers]\n" + LINE.replace("0.1, 0", "nan, 0"), "'A'.xyz: nan cannot be"),
-        ("[markers]\n" + LINE.replace('"B"', '"A"'), "'A'.mirror: 'A' is no other marker"),
+        ("[markers]\n" + LINE.replace('"B"', '"A"'), "'A'.mirror: 'A' is not another marker"),
         ("[markers]\nA = 3\n", "'A': is not a table"),
         ("[set]\nnoise = 'a'\n[markers]\n" + LINE, r"\[set\] noise: 'a' cannot be"),
         ("[markers]\n" + LINE.replace('"left_shank"', "?"), "is not TOML"),

@@ -45,7 +45,7 @@ def test_it_begins_with_what_is_known(file: Path, tmp_path: Path, capsys: pytest
 
 
 def test_faults_are_said_in_a_line(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match="is no set of markers"):
+    with pytest.raises(InputError, match="is not a set of markers"):
         km.marker_start(file, begin="nosuch")
     with pytest.raises(InputError, match="no such file"):
         km.marker_start(tmp_path / "b.trc")

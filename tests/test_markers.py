@@ -304,7 +304,7 @@ def test_the_model_for_opensim_has_the_markers(tracked: Any, tmp_path: Path) -> 
         ({"cameras": "cameras.json"}, "cameras: is of cameras"),
         ({"cues": "edges"}, "cues: is of cameras"),
         ({"height": 1.8}, "height: is of cameras"),
-        ({"markers": "nobody"}, "nobody: is no set of markers"),
+        ({"markers": "nobody"}, "nobody: is not a set of markers"),
         ({"fit": "proportions"}, "fit: 'proportions' is of keypoints"),
         ({"start": 7.0}, "no frame between --start and --end"),
         ({"subject": "arm8"}, "has links that arm8 has not"),

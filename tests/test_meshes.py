@@ -118,5 +118,5 @@ def test_a_mesh_is_as_large_as_its_unit_says(unit: str, metres: float, tmp_path:
 @pytest.mark.parametrize("unit", ["0", "-1", "inch", "inf", "nan"])
 def test_a_unit_that_is_no_length_is_refused(unit: str, tmp_path: Path) -> None:
     (tmp_path / "ball.dae").write_text(dae(f'<unit meter="{unit}"/>', 1.0))
-    with pytest.raises(InputError, match=f'ball.dae: the mesh cannot be used: <unit meter="{unit}"> is no length'):
+    with pytest.raises(InputError, match=f'ball.dae: the mesh cannot be used: <unit meter="{unit}"> is not a length'):
         solids_of(body_with(tmp_path / "ball.dae", "collision"))

@@ -138,7 +138,7 @@ def test_arrays_of_mediapipes_points_have_its_names(tmp_path: Path, count: int) 
     for name in ("nose", "left_shoulder", "right_ankle", "left_big_toe"):
         np.testing.assert_allclose(track.points[:, track.names.index(name)], 1e-3 * made[:, body.index(name)])
     assert f"{count} points without names are read as MediaPipe's" in track.notes[0]
-    assert f"{count - len(track.names)} that are no landmarks" in track.notes[0]
+    assert f"{count - len(track.names)} that are not landmarks" in track.notes[0]
 
 
 def test_names_beside_an_array_name_its_points(tmp_path: Path) -> None:
@@ -184,10 +184,10 @@ def test_what_is_left_out_or_taken_otherwise_is_said(tmp_path: Path) -> None:
         assert sum(said in note for note in track.notes) == 1
     text = (tmp_path / "a.trc").read_text().splitlines()
     (tmp_path / "b.trc").write_text("\n".join(text[:-1]))
-    assert "4 frames, its header says 5" in load_points(tmp_path / "b.trc").notes[0]
+    assert "4 frames, its header declares 5" in load_points(tmp_path / "b.trc").notes[0]
     (tmp_path / "c.c3d").write_bytes(c3d_file(("A", "*1", ""), 1e3 * points()[:, :3], rate=RATE))
     assert "2 points without a name" in load_points(tmp_path / "c.c3d", up="z").notes[0]
-    for options, said in (({"unit": "cm"}, "says mm: --unit cm is taken"), ({"fps": 50.0}, "100 frames .*--fps 50")):
+    for options, said in (({"unit": "cm"}, "declares mm: --unit cm is used"), ({"fps": 50.0}, "100 frames .*--fps 50")):
         track = load_points(tmp_path / "a.trc", **options)  # type: ignore[arg-type]
         assert any(said.partition(" .*")[0] in note for note in track.notes)
     np.testing.assert_allclose(track.time, 2.0 * TIME)
@@ -230,20 +230,20 @@ CSV = csv_text(NAMES, points())
 FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.trc", set_line(3, "mm", "inch"), "line 3, Units: unknown unit 'inch' .one of mm, cm, m; or --unit gives it"),
     ("a.trc", set_line(3, "mm", "m"), "Units: its markers are spread over .* read in m .*--unit"),
-    ("a.trc", set_line(3, "100", "60"), "time: its times have 100 frames per second, its header says 60 .*--fps"),
+    ("a.trc", set_line(3, "100", "60"), "time: its times have 100 frames per second, its header declares 60 .*--fps"),
     ("a.trc", set_line(8, "0.010000", "0.000000"), "frame 1: times do not rise: 0 s is followed by 0 s .*--fps"),
     ("a.trc", set_line(4, "RASI", "LASI"), "the point 'LASI' is there twice"),
     ("a.trc", set_line(4, "\t\t\tLANK", ""), "line 7: has 14 columns, 11 are expected"),
     ("a.trc", set_line(4, "LASI\t\t\tRASI", "ann:LASI\t\t\tbob:RASI"), "markers of several people: 'ann, bob'"),
     ("a.trc", trc(lambda lines: lines.__setitem__(slice(6, None), [])), "has no points"),
     ("a.npz", npz(points=np.full((2, 4, 3), np.nan)), "all are missing"),
-    ("a.npz", npz(unit=None), "does not say its unit of length .--unit"),
+    ("a.npz", npz(unit=None), "does not declare its unit of length .--unit"),
     ("a.npz", npz(unit="furlong"), "unknown unit 'furlong'"),
     ("a.npz", npz(fps=None), "neither times nor frames per second .--fps"),
     ("a.npz", npz(fps=0.0), "fps: must be 0.5 to 2000, got 0"),
-    ("a.npz", npz(time=TIME * 2), "its times have 50 frames per second, its header says 100"),
+    ("a.npz", npz(time=TIME * 2), "its times have 50 frames per second, its header declares 100"),
     ("a.npz", npz(time=TIME[:3]), "has 3 times of 5 frames"),
-    ("a.npz", npz(up="up"), "up: 'up' is no axis"),
+    ("a.npz", npz(up="up"), "up: 'up' is not an axis"),
     ("a.npz", npz(names=np.array(NAMES[:2])), "2 names do not fit an array of shape"),
     ("a.npz", npz(points=None), "has no arrays points and names"),
     ("a.npz", npz(points=np.where(np.isnan(points()), np.inf, points())), "frame 2, 'RASI': is infinite, or at least"),
@@ -257,13 +257,13 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.csv", text(CSV.replace("LASI_z", "LASI_w")), "the point 'LASI' has no column z"),
     ("a.csv", text(CSV.replace("RASI_x", "LASI.x")), "two columns x of the point 'LASI'"),
     ("a.csv", text(CSV.replace("LASI_x", "LASI_x_mm").replace("LASI_y", "LASI_y_cm")), "columns in cm and mm"),
-    ("a.csv", text(CSV), "does not say its unit of length .--unit"),
-    ("a.csv", text("# up=w\n" + CSV), "'w' is no axis"),
-    ("a.csv", text("# unit=m\n" + CSV.replace("0.02,", "oops,")), "no number"),
+    ("a.csv", text(CSV), "does not declare its unit of length .--unit"),
+    ("a.csv", text("# up=w\n" + CSV), "'w' is not an axis"),
+    ("a.csv", text("# unit=m\n" + CSV.replace("0.02,", "oops,")), "not a number"),
     ("a.csv", text(csv_text(NAMES, points(), clock="frame")), "neither times nor frames per second .--fps"),
     ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=RATE)[:-400]), "within its 5 frames"),
     ("a.c3d", lambda path: path.write_bytes(c3d_file(NAMES, 1e3 * points(), rate=0.0)), "--fps"),
-    ("a.bvh", text("HIERARCHY"), "is no file of points .one of .trc, .c3d, .npz, .npy, .csv"),
+    ("a.bvh", text("HIERARCHY"), "is not a file of points .one of .trc, .c3d, .npz, .npy, .csv"),
     ("a.trc", lambda path: None, "no such file"),
 ]  # fmt: skip
 
@@ -277,7 +277,11 @@ def test_faults_are_said_in_a_line(tmp_path: Path, name: str, write: Callable[[P
 
 @pytest.mark.parametrize(
     ("options", "said"),
-    [({"up": "w"}, "up: 'w' is no axis"), ({"unit": "ft"}, "unit: 'ft' is no unit"), ({"fps": -1.0}, "fps: must be")],
+    [
+        ({"up": "w"}, "up: 'w' is not an axis"),
+        ({"unit": "ft"}, "unit: 'ft' is not a unit"),
+        ({"fps": -1.0}, "fps: must be"),
+    ],
 )
 def test_options_that_cannot_be(tmp_path: Path, options: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):

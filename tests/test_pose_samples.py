@@ -70,5 +70,5 @@ def test_a_run_is_drawn_and_what_cannot_be_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="zenith"):
         km.samples(run, tmp_path / "a.png", camera="zenith")
     nothing = made_run(tmp_path / "n.run", body_of("human34").subject, np.full_like(q, np.nan))
-    with pytest.raises(InputError, match="holds no pose"):
+    with pytest.raises(InputError, match="contains no poses"):
         km.samples(nothing, tmp_path / "a.png")

@@ -83,4 +83,4 @@ def test_legs_on_a_stool_are_tracked_as_without_a_floor(tmp_path: Path) -> None:
     assert np.degrees(np.abs(run.q[:, joints] - q[:, joints])).mean() < 0.5
     of_run = km.contact(run)
     assert of_run.floor is None
-    assert "not taken for a floor" in of_run.remark
+    assert "not used as a floor" in of_run.remark

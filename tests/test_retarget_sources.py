@@ -113,7 +113,7 @@ def test_smpl_joints(run: Run, tmp_path: Path, up: str, rate: str) -> None:
     assert told.times[-1] == pytest.approx((FRAMES - 1) / 60.0)
     np.savez(tmp_path / "b.npz", joints3d=1e3 * own, fps=RATE)
     same(load_source(tmp_path / "b.npz", up=up, unit="Millimetres"), run, LIMBS, 1e-5)
-    with pytest.raises(InputError, match="no unit of length"):
+    with pytest.raises(InputError, match="not a unit of length"):
         load_source(tmp_path / "b.npz", unit="inch")
 
 
@@ -209,7 +209,7 @@ def test_faults_of_arrays(tmp_path: Path, name: str, says: str) -> None:
 def test_faults_of_other_files(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_text("x")
     (tmp_path / "a.run").write_text("x")
-    for name, says in (("a.fbx", r"give a run \(.run\), BVH"), ("a.run", "no run file"), ("b.trc", "no such file")):
+    for name, says in (("a.fbx", r"give a run \(.run\), BVH"), ("a.run", "not a run file"), ("b.trc", "no such file")):
         with pytest.raises(InputError, match=says):
             load_source(tmp_path / name)
     with pytest.raises(InputError, match=r"source: cannot be of type int \(3\) \(give a run"):
@@ -218,7 +218,7 @@ def test_faults_of_other_files(run: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="fps: of a run is known"):
         load_source(run, fps=30.0)
     (tmp_path / "a.bvh").write_text("x")
-    with pytest.raises(InputError, match="no unit of length"):
+    with pytest.raises(InputError, match="not a unit of length"):
         load_source(tmp_path / "a.bvh", unit="inch")
 
 

@@ -193,7 +193,7 @@ def test_a_step_tells_angles_and_landmarks(alone: Seen) -> None:
         ({"keypoints": np.zeros((17, 4)), "time": 1.0}, r"^keypoints of at15: has the shape \(17, 4\)"),
         ({"keypoints": np.zeros((3, 17, 3)), "time": 1.0}, r"\(3, 17, 3\) \(\(K, 2\) or \(K, 3\) is needed\)"),
         ({"keypoints": np.zeros((18, 3)), "time": 1.0}, "has 18 keypoints, the layout coco17 17"),
-        ({"keypoints": "walk.json", "time": 1.0}, "no array of numbers"),
+        ({"keypoints": "walk.json", "time": 1.0}, "not an array of numbers"),
         ({"keypoints": None, "time": -1.0}, "time: -1 s does not follow 0 s"),
         ({"keypoints": None, "time": "now"}, "time: cannot be of type str"),
         ({"keypoints": {"at99": None}, "time": 1.0}, "there is no camera 'at99'"),

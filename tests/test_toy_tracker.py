@@ -170,7 +170,7 @@ def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
     km.export(run, tmp_path / "a.npz")
     report.print_run(run)
     assert f"look into it: {NAME} could begin in no frame" in capsys.readouterr().out
-    with pytest.raises(InputError, match="holds no tracked frame"):
+    with pytest.raises(InputError, match="contains no tracked frame"):
         km.view(run, html=tmp_path / "a.html")
     with pytest.raises(InputError, match="nothing was observed"):
         explain(run, 1)

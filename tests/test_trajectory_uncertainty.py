@@ -189,7 +189,7 @@ def test_a_long_run_is_written_and_read_by_parts(
     [
         ("covariance", np.zeros((FRAMES, 3), dtype=np.float32), "covariance"),
         ("covariance", np.full((FRAMES, 595), -1.0, dtype=np.float32), "invalid numbers"),
-        ("mode", np.full(FRAMES, 9), "none of a frame"),
+        ("mode", np.full(FRAMES, 9), "not one of a frame"),
         ("weight", np.full((FRAMES, 3), 0.5), "sum to one"),
         ("weight", None, "not both"),
     ],

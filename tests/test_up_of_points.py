@@ -76,6 +76,6 @@ def test_who_lies_is_not_put_upright_and_doubt_is_a_note(tmp_path: Path) -> None
     write_trc(tmp_path / "a.trc", names, lying, np.arange(COUNT) / RATE)
     track = load_points(tmp_path / "a.trc")
     np.testing.assert_allclose(track.points, lying, atol=1e-5)
-    assert "y is taken to point up, but" in track.notes[-1]
+    assert "y is assumed to point up, but" in track.notes[-1]
     write_trc(tmp_path / "b.trc", names, upright, np.arange(COUNT) / RATE)
     assert not load_points(tmp_path / "b.trc").notes

@@ -34,7 +34,7 @@ def write_glb(run: Run, path: Path) -> None:
     known = np.flatnonzero(np.isfinite(run.q).all(axis=1))
     rising = known[np.diff(run.time[known], prepend=-np.inf) > 0.0]
     if not len(rising):
-        raise InputError(run.file, "holds no tracked frame", remedy="track with --resume first")
+        raise InputError(run.file, "contains no tracked frames", remedy="track with --resume first")
     path.write_bytes(animated_glb(run.body, run.q[rising], run.time[rising] - run.time[rising[0]]))
 
 

@@ -124,7 +124,7 @@ def as_scene(source: Scene | Run) -> Scene:
         return source
     run, cameras = source, source.header.cameras
     if len(run) == 0 or not np.isfinite(run.q).all(axis=1).any():
-        raise InputError(run.file, "holds no tracked frame", remedy="track with --resume first")
+        raise InputError(run.file, "contains no tracked frames", remedy="track with --resume first")
     pixels, confidence = run.pixels[: len(run)], run.confidence[: len(run)]
     if len(pixels) < len(run):
         shape = (len(run), len(cameras), len(run.body.landmark_names))

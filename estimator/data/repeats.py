@@ -157,28 +157,28 @@ class Unmeasured(NamedTuple):
 def measured_points(
     source: str, names: Sequence[str], points: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Points (T, N, 3) at times (T,) [s], NaN where they were not measured, and notes on what was taken for missing.
+    """Points (T, N, 3) at times (T,) [s], NaN where they were not measured, and notes on what was treated as missing.
     source, names (N): of the file and its points, for the notes."""
     first, repeated, filled = unmeasured = Unmeasured.of(points, times)
-    what = "repeat to the last digit while the body moves and are taken for missing"
+    what = "repeat to the last digit while the body moves and are treated as missing"
     listed = first_of([name for name, own in zip(names, filled.T, strict=True) if own.any()], _LISTED)
     notes = (
         (repeated.sum(), f"frames {what}"),
         (filled.sum(), f"places {what}: {listed}"),
-        (first, "frames at the beginning are elsewhere, as a rest pose is: taken for missing"),
+        (first, "frames at the beginning are elsewhere, as a rest pose is: treated as missing"),
     )
     own = tuple(f"{source}: {number} {text}" for number, text in notes if number)
     return np.where(unmeasured.all[..., None], np.nan, points), own
 
 
 def measured_keypoints(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
-    """The keypoints without those that were not measured, with notes on what was taken for missing: at exactly zero,
+    """The keypoints without those that were not measured, with notes on what was treated as missing: at exactly zero,
     in repeated pictures, and filled in. times (N,): of the track's first frames [s]. Of what a person clicked only
-    zeros are taken for missing."""
+    zeros are treated as missing."""
     if not track.names:
         return track
     zero = (track.confidence > 0.0) & (track.pixels == 0.0).all(axis=2)
-    left = _without(track, zero, (f"{zero.sum()} keypoints at exactly zero are taken for missing",))
+    left = _without(track, zero, (f"{zero.sum()} keypoints at exactly zero are treated as missing",))
     return left if track.layout == GIVEN else _without_repeats(left, times)
 
 
@@ -192,10 +192,10 @@ def _without_repeats(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
     wrong = np.zeros_like(seen)
     wrong[:count] = (unmeasured.all | stuck) & seen[:count]
     notes = (
-        (first, "frames at the beginning are elsewhere, as a rest pose is, and are taken for missing"),
-        (repeated.sum(), "frames that repeat the one before while the person moves are taken for missing"),
-        (filled.sum(), "keypoints that repeat to the last digit while the person moves are taken for missing"),
-        (stuck.sum(), f"keypoints that never move while others do are taken for missing: {_listed(track, stuck)}"),
+        (first, "frames at the beginning are elsewhere, as a rest pose is, and are treated as missing"),
+        (repeated.sum(), "frames that repeat the one before while the person moves are treated as missing"),
+        (filled.sum(), "keypoints that repeat to the last digit while the person moves are treated as missing"),
+        (stuck.sum(), f"keypoints that never move while others do are treated as missing: {_listed(track, stuck)}"),
     )
     return _without(track, wrong, tuple(f"{number} {text}" for number, text in notes if number))
 

@@ -90,7 +90,7 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
     count = len(joints)
     axes = shaped(member(content, "axes", path, ""), (count, 3), path, "axes")
     if not np.allclose(np.linalg.norm(axes, axis=1), 1.0, atol=0.01):
-        raise InputError(path, "has an axis that is no unit vector", place="axes")
+        raise InputError(path, "has an axis that is not a unit vector", place="axes")
     sign = shaped(member(content, "mirror_sign", path, ""), (count,), path, "mirror_sign")
     background = float(shaped(member(content, "background", path, ""), (), path, "background"))
     weight, mean, covariance = _components(content, count, path)

@@ -137,12 +137,12 @@ class Contact(Summarised):
     def remark(self) -> str:
         """What keeps this from being trusted; empty where nothing does."""
         if self.raised is not None:
-            return f"feet rest at {self.raised.height:.2f} m, and the body lies below: that is not taken for a floor"
+            return f"feet rest at {self.raised.height:.2f} m, with the body below them: this is not used as a floor"
         if self.belt is not self.known_belt:
             return UNKNOWN_SPEED
         if not len(self.seen) or self.seen.max() >= _SEEN:
             return ""
-        return "the keypoints have no heels and toes: when these stand is found from ankles and the pose prior alone"
+        return "the keypoints have no heels and toes: their stances come from ankles and the pose prior alone"
 
     def has(self, side: Side) -> bool:
         """Whether a foot is among the points."""

@@ -169,7 +169,7 @@ def _of_gait_model(
         if is_measured(name):
             made[name] = _Coordinate(column if slides else np.deg2rad(column), slides, not slides)
     sign = "negative" if negative else "positive"
-    return made, (f"bent knees are {sign} in the reference: taken for angles of {model.title}",) if bent else ()
+    return made, (f"bent knees are {sign} in the reference: read as angles of {model.title}",) if bent else ()
 
 
 def _theirs(name: str, ours: _Coordinate, coordinates: Coordinates) -> tuple[np.ndarray | None, set[str]]:

@@ -215,14 +215,14 @@ def _bvh(run: Run, path: Path, name: str) -> None:
 
 def _even(run: Run) -> EvenMotion:
     if not run.frame_count:
-        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+        raise InputError(run.file, "contains no frames", remedy="track with --resume first")
     return even_motion(run.body, run.q, run.time, run.status != "unobserved")
 
 
 def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
     title = GAIT_MODELS[model].title
     names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
-    note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
+    note = f"Coordinates of the OpenSim model {title}; those not measured are 0."
     write_mot(path, names, values, run.time, title=Path(name).stem, note=_noted(run, note))
 
 

@@ -50,7 +50,7 @@ class Filtering:
 
     q (T, nq): configurations, NaN where there were none. cutoff, rate [Hz]: of the filter and of the frames.
     clamped: by joint, in how many frames the filter led beyond a limit, which was then taken.
-    parts: how many parts were filtered by themselves. resampled: the frames are not evenly spaced.
+    parts: how many parts were filtered separately. resampled: the frames are not evenly spaced.
     """
 
     q: np.ndarray
@@ -66,7 +66,7 @@ class Filtering:
         notes = []
         if self.clamped:
             listed = ", ".join(f"{name} in {count} of {len(self.q)} frames" for name, count in self.clamped.items())
-            notes.append(f"the filter led beyond joint limits, which were taken: {listed}")
+            notes.append(f"filtered values beyond joint limits were clipped to them: {listed}")
         if self.parts > 1:
             notes.append(f"frames are missing: {self.parts} parts were filtered by themselves")
         if self.resampled:
@@ -116,7 +116,7 @@ def evenly_spaced(time: np.ndarray) -> bool:
 
 def _check(cutoff: float, rate: float) -> None:
     if not (np.isfinite(cutoff) and cutoff > 0.0):
-        raise InputError("filter", f"{shown(cutoff)} Hz is no cut-off", remedy="6 is usual for walking")
+        raise InputError("filter", f"{shown(cutoff)} Hz is not a cut-off frequency", remedy="6 is usual for walking")
     if rate > 0.0 and cutoff > (0.5 - _ROUNDING) * rate:
         problem = f"a cut-off of {cutoff:g} Hz is not below half the frame rate, {0.5 * rate:.4g} Hz"
         raise InputError("filter", problem, remedy="choose a lower one, 6 is usual for walking")

@@ -38,7 +38,7 @@ def marker_notes(
     used = {name for theirs in chosen.values() for name in theirs}
     others = [name for name in reference.names if name not in names and name not in used]
     if others:
-        notes.append(f"markers that are no landmarks of the run by their names: {listed(others)}")
+        notes.append(f"markers that are not landmarks of the run by their names: {listed(others)}")
     turn = _heading(pairs.of(landmarks), pairs.truth)
     if abs(turn) > _TURNED:
         what = f"the reference's world is turned by {turn:.0f} deg about the vertical"

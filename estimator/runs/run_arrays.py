@@ -103,7 +103,7 @@ def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, befo
     check_extra(extra)
     for name, array in extra.items():
         if not valid_text(array):
-            raise DamageError(f"{EXTRA}{name} has characters that are none")
+            raise DamageError(f"{EXTRA}{name} has invalid characters")
 
 
 def extra_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -70,7 +70,7 @@ class RunWriter:
         different = Run.open(path).header.differences(header)
         if different:
             raise InputError(
-                path, f"was made from something else: {'; '.join(different)}", remedy="--overwrite starts anew"
+                path, f"was made from other input: {'; '.join(different)}", remedy="--overwrite starts again"
             )
         connection = run_store.open_writing(path)
         with run_store.translated(path):
@@ -82,7 +82,7 @@ class RunWriter:
                 raise ValueError(f"it is not of the last of {count} frames")
         except ValueError as error:
             connection.close()
-            raise InputError(path, f"is damaged: {error}", place="state", remedy="--overwrite starts anew") from None
+            raise InputError(path, f"is damaged: {error}", place="state", remedy="--overwrite starts again") from None
         return cls(path, connection, count), state, count
 
     def put_observations(self, observations: Sequence[Observation]) -> None:
@@ -119,7 +119,7 @@ class RunWriter:
             first = next(
                 (i for i, (a, b) in enumerate(zip(stored, rows, strict=False)) if a != b), min(len(stored), len(rows))
             )
-            remedy = "--overwrite starts anew"
+            remedy = "--overwrite starts again"
             raise InputError(self.path, "was made from other keypoints", place=f"frame {first}", remedy=remedy)
 
     def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:

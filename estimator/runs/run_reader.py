@@ -185,7 +185,7 @@ class Run(Summarised):
                 "SELECT position, data FROM observation WHERE position BETWEEN ? AND ? ORDER BY position", (first, i)
             ).fetchall()
         if not rows or rows[-1][0] != i:
-            raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
+            raise InputError(self.file, "contains no keypoints", place=f"frame {i}", remedy="track again")
         seen = [self._observed(data, k) for k, data in rows]
         return with_standing(seen, self.body.landmark_names)[-1] if standing else seen[-1]
 

@@ -114,7 +114,7 @@ def check(path: Path) -> None:
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror}") from None
     if not start.startswith(b"SQLite format 3\0"):
-        raise InputError(path, "is no run file", remedy="run files are written by `kinemode track`")
+        raise InputError(path, "is not a run file", remedy="run files are written by `kinemode track`")
     with reading(path) as connection:
         (owner,) = connection.execute("PRAGMA application_id").fetchone()
         (version,) = connection.execute("PRAGMA user_version").fetchone()

@@ -90,7 +90,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     """
     q = arrays.get("q", np.zeros(0))
     if q.dtype.kind != "f" or q.ndim != 2:
-        raise DamageError("q is no trajectory")
+        raise DamageError("q is not a trajectory")
     known = ~np.isnan(q).all(axis=1)
     if q.shape[1] == body.nq:
         check_configurations(body, q[known], "q")
@@ -111,7 +111,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
 def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
     """Of frames with a pose."""
     if len(mode) and not ((mode >= 0) & (mode < weight.shape[1])).all():
-        raise DamageError("mode is none of a frame's")
+        raise DamageError("mode is not one of a frame's")
     if (weight < 0.0).any() or (weight > 1.0 + _SUM).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():
         raise DamageError("weight has invalid numbers")
     if (np.abs(np.nansum(weight, axis=1) - 1.0) > _SUM).any():
@@ -126,6 +126,6 @@ def _check_floor(arrays: Mapping[str, np.ndarray], kinds: int) -> None:
     for name, shape in shapes.items():
         value = arrays.get(_FLOOR + name, np.zeros(0, dtype=bool))
         if value.dtype.kind != "f" or value.shape != shape or not np.isfinite(value).all():
-            raise DamageError(f"{_FLOOR}{name} is of no floor")
+            raise DamageError(f"{_FLOOR}{name} has no floor")
     if abs(float(np.linalg.norm(arrays[_FLOOR + "normal"])) - 1.0) > 1e-6:
-        raise DamageError(f"{_FLOOR}normal is no unit vector")
+        raise DamageError(f"{_FLOOR}normal is not a unit vector")

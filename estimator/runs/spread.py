@@ -39,7 +39,7 @@ def checked_level(level: Any, joint: str) -> float:
         taken = f"a probability, as run.interval({LEVEL}); of one joint: run[{joint!r}].low and .high"
         raise misplaced("level", level, taken)
     if not 0.0 <= level <= 1.0:
-        raise InputError("level", f"{level:g} is no probability", remedy="0 to 1, as 0.9")
+        raise InputError("level", f"{level:g} is not a probability", remedy="0 to 1, as 0.9")
     return float(level)
 
 

@@ -38,7 +38,7 @@ def motion_arrays(run: Run) -> dict[str, np.ndarray]:
     places.
     """
     if not run.frame_count:
-        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+        raise InputError(run.file, "contains no frames", remedy="track with --resume first")
     body, motion = run.body, even_motion(run.body, run.q, run.time, run.status != "unobserved")
     missing = int((~np.isfinite(motion.q).all(axis=1)).sum())
     if missing:

@@ -98,5 +98,5 @@ def unobserved_note(run: Run) -> str:
         return of_joints
     named = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b in stretches[:_NAMED])
     more = f" and {len(stretches) - _NAMED} more" if len(stretches) > _NAMED else ""
-    of_stretches = f"nothing was seen, and poses are carried on: {named}{more}"
+    of_stretches = f"nothing was observed, so poses are extrapolated: {named}{more}"
     return f"{of_stretches}; {of_joints}" if of_joints else of_stretches

@@ -41,5 +41,5 @@ class ParticleState:
         particles = Particles.from_arrays(arrays)
         check_weights(particles.weights, "particle_weights")
         if not ((particles.owner >= -1) & (particles.owner < len(summary.mixture.weights))).all():
-            raise DamageError("particle_owner is no hypothesis")
+            raise DamageError("particle_owner is not a hypothesis")
         return ParticleState(summary.mixture, summary.time, particles)

@@ -8,7 +8,7 @@ STATUS_MEANINGS = {
     HARD: "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
     " faster than any body, its search ended early, or the findings speak against it: look at these frames with"
     " `kinemode explain`, and at their keypoints",
-    "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
-    " or pictures (--cues)",
+    "unobserved": "too few keypoints and no pictures: poses are extrapolated from the frame before; give keypoints"
+    " there, or pictures (--cues)",
 }
 """What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""

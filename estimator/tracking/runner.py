@@ -104,4 +104,4 @@ def stored_state(
         return tracker.state_from(arrays), LastFrame.from_arrays(arrays, tracker.body)
     except (ValueError, KeyError, IndexError, TypeError) as error:
         problem = f"{error.args[0]} is missing" if isinstance(error, KeyError) else error
-        raise InputError(source, f"is damaged: {problem}", place="state", remedy="--overwrite starts anew") from None
+        raise InputError(source, f"is damaged: {problem}", place="state", remedy="--overwrite starts again") from None

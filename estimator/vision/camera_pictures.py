@@ -113,7 +113,7 @@ class CameraPictures:
             return None
         plate, whole = read_picture(self._plate)
         if not whole:
-            self.note(f"{self._plate.name} is damaged and not seen as it was")
+            self.note(f"{self._plate.name} is damaged and only partly decoded")
         _check_size(self._plate, (plate.shape[1], plate.shape[0]), self._original)
         return self._reduced(plate)
 

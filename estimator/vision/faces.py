@@ -92,7 +92,9 @@ class FaceDetector:
         try:
             self._net: Any = cv2.FaceDetectorYN.create(str(model), "", (320, 320), score_threshold=_SURE)
         except cv2.error:
-            raise InputError(model, "is no model of a face detector", remedy="a YuNet face detector (.onnx)") from None
+            raise InputError(
+                model, "is not a model of a face detector", remedy="a YuNet face detector (.onnx)"
+            ) from None
         self._model = model
 
     @one_thread()
@@ -103,7 +105,7 @@ class FaceDetector:
             _, rows = self._net.detect(picture)
         except cv2.error:
             raise InputError(
-                self._model, "is no model of a face detector", remedy="a YuNet face detector (.onnx)"
+                self._model, "is not a model of a face detector", remedy="a YuNet face detector (.onnx)"
             ) from None
         if rows is None or not len(rows):
             return Faces.none()

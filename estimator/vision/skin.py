@@ -67,7 +67,7 @@ class SkinModel:
         names = [field.name for field in fields(SkinModel)]
         right = all(n in arrays and np.shape(arrays[n]) == ((_BINS, _BINS) if n == "log_ratio" else ()) for n in names)
         if not (right and all(np.isfinite(arrays[n]).all() for n in names)):
-            raise InputError("skin model", "its arrays are damaged", remedy="begin anew, without resuming")
+            raise InputError("skin model", "its arrays are damaged", remedy="start again, without resuming")
         return SkinModel(np.asarray(arrays["log_ratio"], float), *(float(arrays[n]) for n in names[1:]))
 
 

@@ -62,7 +62,7 @@ def limb_graph(
     """
     body = subject if isinstance(subject, Body) else Body(subject)
     if detail not in RULES:
-        raise InputError(repr(detail), "is no detail of limbs", remedy="one of " + ", ".join(RULES))
+        raise InputError(repr(detail), "is not a detail of limbs", remedy="one of " + ", ".join(RULES))
     return _by_rules(body, detail) if overrides is None and like is None else _graph(body, detail, overrides, like)
 
 
@@ -79,7 +79,7 @@ def _graph(body: Body, detail: Detail, overrides: str | Path | Overrides | None,
     groups = merged(bodies, RULES[detail], fixed)
     if len(groups) < 2:
         remedy = 'give shapes to two links that a joint parts, or base="free" with more of them'
-        raise InputError(source, f"has {len(groups)} limb, which is no graph", place="limbs", remedy=remedy)
+        raise InputError(source, f"has {len(groups)} limb, which is not a graph", place="limbs", remedy=remedy)
     names = [group.name or _name(bodies, group) for group in groups]
     given.check(names)
     frames, limbs = [], []

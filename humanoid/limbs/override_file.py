@@ -147,7 +147,7 @@ def read_overrides(path: str | Path) -> Overrides:
 def _change(path: Path, name: str, entry: Any) -> Change:
     place = f"[limbs.{name}]"
     if not name.strip() or not name.isprintable():
-        raise InputError(path, f"{shown(name)} is no name", place=place, remedy="give it printable characters")
+        raise InputError(path, f"{shown(name)} is not a name", place=place, remedy="give it printable characters")
     if not isinstance(entry, dict):
         raise InputError(path, "is not a table", place=place, remedy="entries: " + ", ".join(_KINDS))
     values: dict[str, Any] = {}

@@ -71,7 +71,7 @@ def collada_unit(path: Path) -> float:
     except ValueError:
         unit = 0.0
     if not 0.0 < unit < np.inf:
-        raise _damaged(path, f'<unit meter="{text[:20]}"> is no length')
+        raise _damaged(path, f'<unit meter="{text[:20]}"> is not a length')
     return unit
 
 
@@ -79,7 +79,7 @@ def _check_numbers(path: Path, root: ET.Element) -> None:
     for element in root.iter():
         allowed = _NUMBERS if element.tag in _FLOATS else _WHOLE if element.tag in _INDICES else None
         if allowed is not None and (len(element) or not allowed.fullmatch(element.text or "")):
-            raise _damaged(path, f"<{element.tag}> holds what is no number")
+            raise _damaged(path, f"<{element.tag}> contains something other than numbers")
 
 
 def _check_sources(path: Path, root: ET.Element) -> int:
@@ -137,7 +137,7 @@ def _integers(path: Path, text: str) -> np.ndarray:
     try:
         return np.array(text.split(), dtype=np.int64)
     except (ValueError, OverflowError):
-        raise _damaged(path, "a list of indices holds what is none") from None
+        raise _damaged(path, "a list of indices has an invalid entry") from None
 
 
 def _whole(path: Path, element: ET.Element, key: str, default: int) -> int:
@@ -145,9 +145,9 @@ def _whole(path: Path, element: ET.Element, key: str, default: int) -> int:
     if text is None:
         return default
     if not text.isascii() or not text.isdigit() or len(text) > 9:
-        raise _damaged(path, f"{key} of <{element.tag}> is no count")
+        raise _damaged(path, f"{key} of <{element.tag}> is not a count")
     return int(text)
 
 
 def _damaged(path: Path, problem: str) -> InputError:
-    return InputError(path, f"the mesh cannot be used: {problem}", remedy="export it anew")
+    return InputError(path, f"the mesh cannot be used: {problem}", remedy="export it again")

@@ -50,7 +50,7 @@ def surface_of(body: Body, nodes: int = 1000, geometry: Geometry = "auto") -> Su
     InputError: the body has no such geometry, a mesh cannot be read, or `nodes` is below 1.
     """
     if nodes < 1:
-        raise InputError(str(nodes), "is no number of nodes", place="nodes", remedy="about 1000")
+        raise InputError(str(nodes), "is not a number of nodes", place="nodes", remedy="about 1000")
     if geometry == "flesh" or (geometry == "auto" and body.subject.flesh):
         if not body.subject.flesh:
             raise InputError(body.subject.source, "has no flesh", remedy='add <flesh> to its links, or geometry="auto"')

@@ -13,7 +13,7 @@ from humanoid.support.errors import InputError, first_of, shown
 
 _FEWEST = 6  # names that a set has to know
 _LISTED = 12  # names in a message
-_OWN = "begin an own set with kinemode subjects --markers FILE"
+_OWN = "start a set of your own with kinemode subjects --markers FILE"
 
 
 def matching_set(names: Sequence[str], subject: Subject | None = None) -> MarkerSet:

@@ -75,7 +75,7 @@ def marker_set(source: str | Path, subject: Subject | None = None) -> MarkerSet:
     path = Path(source)
     if not path.is_file():
         remedy = f"a .toml, or one of {', '.join(marker_set_names())}"
-        raise InputError(str(source), "is no set of markers", remedy=remedy)
+        raise InputError(str(source), "is not a set of markers", remedy=remedy)
     return _read(path)
 
 
@@ -109,7 +109,7 @@ def _read(path: Path) -> MarkerSet:
         if other is None:
             continue
         if not isinstance(other, str) or other == name:
-            raise InputError(path, f"{shown(other)} is no other marker", place=f"[markers] {shown(name)}.mirror")
+            raise InputError(path, f"{shown(other)} is not another marker", place=f"[markers] {shown(name)}.mirror")
         if other not in markers:
             markers[other] = mirrored_marker(markers[name], other)
         if (other, name) not in pairs:
@@ -141,7 +141,7 @@ def _check_entries(path: Path, place: str, entry: Mapping[str, Any], known: tupl
 def _marker(path: Path, name: str, entry: Any) -> Marker:
     place = f"[markers] {shown(name)}"
     if not name.strip() or not name.isprintable():
-        raise InputError(path, "is no name", place=place, remedy="rename it")
+        raise InputError(path, "is not a name", place=place, remedy="rename it")
     if not isinstance(entry, dict):
         raise InputError(path, "is not a table", place=place, remedy="entries: " + ", ".join(_ENTRIES))
     _check_entries(path, place, entry, _ENTRIES)
@@ -150,7 +150,7 @@ def _marker(path: Path, name: str, entry: Any) -> Marker:
         raise InputError(path, f"lacks {missing!r}", place=place, remedy=f"add {missing}")
     link, xyz = entry["link"], entry["xyz"]
     if not isinstance(link, str) or not link:
-        raise InputError(path, f"{shown(link)} is no link", place=place, remedy="the name of a link of the subject")
+        raise InputError(path, f"{shown(link)} is not a link", place=place, remedy="the name of a link of the subject")
     if not isinstance(xyz, list) or len(xyz) != 3:
         raise InputError(path, f"xyz is {shown(xyz)}", place=place, remedy="three numbers in metres")
     x, y, z = (_number(path, f"{place}.xyz", value, -_FARTHEST) for value in xyz)

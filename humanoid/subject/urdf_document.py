@@ -74,7 +74,7 @@ class Document:
 
     def _implausible(self, element: ET.Element, key: str) -> InputError:
         value = _short(element.get(key, ""))
-        return self.fault(element, f"{key}={value} is out of all range", "metres and radians are meant")
+        return self.fault(element, f"{key}={value} is out of range", "metres and radians are meant")
 
     def _number(self, element: ET.Element, key: str, part: str) -> float:
         if _NUMBER.fullmatch(part):

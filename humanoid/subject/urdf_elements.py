@@ -374,7 +374,7 @@ def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
         if origin is None or not any(document.triple(origin, "xyz")):
             raise document.fault(e, f"joint {joint!r} has no offset to scale", "name a joint whose origin is not zero")
     if not 0.0 < low <= high:
-        raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
+        raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is not a range", "0 < scale_min <= scale_max")
     if std < LEAST_STD or mean <= 0.0:
         raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "mean near 1, std near 0.05")
     return proportion

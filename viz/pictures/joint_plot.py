@@ -45,12 +45,12 @@ def write_joint_plot(run: Run, path: str | Path, joints: str | Iterable[str] | N
     path = Path(path)
     kind = path.suffix.lstrip(".").lower()
     if kind not in FORMATS:
-        raise InputError(path, "is no picture", remedy=f"let it end in {', '.join('.' + f for f in FORMATS)}")
+        raise InputError(path, "is not a picture file", remedy=f"let it end in {', '.join('.' + f for f in FORMATS)}")
     names = chosen_joints(run.joint_names, joints)
     if not names:
-        raise InputError(run.file, "has no joint that a single number places")
+        raise InputError(run.file, "has no joint with a single coordinate")
     if not np.isfinite(run.q).all(axis=1).any():
-        raise InputError(run.file, "holds no pose", remedy="track with --resume first")
+        raise InputError(run.file, "contains no poses", remedy="track with --resume first")
     panels = panels_of([run[name].degrees for name in names])
     import matplotlib as mpl
 

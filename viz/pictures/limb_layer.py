@@ -85,6 +85,6 @@ def _of_frame(run: Run, graph: LimbGraph, k: int, extra: Mapping[str, Any]) -> t
         raise InputError(run.file, problem, place=place, remedy="track again")
     lengths = np.linalg.norm(points[..., 3:], axis=2)
     if not (np.allclose(lengths, 1.0) and (weights >= 0.0).all() and np.allclose(weights.sum(axis=1), 1.0)):
-        problem = "has limb_points or limb_weights that are no placements and their shares"
+        problem = "has limb_points that are not placements, or limb_weights that are not shares"
         raise InputError(run.file, problem, place=place, remedy="track again")
     return points, weights

@@ -40,7 +40,7 @@ def write_samples(
         raise InputError(run.file, problem, remedy="kinemode overlay draws it")
     rows = [t for t in range(len(run)) if len(run.result(t).weight)]
     if not rows:
-        raise InputError(run.file, "holds no pose", remedy="track with --resume first")
+        raise InputError(run.file, "contains no poses", remedy="track with --resume first")
     rows = [rows[k] for k in evenly(len(rows), frames)]
     scene, painter, rng = pictured_scene(run), BodyPainter(run.body), np.random.default_rng(seed)
     chosen = chosen_cameras(scene, camera)[0]

@@ -125,7 +125,7 @@ def _looked_at(run: Run) -> str:
     keypoints = bool((run.confidence > 0.0).any()) if len(run.confidence) else False
     looked = (["keypoints"] if keypoints else []) + list(run.header.cues)
     looked += [f"{len(run.body.marker_names)} markers"] if run.header.points else []
-    return "looked at: " + (", ".join(looked) or "nothing")
+    return "input used: " + (", ".join(looked) or "nothing")
 
 
 def _tags(run: Run, facts: Facts) -> str:

@@ -61,7 +61,7 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
     InputError: it is of another kind, too large, cannot be read, has no triangles, or absurd coordinates.
     """
     if Path(file.path).suffix.lower() not in _KINDS:
-        raise InputError(file.path, "is no kind of mesh that can be drawn", remedy="one of " + " ".join(_KINDS))
+        raise InputError(file.path, "is not a mesh format that can be drawn", remedy="one of " + " ".join(_KINDS))
     if file.size > _LARGEST:
         raise InputError(file.path, f"is larger than {_LARGEST // 1_000_000} MB", remedy="give a lighter mesh")
     import trimesh  # slow to import, and only needed for URDFs without flesh
@@ -79,9 +79,7 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
     if not all(np.isfinite(corners).all() for corners, _, _ in pieces):
         raise InputError(file.path, "the mesh has coordinates that are not finite", remedy=_REMEDY)
     if not all(np.abs(corners).max() < _FARTHEST for corners, _, _ in pieces):
-        raise InputError(
-            file.path, "the mesh has coordinates out of all range", remedy="metres or millimetres are meant"
-        )
+        raise InputError(file.path, "the mesh has coordinates out of range", remedy="metres or millimetres are meant")
     unit = collada_unit(Path(file.path)) if file.path.lower().endswith(".dae") else 1.0
     mesh = _joined([(unit * corners, label, colours) for corners, label, colours in pieces])
     if len(mesh.triangles.faces) == 0:

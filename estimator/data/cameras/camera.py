@@ -91,8 +91,8 @@ class Camera(Summarised):
     def needs_centre(self) -> None:
         """Raise InputError if the camera is parallel: for what is made for rays that meet in one point."""
         if self.parallel:
-            remedy = "a parallel camera is used alone, and for what needs no depth by perspective"
-            raise InputError(f"camera {self.name!r}", "is parallel: it has no centre that rays meet in", remedy=remedy)
+            remedy = "use a parallel camera alone, and only where no depth by perspective is needed"
+            raise InputError(f"camera {self.name!r}", "is parallel: it has no centre of projection", remedy=remedy)
 
     @cached_property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -111,7 +111,7 @@ class Camera(Summarised):
         if self.parallel:
             if self.fisheye or np.any(self.distortion):
                 problem = "is parallel and has a fisheye" if self.fisheye else "is parallel and has a distorting lens"
-                remedy = "a parallel camera has neither: free its pictures of the lens first"
+                remedy = "a parallel camera has neither: undistort its pictures first"
                 raise InputError(f"camera {self.name!r}", problem, place="distortion", remedy=remedy)
             return parallel_lens()
         try:

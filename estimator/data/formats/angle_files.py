@@ -39,9 +39,9 @@ def read_opensim_angles(path: Path) -> AngleFile:
     if coordinates.in_degrees is not None:
         return AngleFile(coordinates, time)
     if _beyond_a_turn(coordinates):
-        problem = "does not say whether its angles are degrees or radians, and some are beyond 2 pi"
+        problem = "does not declare whether its angles are degrees or radians, and some exceed 2 pi"
         raise InputError(path, problem, place="header", remedy="add a line inDegrees=yes or inDegrees=no")
-    note = "the header of the reference does not say inDegrees: angles are taken for radians, as OpenSim does"
+    note = "the header of the reference has no inDegrees: its angles are read as radians, as in OpenSim"
     return AngleFile(coordinates._replace(in_degrees=False), time, (note,))
 
 
@@ -79,7 +79,7 @@ def read_angle_csv(path: Path) -> AngleFile:
     values = np.array(list(columns.values())).reshape(len(columns), len(table.time)).T
     coordinates = Coordinates(tuple(columns), values, in_degrees)
     if said is None and unsaid and not _beyond_a_turn(coordinates, unsaid):
-        problem = f"angles may be degrees or radians: none is beyond 2 pi of {first_of(unsaid, 3)}"
+        problem = f"angles may be degrees or radians: none exceeds 2 pi of {first_of(unsaid, 3)}"
         raise InputError(path, problem, remedy="add a line '# inDegrees=yes' or '# inDegrees=no' above the names")
     return AngleFile(coordinates, table.time)
 

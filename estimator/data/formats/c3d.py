@@ -138,4 +138,6 @@ def _up(point: Parameters, up: str | None) -> tuple[str, tuple[str, ...]]:
     axis = up or _said_up(point)
     if axis is not None:
         return axis, ()
-    return "z", ("the c3d does not say which axis points up (POINT:Y_SCREEN): z is assumed; give another with --up",)
+    return "z", (
+        "the c3d does not declare which axis points up (POINT:Y_SCREEN): z is assumed; give another with --up",
+    )

@@ -72,11 +72,13 @@ def read_content(path: Path) -> C3dContent:
     """
     file = _Bytes(path)
     if file.data[1:2] != bytes([_KEY]) or file.data[0] == 0:
-        raise InputError(path, "does not begin as C3D files do")
+        raise InputError(path, "does not start with a C3D header")
     section = _BLOCK * (file.data[0] - 1)
     file.processor = file.piece(section, 4, "parameters")[3]
     if file.processor not in (_INTEL, _DEC, _MIPS):
-        raise InputError(path, f"is of an unknown processor, {file.processor}", remedy=f"{_INTEL} to {_MIPS} are known")
+        raise InputError(
+            path, f"has the unknown processor type {file.processor}", remedy=f"{_INTEL} to {_MIPS} are known"
+        )
     groups = _groups(file, section + 4)
     point = groups.get("POINT", {})
     count, analog, first, last = (file.whole(2 * word) for word in (1, 2, 3, 4))
@@ -90,7 +92,7 @@ def read_content(path: Path) -> C3dContent:
     start, width = _BLOCK * (file.whole(16) - 1), 4 * count + analog
     kind = "f4" if scale < 0.0 else "i2"
     if start < _BLOCK:
-        raise InputError(path, "does not say where its points begin", place="header")
+        raise InputError(path, "does not declare where its points begin", place="header")
     values = file.numbers(start, frames * width, kind, f"{frames} frames").reshape(frames, width)
     rows = values[:, : 4 * count].reshape(frames, count, 4)
     points = rows[..., :3] * (1.0 if kind == "f4" else scale)

@@ -50,7 +50,7 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     content = read_bytes(path)
     if path.suffix.lower() in _PICKLES or content.startswith(_PICKLED):
         remedy = "convert it with Pose2Sim (calibration_type 'convert', convert_from 'opencap') and give the .toml"
-        problem = "is a pickle, as OpenCap writes; pickles can run any program, so none is loaded"
+        problem = "is a pickle, as OpenCap writes; pickles can run any program, so they are not loaded"
         raise InputError(path, problem, remedy=remedy)
     loaded = _cameras(CameraFile(path, content))
     if not loaded:
@@ -69,7 +69,7 @@ def declared_up(path: str | Path) -> str | None:
     file = CameraFile(Path(path), read_bytes(Path(path)))
     up = _format(file).up(file)
     if up is not None and up not in UPS:
-        raise InputError(file.path, f"{shown(up)} is no axis", place="up", remedy=f"one of {', '.join(UPS)}")
+        raise InputError(file.path, f"{shown(up)} is not an axis", place="up", remedy=f"one of {', '.join(UPS)}")
     return up
 
 
@@ -94,8 +94,8 @@ def _format(file: CameraFile) -> CameraFormat:
             return known
     if file.root:
         hint = "a Vicon .xcp; convert it with Pose2Sim to .toml" if file.root.lower() == "cameras" else read
-        raise InputError(file.path, f"<{file.root[:60]}> holds no cameras in a format that is read", remedy=hint)
-    raise InputError(file.path, "has no cameras in a format that is read", remedy=read)
+        raise InputError(file.path, f"<{file.root[:60]}> has no cameras in a supported format", remedy=hint)
+    raise InputError(file.path, "has no cameras in a supported format", remedy=read)
 
 
 def write_cameras(path: str | Path, cameras: Iterable[Camera]) -> None:

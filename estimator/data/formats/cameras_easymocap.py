@@ -38,7 +38,7 @@ def _both(file: CameraFile) -> Mapping[str, Any]:
         if not any(str(key).startswith(f"{start}_") for key in root):
             beside = Path(file.path).with_name(f"{part}{file.path.suffix}")
             if not beside.is_file():
-                raise InputError(file.path, f"has one half of the cameras: {beside.name} is not beside it")
+                raise InputError(file.path, f"has only half of the camera parameters: {beside.name} is not beside it")
             root = {**parsed_yaml(read_bytes(beside), beside), **root}
     return root
 
@@ -60,7 +60,7 @@ def _camera(root: Mapping[str, Any], name: str, source: Path, place: str) -> Cam
         entry["R"] = rotation_matrix(entry["R"], source, f"{place}.{turned}")
     if f"W_{name}" not in root or f"H_{name}" not in root:
         remedy = f"add W_{name} and H_{name}, width and height of the pictures [px], to intri.yml"
-        raise InputError(source, "does not say the size of the pictures", place=place, remedy=remedy)
+        raise InputError(source, "does not give the size of the pictures", place=place, remedy=remedy)
     entry |= {"name": name, "image_size": [root[f"W_{name}"], root[f"H_{name}"]]}
     return camera_from_json(entry, source, place, called=called)
 

@@ -102,7 +102,7 @@ def camera_from_json(
     none = [0.0] * (4 if fisheye else 5)
     distortion = _distortion(entry.get("distortion", none), source, places["distortion"], fisheye=fisheye)
     if parallel and (fisheye or np.any(distortion)):
-        problem, remedy = "a parallel camera has no lens", "free its pictures of the lens first, and leave this out"
+        problem, remedy = "a parallel camera has no lens", "undistort its pictures first, and leave this out"
         raise InputError(source, problem, place=places["fisheye" if fisheye else "distortion"], remedy=remedy)
     focal_std = float(shaped(entry.get("focal_std", 0.0), (), source, places["focal_std"]))
     if not _FOCAL_STD[0] <= focal_std <= _FOCAL_STD[1]:

@@ -74,10 +74,10 @@ def cameras_from_opencv(root: Mapping[str, Any], source: str | Path, kind: str) 
         place = kind if alone else f"{kind}, {name}"
         if "image_size" not in entry:
             remedy = "add image_width and image_height, the size of the pictures [px]"
-            raise InputError(source, "does not say the size of the pictures", place=place, remedy=remedy)
+            raise InputError(source, "does not give the size of the pictures", place=place, remedy=remedy)
         if not alone and "R" not in entry and "t" not in entry:
             remedy = "add R and T, or give the file of one camera"
-            raise InputError(source, "does not say where this camera stands", place=place, remedy=remedy)
+            raise InputError(source, "does not give the place of this camera", place=place, remedy=remedy)
         cameras.append(camera_from_json({"name": name} | entry, source, place, alone=alone, called=_NAMED))
     check_apart(cameras, source, kind)
     placed = "R" in next(iter(entries.values()))

@@ -87,7 +87,7 @@ def _check_sensor(document: Document, intrinsic: ET.Element, last: tuple[float, 
     for axis, end in zip("UV", last, strict=True):
         sensor = document.number(intrinsic, f"sensorMax{axis}", str(_SUBPIXELS * end))
         if sensor + _SUBPIXELS < _SUBPIXELS * end:
-            problem = f"sensorMax{axis} = {sensor:g} is no sensor in 1/64 pixels for pictures up to pixel {end:g}"
+            problem = f"sensorMax{axis} = {sensor:g} is not a sensor in 1/64 pixels for pictures up to pixel {end:g}"
             raise InputError(document.source, problem, place=place, remedy="give the file as QTM wrote it")
 
 

@@ -61,5 +61,5 @@ def check_apart(cameras: Sequence[Camera], source: str | Path, place: str) -> No
     """Raise InputError where several cameras all have the very same placement, which a file without any may give."""
     places = [np.column_stack([c.R_camera_world, c.t_camera_world]) for c in cameras]
     if len(cameras) > 1 and all(np.array_equal(place, places[0]) for place in places):
-        problem = f"all {len(cameras)} cameras stand at one place: the file has intrinsics alone"
+        problem = f"all {len(cameras)} cameras are at one place: the file has only intrinsics"
         raise InputError(source, problem, place=place, remedy="calibrate the placements too (extrinsics)")

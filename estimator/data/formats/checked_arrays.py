@@ -59,7 +59,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], 
         if array.dtype.kind != field.kind or not fits:
             raise DamageError(f"{name} has the shape {array.shape} and type {array.dtype}")
         if array.dtype.kind == "U" and not valid_text(array):
-            raise DamageError(f"{name} has characters that are none")
+            raise DamageError(f"{name} has invalid characters")
         if array.dtype.kind == "f" and field.finite and not (np.abs(array) < LARGEST).all():
             raise DamageError(f"{name} has numbers that are not finite, or at least {LARGEST:g} in size")
 
@@ -77,7 +77,7 @@ def those_there(fields: Mapping[str, Field], arrays: Mapping[str, np.ndarray]) -
 def length_of(arrays: Mapping[str, np.ndarray], name: str) -> int:
     """How many entries a list has; raises DamageError where it is missing or none."""
     if name not in arrays or arrays[name].ndim != 1:
-        raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is no list")
+        raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is not a list")
     return len(arrays[name])
 
 
@@ -91,7 +91,7 @@ def check_parents(parent: np.ndarray, before: int | None) -> None:
     """Parents (K,): -1 or one of the `before` hypotheses of the frame before, any where that is None; raises
     DamageError."""
     if parent.size and (parent.min() < -1 or (before is not None and parent.max() >= max(before, 1))):
-        raise DamageError(f"parent {shown(int(parent.max()))} is no hypothesis of the frame before")
+        raise DamageError(f"parent {shown(int(parent.max()))} is not a hypothesis of the frame before")
 
 
 def check_covariances(covariance: np.ndarray) -> None:
@@ -115,4 +115,4 @@ def check_covariances(covariance: np.ndarray) -> None:
 def check_configurations(body: Body, q: np.ndarray, name: str) -> None:
     """Configurations (K, nq) of a body: finite, their quaternions of length one; raises DamageError."""
     if not (np.abs(q) < LARGEST).all() or not all(pin.isNormalized(body.model, pose, _NORM) for pose in q):
-        raise DamageError(f"{name} is no configuration of the subject")
+        raise DamageError(f"{name} is not a configuration of the subject")

@@ -108,5 +108,5 @@ def plain_pickle(value: Any, path: Path, place: str) -> Any:
                 raise pickle.UnpicklingError(f"{mark.name} is not read")
         return Plain(io.BytesIO(data), encoding="utf-8").load()
     except Exception as error:  # pickle lets errors of any kind through
-        what = f"is no plain list of names: {shown(str(error), 80)}"
+        what = f"is not a plain list of names: {shown(str(error), 80)}"
         raise InputError(path, what, place=place) from None

@@ -59,7 +59,7 @@ def read_coco(value: Mapping[str, Any], reading: Reading) -> None:
         place = f"annotations[{i}]"
         image = _key(member(annotation, "image_id", path, place))
         if image not in frame_of:
-            raise InputError(path, f"its image_id {shown(annotation['image_id'])} is no picture's", place=place)
+            raise InputError(path, f"its image_id {shown(annotation['image_id'])} matches no picture", place=place)
         if flags:
             points[i][:, 2] = _confidence(points[i][:, 2], sure) * _score(annotation, path, place)
         reading.add(frame_of[image], [_person(points[i], annotation, reading, place)])

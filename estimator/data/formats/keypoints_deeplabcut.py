@@ -89,7 +89,7 @@ def _table(path: Path) -> DeepLabCutTable:
     try:
         rows = list(csv.reader(io.StringIO(read_text(path), newline="")))
     except csv.Error as error:
-        raise InputError(path, f"is no csv: {error}") from None
+        raise InputError(path, f"is not a csv: {error}") from None
     lines = [(number, row) for number, row in enumerate(rows, 1) if any(cell.strip() for cell in row)]
     words = tuple(row[0].strip() for _, row in lines[:4])
     head = next((names for names in HEADS if words[: len(names)] == names), None)
@@ -145,7 +145,7 @@ def _numbers(cells: Sequence[str], path: Path, line: int) -> list[float]:
     try:
         return [float(cell) if cell.strip() else np.nan for cell in cells]
     except ValueError:
-        raise InputError(path, "has a cell that is no number", place=f"line {line}") from None
+        raise InputError(path, "has a cell that is not a number", place=f"line {line}") from None
 
 
 def _frames(table: DeepLabCutTable, path: Path) -> list[int]:
@@ -155,7 +155,7 @@ def _frames(table: DeepLabCutTable, path: Path) -> list[int]:
         texts = [text.lstrip("0") or "0" for text in texts]
         for text, place in zip(texts, table.places, strict=True):
             if len(text) > len(str(MOST_FRAMES)) or int(text) > MOST_FRAMES:
-                raise InputError(path, f"{shown(text)} is no likely frame number", place=place)
+                raise InputError(path, f"{shown(text)} is not a likely frame number", place=place)
         frames = [int(text) for text in texts]
     else:
         of_picture = frame_of_pictures(texts, path)

@@ -77,7 +77,7 @@ def _frame_table(group: h5py.Group, path: Path) -> _Content:
     for name in (name for name in fields if name != "index"):
         words = plain_pickle(attributes.get(f"{name}_kind"), path, f"{name}_kind")
         if not isinstance(words, list):
-            raise InputError(path, "is no list of columns", place=f"{name}_kind")
+            raise InputError(path, "is not a list of columns", place=f"{name}_kind")
         columns += [_column(head, names, path) for names in words]
         blocks.append(_block(table[name].reshape(len(table), -1), len(words), path, name))
     return columns, _joined(blocks, len(table)), _index(table["index"], path)
@@ -115,7 +115,7 @@ def _words(group: h5py.Group, axis: str, level: int, path: Path) -> list[str]:
     words = texts(array(group, f"{axis}_level{level}", path), path, f"{axis}_level{level}")
     numbers = array(group, f"{axis}_label{level}", path)
     if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or ((numbers < 0) | (numbers >= len(words))).any():
-        raise InputError(path, f"are no numbers of its {len(words)} words", place=f"{axis}_label{level}")
+        raise InputError(path, f"are not numbers of its {len(words)} words", place=f"{axis}_label{level}")
     return [words[i] for i in numbers.tolist()]
 
 

@@ -47,7 +47,7 @@ def keypoint_points(values: Any, axes: int, shape: str, argument: str) -> np.nda
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(argument, "is no array of numbers", remedy=f"give one of shape {shape}") from None
+        raise InputError(argument, "is not an array of numbers", remedy=f"give one of shape {shape}") from None
     if array.ndim != axes or array.shape[-1] not in (2, 3) or 0 in array.shape[-2:]:
         raise InputError(argument, f"has the shape {array.shape}", remedy=f"{shape} is needed")
     if array.shape[-1] == 2:

@@ -64,7 +64,7 @@ def _format_of(file: KeypointFile) -> KeypointFormat:
     _refuse_others(file)
     by_content = next((f for f in known if f.of_json and f.recognises(file)), None)
     if by_content is None:
-        raise InputError(file.path, "is no keypoint file of a known layout", remedy=formats_read())
+        raise InputError(file.path, "is not a keypoint file of a known layout", remedy=formats_read())
     return by_content
 
 

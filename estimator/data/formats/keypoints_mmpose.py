@@ -21,7 +21,7 @@ def _mmpose(frames: list[Any], reading: Reading, where: str) -> None:
     entries = [mapping(f, path, f"{where}[{i}]") for i, f in enumerate(frames)]
     ids = [e.get("frame_id", i) for i, e in enumerate(entries)]
     if not all(isinstance(i, int) and 0 <= i < MOST_FRAMES for i in ids):
-        raise InputError(path, "a frame_id is no frame number", place=where)
+        raise InputError(path, "a frame_id is not a frame number", place=where)
     first = 1 if where and ids and min(ids) == 1 else 0  # the top-down demo counts its frames from 1
     for number, entry in zip(ids, entries, strict=True):
         people = sequence(member(entry, "instances", path, f"frame {number}"), path, f"frame {number}")

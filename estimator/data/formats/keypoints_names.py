@@ -41,12 +41,12 @@ def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
     names = as_landmarks([renamed.get(name, name) for name in own])
     for theirs, ours in renamed.items():
         if landmark_name(ours) is None and (meant := near_names(ours, _KNOWN, most=1)):
-            reading.notes.say(f"{theirs} is called {shown(ours, 30)}, which is no landmark of people: {meant[0]}?")
+            reading.notes.say(f"{theirs} is called {shown(ours, 30)}, which is not a landmark of people: {meant[0]}?")
     foreign = [name for name in names if landmark_name(name) is None]
     if foreign and naming.of is None:
         some = first_of([shown(name, 30) for name in foreign], 8)
         beside = places_of_names(reading.source).partition(" or ")[0]
-        reading.notes.say(f"keypoints with names of their own ({some}): {beside} can say which landmarks they are")
+        reading.notes.say(f"keypoints with unknown names ({some}): {beside} can map them to landmarks")
     return names
 
 

@@ -65,7 +65,7 @@ def _points(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
         problem = f"has the shape {scores.shape} beside keypoints {shape}"
         raise InputError(path, problem, place="scores", remedy="one for each x, y")
     if shape[0] > MOST_FRAMES or (keypoints.ndim == 4 and shape[1] > _MOST_PEOPLE):
-        raise InputError(path, f"has the shape {shape}, which is no clip's", place="keypoints")
+        raise InputError(path, f"has the shape {shape}, which is not that of a clip", place="keypoints")
     if shape[-1] == 2:
         sure = np.ones(shape[:-1]) if scores is None else scores
         keypoints = np.concatenate([keypoints, sure[..., None]], axis=-1)

@@ -92,7 +92,7 @@ def frame_numbers(names: Sequence[str], source: Path) -> dict[str, int]:
         if name not in digits_of:
             raise InputError(source, "has no frame number at its end", place=name)
         if len(digits_of[name]) > len(str(MOST_FRAMES)) or int(digits_of[name]) > MOST_FRAMES:
-            raise InputError(source, f"{digits_of[name]} is no likely frame number", place=name)
+            raise InputError(source, f"{digits_of[name]} is not a likely frame number", place=name)
     return {name: int(digits) for name, digits in digits_of.items()}
 
 

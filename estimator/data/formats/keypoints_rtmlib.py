@@ -50,7 +50,7 @@ def _frame(i: int, frame: Mapping[str, Any], reading: Reading, place: str) -> No
     keypoints, scores = (sequence(member(frame, name, path, place), path, place) for name in ("keypoints", "scores"))
     number = frame.get("frame_id", frame.get("frame", i))
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < MOST_FRAMES:
-        raise InputError(path, "frame_id is no frame number", place=place)
+        raise InputError(path, "frame_id is not a frame number", place=place)
     if number in reading.frames:
         raise InputError(path, f"the frame_id {number} is there twice", place=place)
     ids = sequence(frame.get("track_ids") or [None] * len(keypoints), path, place)

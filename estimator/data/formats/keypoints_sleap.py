@@ -60,7 +60,7 @@ def _add(reading: Reading, points: np.ndarray, names: tuple[str, ...]) -> None:
     """Add points (T, N, K, 3) of N tracks."""
     frames, tracks = points.shape[:2]
     if frames > MOST_FRAMES:
-        raise InputError(reading.source, f"{frames} is no likely number of frames", place="tracks")
+        raise InputError(reading.source, f"{frames} is not a likely number of frames", place="tracks")
     missing = np.isnan(points[..., :2]).all(axis=-1)
     points[~missing & np.isnan(points[..., 2]), 2] = 1.0  # by hand: SLEAP has no score of these
     points[missing, 2] = 0.0

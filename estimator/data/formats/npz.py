@@ -38,7 +38,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         raise _unreadable(path, error) from None
     for name, array in arrays.items():
         if not valid_text(array):
-            raise InputError(path, "has characters that are none", place=name)
+            raise InputError(path, "has invalid characters", place=name)
     return arrays
 
 
@@ -95,4 +95,4 @@ def read_npy(path: Path) -> np.ndarray:
 
 def _unreadable(path: Path, error: Exception) -> InputError:
     what = str(error) or type(error).__name__
-    return InputError(path, f"cannot be read: {what}", remedy="plain arrays of NumPy are needed")
+    return InputError(path, f"cannot be read: {what}", remedy="plain NumPy arrays are needed")

@@ -58,7 +58,7 @@ class NumberTable(NamedTuple):
             wrong = next((i for i, row in enumerate(rows) if np.isnan(values[i, k]) and not _is_empty(row[k])), None)
             if wrong is not None:
                 place = f"line {self.first + 1 + wrong}, column {shown(names[k])}"
-                raise InputError(path, f"{shown(rows[wrong][k])} is no number", place=place, remedy="leave it empty")
+                raise InputError(path, f"{shown(rows[wrong][k])} is not a number", place=place, remedy="leave it empty")
 
 
 def read_number_table(path: Path) -> NumberTable:
@@ -73,7 +73,7 @@ def read_number_table(path: Path) -> NumberTable:
     try:
         rows = [row for row in csv.reader(io.StringIO("".join(lines[first:]), newline="")) if row]
     except csv.Error as error:
-        raise InputError(path, f"is no csv: {error}") from None
+        raise InputError(path, f"is not a csv: {error}") from None
     names = tuple(cell.strip() for cell in rows[0]) if rows else ()
     return NumberTable(path, names, rows[1:], first + 1, tuple(line.strip() for line in lines[:first] if line.strip()))
 

@@ -80,7 +80,7 @@ def checked_unit(unit: str) -> str:
     """A unit of length as a key of `METRES`; raises InputError for another word."""
     known = unit_of(unit)
     if known not in METRES:
-        raise InputError("unit", f"{shown(unit)} is no unit of length", remedy=f"one of {', '.join(METRES)}")
+        raise InputError("unit", f"{shown(unit)} is not a unit of length", remedy=f"one of {', '.join(METRES)}")
     return known
 
 
@@ -183,7 +183,7 @@ def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
     lines = read_text(path).splitlines()
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or end + 1 >= len(lines):
-        raise InputError(path, "is no motion file: it has no 'endheader' with column names after it")
+        raise InputError(path, "is not a motion file: it has no 'endheader' with column names after it")
     columns = lines[end + 1].split()
     if not columns or columns[0].lower() != "time":
         raise InputError(path, "its first column is not 'time'", place=f"line {end + 2}")
@@ -241,7 +241,7 @@ def _numbers(cells: list[str], count: int, path: Path, number: int) -> list[floa
     try:
         row = [float(cell) if cell.strip() else np.nan for cell in cells]
     except ValueError:
-        raise InputError(path, "has a cell that is no number", place=f"line {number}") from None
+        raise InputError(path, "has a cell that is not a number", place=f"line {number}") from None
     if any(abs(value) > _MOST for value in row):
         raise InputError(path, "has a number too large", place=f"line {number}", remedy=f"up to {_MOST:g}")
     return row

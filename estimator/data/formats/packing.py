@@ -60,9 +60,9 @@ def _index(text: bytes) -> Iterator[tuple[str, np.dtype[Any], tuple[int, ...]]]:
     try:
         entries = json.loads(text)
     except RecursionError:
-        raise ValueError("its index is no list") from None
+        raise ValueError("its index is not a list") from None
     if not isinstance(entries, list):
-        raise ValueError("its index is no list")
+        raise ValueError("its index is not a list")
     for entry in entries:
         if not (isinstance(entry, list) and len(entry) == 3 and isinstance(entry[0], str)):
             raise ValueError("its index has an entry that is none")

@@ -60,11 +60,11 @@ def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
         raise InputError(path, "no such file")
     kind = path.suffix.lower()
     if kind not in _READERS:
-        raise InputError(path, "is no reference", remedy=f"one of {', '.join(_READERS)} is needed")
+        raise InputError(path, "is not a reference", remedy=f"one of {', '.join(_READERS)} is needed")
     if up is None:
         return _READERS[kind](path)
     if up not in UPS:
-        raise InputError("up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+        raise InputError("up", f"{shown(up)} is not an axis", remedy=f"one of {', '.join(UPS)}")
     if kind not in _OF_MARKERS:
         raise InputError("up", f"is of the world of markers ({', '.join(_OF_MARKERS)})", remedy="leave it out")
     return _markers(path, _OF_MARKERS[kind](path, up))

@@ -45,6 +45,6 @@ def read_point_array(path: Path) -> PointFile:
     if naming.names is not None:
         return PointFile(path, naming.names, points, time)
     known = {name: i for i, name in enumerate(_BODY) if name is not None}
-    others = f", {count - len(known)} that are no landmarks of the body left out"
+    others = f", {count - len(known)} that are not landmarks of the body left out"
     notes = (f"{path.name}: {count} points without names are read as MediaPipe's{others}",)
     return PointFile(path, tuple(known), points[:, list(known.values())], time, notes=notes)

@@ -34,7 +34,7 @@ def with_clock(file: PointFile, said: Said) -> PointFile:
     if not _rises(time):
         if fps is None:
             at = int(np.argmax(~(np.abs(time) < LARGEST) | ~np.append(True, np.diff(time) > 0.0)))
-            what = f"{time[at - 1]:g} s is followed by {time[at]:g} s" if at else f"{time[at]:g} s is no time"
+            what = f"{time[at - 1]:g} s is followed by {time[at]:g} s" if at else f"{time[at]:g} s is not a time"
             remedy = "mend the times, or --fps counts the frames instead"
             raise InputError(path, f"times do not rise: {what}", place=f"frame {at}", remedy=remedy)
         note = f"{path.name}: its times do not rise, frames are counted at --fps {fps:g}"
@@ -44,7 +44,7 @@ def with_clock(file: PointFile, said: Said) -> PointFile:
         kept = _alike(own, fps)
         return file._replace(time=time if kept else time * own / fps, notes=file.notes + _taken(file, own, fps))
     if rate is not None and not _alike(own, rate):
-        problem = f"its times have {own:.4g} frames per second, its header says {rate:.4g}"
+        problem = f"its times have {own:.4g} frames per second, its header declares {rate:.4g}"
         raise InputError(path, problem, place="time", remedy="correct one of them, or give the right one with --fps")
     checked_rate(path, own)
     return file

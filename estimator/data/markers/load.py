@@ -78,7 +78,7 @@ def _checked(said: Said) -> Said:
     if said.unit is not None:
         said = said._replace(unit=checked_unit(said.unit))
     if said.up is not None and said.up not in UPS:
-        raise InputError("up", f"{shown(said.up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+        raise InputError("up", f"{shown(said.up)} is not an axis", remedy=f"one of {', '.join(UPS)}")
     if said.fps is not None:
         checked_rate("fps", said.fps)
     return said
@@ -89,9 +89,9 @@ def _sound(file: PointFile, said: Said) -> PointFile:
     path, notes = file.path, list(file.notes)
     unit = said.unit or file.unit
     if not unit:
-        raise InputError(path, "does not say its unit of length", remedy=f"{UNIT_OPTION} m, cm or mm gives it")
+        raise InputError(path, "does not declare its unit of length", remedy=f"{UNIT_OPTION} m, cm or mm gives it")
     if file.unit and unit != file.unit:
-        notes.append(f"{path.name} says {file.unit}: {UNIT_OPTION} {unit} is taken")
+        notes.append(f"{path.name} declares {file.unit}: {UNIT_OPTION} {unit} is used instead")
     kept = [i for i, name in enumerate(file.names) if _is_marker(name)]
     unnamed = [name for name in file.names if is_unnamed(name)]
     if unnamed:
@@ -106,7 +106,7 @@ def _sound(file: PointFile, said: Said) -> PointFile:
     points = file.points[:, kept]
     zero = (points == 0.0).all(axis=2)
     if zero.any():
-        notes.append(f"{path.name}: {zero.sum()} points at exactly zero are taken for missing")
+        notes.append(f"{path.name}: {zero.sum()} points at exactly zero are treated as missing")
     missing = zero | np.isnan(points).any(axis=2)
     points = metres_in(unit, path, "unit", UNIT_OPTION) * np.where(missing[..., None], np.nan, points)
     _check_numbers(file, names, points)

@@ -11,7 +11,7 @@ from estimator.data.markers.gravity import up_by_motion, up_by_names
 from estimator.data.markers.track import MarkerTrack, PointFile
 from humanoid.support.errors import InputError, shown
 
-_UNSAID = "does not say which axis points up"
+_UNSAID = "does not declare which axis points up"
 _LATE = 0.1  # of a frame's duration: by how much the instants of two files may differ
 
 
@@ -57,7 +57,7 @@ def _axes(files: Sequence[PointFile], up: str | None) -> tuple[list[str], tuple[
         return [axis for axis in axes if axis is not None], tuple(notes)
     by_motion = up_by_motion(np.concatenate([file.points for file in open_files], axis=1), files[0].time)
     if by_motion is None:
-        problem = "does not say which axis points up, and its motion leaves it open"
+        problem = "does not declare which axis points up, and its motion leaves it open"
         raise InputError(open_files[0].path, problem, remedy="give it with --up: x, y, z or -z")
     notes.append(f"{open_files[0].path.name}: {_UNSAID}: {by_motion}, by its motion; --up gives another")
     return [axis or by_motion for axis in axes], tuple(notes)
@@ -70,13 +70,13 @@ def _axis(file: PointFile) -> tuple[str | None, str]:
     if expected is None:
         return by_names, f"{_UNSAID}: {by_names}, from the feet to the head; --up gives another" if by_names else ""
     if file.y_or_z and by_names is not None and by_names[-1] in "yz":
-        taken = f"{by_names} is taken to point up, along which the head is above the feet; --up gives another"
+        taken = f"{by_names} is assumed to point up, as the head is above the feet along it; --up gives another"
         return by_names, "" if by_names in ("z", expected) else taken
     other = by_names or up_by_motion(file.points, file.time)
     if other in (None, expected):
         return expected, ""
     seen = f"from feet to head the body extends along {other}" if by_names else f"the body moves as if {other} did"
-    return expected, f"{expected} is taken to point up, but {seen}: give --up, unless the person lies"
+    return expected, f"{expected} is assumed to point up, but {seen}: give --up, unless the person lies"
 
 
 def _check_instants(first: PointFile, other: PointFile) -> None:

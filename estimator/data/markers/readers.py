@@ -32,7 +32,7 @@ def read_points(path: Path, unit: str | None) -> PointFile:
     """
     kind = path.suffix.lower()
     if kind not in _READERS:
-        raise InputError(path, "is no file of points", remedy=f"one of {', '.join(_READERS)} is needed")
+        raise InputError(path, "is not a file of points", remedy=f"one of {', '.join(_READERS)} is needed")
     if not path.is_file():
         raise InputError(path, "no such file")
     return _READERS[kind](path, unit)
@@ -42,7 +42,7 @@ def _trc(path: Path, unit: str | None) -> PointFile:
     file = read_trc(path, "z", unit, UNIT_OPTION)
     notes: tuple[str, ...] = ()
     if file.frames >= 0 and file.frames != len(file.points):
-        notes = (f"{path.name} has {len(file.points)} frames, its header says {file.frames}: is it cut short?",)
+        notes = (f"{path.name} has {len(file.points)} frames, its header declares {file.frames}: is it truncated?",)
     points = file.points / METRES[file.unit]
     return PointFile(path, file.names, points, file.time, file.said_unit, None, file.rate, notes, usual_up="y")
 
@@ -75,7 +75,7 @@ def _npz(path: Path, unit: str | None) -> PointFile:
     own = keys == _EXPORT
     up = _word(arrays, "up", path) or ("z" if own else None)
     if up is not None and up not in UPS:
-        raise InputError(path, f"{shown(up)} is no axis", place="up", remedy=f"one of {', '.join(UPS)}")
+        raise InputError(path, f"{shown(up)} is not an axis", place="up", remedy=f"one of {', '.join(UPS)}")
     rate = number_array(arrays["fps"], path, "fps") if "fps" in arrays else np.array(np.nan)
     if rate.size != 1:
         raise InputError(path, "one number is needed", place="fps")

@@ -43,7 +43,7 @@ def read_point_table(path: Path) -> PointFile:
     points = np.stack([values[:, list(places)] for places in columns.values()], axis=1)
     said = _comments(table)
     if unit and said.get("unit", unit) != unit:
-        raise InputError(path, f"columns are in {unit}, a comment says {shown(said['unit'])}", place=table.place)
+        raise InputError(path, f"columns are in {unit}, a comment declares {shown(said['unit'])}", place=table.place)
     counted = clock is None or lower[clock] in _FRAMES
     notes = (f"{path.name}: columns left out: {first_of(other, 8)}",) if other else ()
     time = np.full(len(points), np.nan) if counted else values[:, clock]
@@ -91,6 +91,6 @@ def _comments(table: NumberTable) -> dict[str, str]:
     said = {part["key"].lower().removesuffix("s"): part["value"].lower() for part in parts}
     said |= {"unit": unit_of(said["unit"])} if "unit" in said else {}
     if said.get("up", "z") not in UPS:
-        problem = f"{shown(said['up'])} is no axis"
+        problem = f"{shown(said['up'])} is not an axis"
         raise InputError(table.path, problem, place="comment up", remedy=f"one of {', '.join(UPS)}")
     return said

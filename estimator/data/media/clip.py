@@ -149,7 +149,7 @@ class FolderClip(Clip):
         notes = [] if self.rate_known else [f"a folder of images has no frame rate: {DEFAULT_FPS:g} assumed"]
         if self._damaged:
             first = self.files[min(self._damaged)].name
-            notes.append(f"{len(self._damaged)} images are damaged and not seen as they were, {first} first")
+            notes.append(f"{len(self._damaged)} images are damaged and only partly decoded, {first} first")
         return ClipReport(len(self.files), read, np.arange(read) / self.fps, self.fps, tuple(notes))
 
 
@@ -293,7 +293,7 @@ def natural_order(path: Path) -> tuple[list[tuple[int, int, str]], str]:
 def _capture(path: Path) -> cv2.VideoCapture:
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        raise InputError(path, "is no video that can be decoded", remedy="try converting it: ffmpeg -i IN out.mp4")
+        raise InputError(path, "is not a video that can be decoded", remedy="try converting it: ffmpeg -i IN out.mp4")
     return capture
 
 

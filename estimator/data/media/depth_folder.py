@@ -80,5 +80,5 @@ def _read(path: Path) -> np.ndarray:
     except (OSError, ValueError, EOFError) as error:
         raise InputError(path, f"cannot be read: {error}", remedy="a plain array of metres") from None
     if not isinstance(array, np.ndarray) or array.ndim != 2 or array.dtype.kind not in "fiu":
-        raise InputError(path, "is no array of numbers with rows and columns", remedy="a plain array of metres")
+        raise InputError(path, "is not an array of numbers with rows and columns", remedy="a plain array of metres")
     return array

@@ -69,7 +69,7 @@ def write_film(path: str | Path, frames: Iterable[np.ndarray], rate: float, *, f
 def check_film_name(path: Path) -> None:
     """Raise InputError unless the path's ending names a format of `FORMATS`."""
     if path.suffix.lower() not in FORMATS:
-        problem = f"no film can end in {path.suffix}" if path.suffix else "the name of a film needs an ending"
+        problem = f"{path.suffix} is not a film format" if path.suffix else "the name of a film needs an ending"
         raise InputError(path, problem, remedy=f"one of {', '.join(FORMATS)}")
 
 
@@ -78,7 +78,7 @@ def ffmpeg_command() -> list[str]:
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError:
-        raise InputError("imageio-ffmpeg", "has no FFmpeg that runs here", remedy="install it anew") from None
+        raise InputError("imageio-ffmpeg", "has no FFmpeg that runs here", remedy="reinstall it") from None
     return [program, "-loglevel", "fatal", "-nostdin", "-y"]
 
 

@@ -45,7 +45,7 @@ def _decoded(path: Path, flags: int) -> tuple[np.ndarray, list[str]]:
     except (OSError, cv2.error):
         image = None
     if image is None:
-        raise InputError(path, "is no image that can be decoded")
+        raise InputError(path, "is not an image that can be decoded")
     return np.asarray(image), said
 
 

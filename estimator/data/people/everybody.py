@@ -103,6 +103,6 @@ def _of_one_camera(name: str, file: PeopleFile) -> tuple[list[Tracks], tuple[str
     enough = _enough(len(file.frames))
     kept = [of for of in people if len(of) >= enough]
     if not kept:
-        raise InputError(file.source, f"has nobody who is seen in {enough} frames", remedy="--person auto")
+        raise InputError(file.source, f"has no person seen in {enough} frames", remedy="--person auto")
     notes = left_out([len(of) for of in people if len(of) < enough], enough)
     return [{name: file.track_of(of, [jump_note(of)])} for of in kept], notes

@@ -43,7 +43,7 @@ def selection_note(table: Table, ids_there: int, rows: np.ndarray, c: int, given
     if given != AUTO:
         return f"person {given}, as given"
     if not len(rows):
-        return "no one in it fits the person of the other cameras: it contributes nothing"
+        return "no one in it fits the person of the other cameras: it is not used"
     ids = sorted({table.people[row].id for row in rows} - {None}, key=str)
     tracks = np.unique(table.track[rows]).tolist()
     total = len(np.unique(table.track[table.camera == c]))

@@ -48,7 +48,7 @@ class FeatureDensity:
         inside = np.where(both[:, :, None] & both[:, None, :], self.covariance, np.eye(2 * size))
         if not (_definite_each(inside) and np.isfinite(self.mean[self.known]).all()):
             remedy = "covariances are finite and positive definite"
-            raise InputError("feature density", "has a kernel that is none", remedy=remedy)
+            raise InputError("feature density", "has an invalid kernel", remedy=remedy)
 
     def dims(self, kernel: int) -> np.ndarray:
         """The numbers (D,) of the coordinates that a kernel speaks of, two for each feature."""

@@ -162,8 +162,8 @@ class ImageProposal:
 
     def __post_init__(self) -> None:
         if len(self.seen.names) != 1 or not self.seen.known.all():
-            remedy = "one feature, and kernels that all speak of it"
-            raise InputError("proposal of limbs", "is of an image that does not say where an end is", remedy=remedy)
+            remedy = "one feature, and kernels that all contain it"
+            raise InputError("proposal of limbs", "has an image that does not locate the end of a limb", remedy=remedy)
 
     def sample(self, rng: np.random.Generator, placed: PlacedBodies) -> Arms:
         """One arm for each of N configurations, whose trunk it is put on.

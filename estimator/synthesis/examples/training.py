@@ -223,7 +223,7 @@ def _bits(made: list[dict[str, np.ndarray]], recipe: IndexRecipe) -> Bits:
     i, j = i[apart][: len(a)], j[apart][: len(a)]
     bits = learned_bits((a, b), (a[i], b[j]))
     if len(bits) < recipe.key_bits:
-        problem = f"{len(bits)} bits tell poses apart, keys have {recipe.key_bits}"
+        problem = f"{len(bits)} bits distinguish poses, keys have {recipe.key_bits}"
         raise InputError("pairs", problem, remedy="more pairs, or shorter keys")
     return bits
 

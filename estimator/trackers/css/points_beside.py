@@ -159,7 +159,7 @@ class PointsBeside:
         covariance = arrays["keypoint_covariance"]
         symmetric = np.array_equal(covariance, np.swapaxes(covariance, 2, 3))
         if not symmetric or np.linalg.eigvalsh(covariance).min() <= 0.0:
-            raise DamageError("keypoint_covariance is none")
+            raise DamageError("keypoint_covariance is not a covariance")
         return BesideState(inner, known, arrays["keypoint_mean"], covariance)
 
     def filled(self, expected: BesideState, observation: Observation) -> Observation:

@@ -183,9 +183,9 @@ class DualChain(Initialisation):
         check_configurations(self.body, arrays["pose_q"], "pose_q")
         owner = arrays["pose_owner"]
         if not ((owner >= 0) & (owner < len(summary.mixture.weights))).all():
-            raise DamageError("pose_owner is no hypothesis")
+            raise DamageError("pose_owner is not a hypothesis")
         if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0:
-            raise DamageError("point_covariance is none")
+            raise DamageError("point_covariance is not a covariance")
         own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
         skin = SkinModel.from_arrays(own) if self.settings.features == SKIN else None
         return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, PointStates.from_arrays(arrays), skin)

@@ -52,14 +52,14 @@ class LimbState:
         points, weights = arrays["limb_points"], arrays["limb_weights"]
         seen, believed = float(arrays["seen"]), float(arrays["believed"])
         if weights.shape != points.shape[:2] or not (weights >= 0.0).all() or not np.allclose(weights.sum(axis=1), 1.0):
-            raise DamageError("limb_weights are no shares of limb_points")
+            raise DamageError("limb_weights are not shares of limb_points")
         if not np.allclose(np.linalg.norm(points[:, :, 3:], axis=2), 1.0):
             raise DamageError("limb_points have quaternions of another length than 1")
         if not believed <= seen <= state.time:
             raise DamageError(f"limbs were believed at {believed:g} s, seen at {seen:g} s, after {state.time:g}")
         known = [str(status) for status in arrays["limb_status"]]
         if not set(known) <= {OK, UNEXPLAINED, APART}:
-            raise DamageError("limb_status has what is no status")
+            raise DamageError("limb_status has an invalid status")
         beliefs = tuple(Belief(PLACEMENTS, p, w, s) for p, w, s in zip(points, weights, known, strict=True))
         return LimbState(beliefs, state.mixture, state.time, seen, believed)
 

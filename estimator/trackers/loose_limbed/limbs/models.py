@@ -117,7 +117,7 @@ def load_models(path: str | Path = SHIPPED) -> LimbModels:
 def _borders(value: Any, path: str | Path, place: str) -> np.ndarray:
     borders = numbers(value, path, place)
     if borders.ndim != 1 or not 1 <= len(borders) < _MOST_LEVELS or (np.diff(borders) <= 0.0).any():
-        raise InputError(path, "are no borders between levels", place=place, remedy="a few rising numbers")
+        raise InputError(path, "are not borders between levels", place=place, remedy="a few rising numbers")
     return borders
 
 

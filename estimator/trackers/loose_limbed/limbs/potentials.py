@@ -177,7 +177,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
         entry = mapping(value, path, place)
         dt = float(shaped(member(entry, "dt", path, place), (), path, f"{place}.dt"))
         if not dt > 0.0:
-            raise InputError(path, f"{dt:g} s is no time step", place=f"{place}.dt")
+            raise InputError(path, f"{dt:g} s is not a time step", place=f"{place}.dt")
         both = [mapping(member(entry, key, path, place), path, f"{place}.{key}") for key in ("forward", "backward")]
         of_step.setdefault(dt, {})[limb(entry, "limb", place)] = (
             _read(both[0], path, f"{place}.forward"), _read(both[1], path, f"{place}.backward"),
@@ -201,7 +201,7 @@ def _read(entry: Mapping[str, Any], path: str | Path, place: str) -> RelativePla
     weight = numbers(member(entry, "weight", path, place), path, f"{place}.weight")
     count = weight.size
     if weight.ndim != 1 or count == 0 or not (weight >= 0.0).all() or not weight.sum() > 0.0:
-        raise InputError(path, "are no shares", place=f"{place}.weight", remedy="numbers of 0 or more, not all 0")
+        raise InputError(path, "are not shares", place=f"{place}.weight", remedy="numbers of 0 or more, not all 0")
     t = shaped(member(entry, "t", path, place), (count, 3), path, f"{place}.t")
     quaternion = shaped(member(entry, "quaternion", path, place), (count, 4), path, f"{place}.quaternion")
     length = np.linalg.norm(quaternion, axis=1)

@@ -64,7 +64,7 @@ def _read(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> LimbTe
     side, contrast = int(header["side"]), float(header["contrast"])
     R, box = arrays["R_camera_world"], arrays["box"]
     if not names or not np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-6) or not (box[0] < box[1]).all():
-        raise DamageError("the rig has no cameras, axes that are none, or an empty box")
+        raise DamageError("the rig has no cameras, invalid axes, or an empty box")
     if not 1 <= side <= 100 or not 0.0 <= contrast < 100.0:
         raise DamageError(f"patches of {side} samples, contrast {contrast:g}")
     depth = len(names) * CHANNELS * side**2
@@ -84,14 +84,14 @@ def _template(arrays: Mapping[str, np.ndarray], entry: Mapping[str, Any], k: int
         check_arrays(of, _OF_SPACE, {"D": depth, "K": count})
         rest = float(entry["rest"][space])
         if not 0 < count < depth or not (of["variance"] > 0.0).all() or not 0.0 < rest < np.inf:
-            raise DamageError(f"{space}_{k} has {count} components, or variances that are none")
+            raise DamageError(f"{space}_{k} has {count} components, or invalid variances")
         spaces[space] = EigenSpace(of["mean"], of["basis"], of["variance"], rest)
     own = {name: arrays[f"{name}_{k}"] for name in _OWN}
     sizes = {"2": 2, "3": 3, "4": 4, "N": len(own["offset"]), "K": len(spaces["space"].variance)}
     check_arrays(own, _OWN, sizes)
     metres, length = float(entry["metres"]), np.linalg.norm(own["quaternion"], axis=1)
     if not len(length) or not np.allclose(length, 1.0, atol=1e-3) or not (own["deviation"] > 0.0).all():
-        raise DamageError(f"template {k} has no examples, or orientations that are none")
+        raise DamageError(f"template {k} has no examples, or invalid orientations")
     if not 0.0 < metres < 100.0:
         raise DamageError(f"template {k} has patches of {metres:g} m")
     own["quaternion"] = own["quaternion"] / length[:, None]
