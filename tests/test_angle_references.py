@@ -146,7 +146,7 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
         ("a.csv", "# inDegrees=maybe\ntime,knee_angle_r\n0,10\n1,2\n", r"line 1: inDegrees is 'maybe' \(yes or no\)"),
         ("a.csv", "time,knee_angle_r,knee_angle_r_deg\n0,9,9\n", "'knee_angle_r' is there twice"),
         ("a.csv", "time,status\n0,tracked\n", "has no coordinates"),
-        ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not declare whether.*add a line inDegrees=yes"),
+        ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not declare whether.*line inDegrees=yes"),
         ("a.sto", "endheader\ntime /forceset/a/activation\n0 1\n", "has no coordinates"),
         ("a.sto", "inDegrees=no\nendheader\ntime /jointset/k/b/value b\n0 1 1\n", "line 3: the coordinate 'b' is"),
         ("a.mot", "endheader\ntime ground_force_1_vx\n0 700\n", "shares no landmarks and no joint angles"),

@@ -200,7 +200,7 @@ def test_no_frames_export(tmp_path: Path) -> None:
     run = Run.open(tmp_path / "a.run")
     with_frames = {"c3d", "bvh", "motion-npz", "motion-csv"}
     for format in with_frames:
-        with pytest.raises(InputError, match=r"a\.run: holds no frame"):
+        with pytest.raises(InputError, match=r"a\.run: contains no frames"):
             export(run, tmp_path / f"a.{format}")
     for format in set(EXPORTERS) - with_frames - {"glb", "rrd"}:
         assert export(run, tmp_path / f"a.{format}").stat().st_size > 0
@@ -238,7 +238,7 @@ def test_every_format_marks_what_nobody_saw_or_says_that_it_cannot(name: str, un
     assert unobserved_stretches(unseen) == ((0.1, 5 / 30),)
     file = tmp_path / f"a.{name}"
     if not EXPORTERS[name].marks:
-        with pytest.warns(InputWarning, match=rf"carried on: 0.10 to 0.17 s; {name} has no mark"):
+        with pytest.warns(InputWarning, match=rf"extrapolated: 0.10 to 0.17 s; {name} has no mark"):
             km.export(unseen, file)
         return
     if name == "rrd":
@@ -252,4 +252,4 @@ def test_every_format_marks_what_nobody_saw_or_says_that_it_cannot(name: str, un
         assert set(np.load(file)["status"][3:6]) == {"unobserved"}
     else:
         marks = {"csv": b"unobserved", "rrd": b"unobserved"}
-        assert marks.get(name, b"carried on: 0.10 to 0.17 s") in file.read_bytes()
+        assert marks.get(name, b"extrapolated: 0.10 to 0.17 s") in file.read_bytes()

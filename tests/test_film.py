@@ -95,7 +95,7 @@ def test_equal_pictures_give_equal_files(films: dict[str, Path], tmp_path: Path)
 @pytest.mark.parametrize(
     ("name", "rate", "problem"),
     [
-        ("a.avi", 30.0, r"no film can end in \.avi \(one of \.mp4, \.webm, \.gif\)"),
+        ("a.avi", 30.0, r"\.avi is not a film format \(one of \.mp4, \.webm, \.gif\)"),
         ("film", 30.0, r"needs an ending \(one of \.mp4, \.webm, \.gif\)"),
         ("none/a.mp4", 30.0, "cannot be written: No such file or directory"),
         ("a.mp4", float("nan"), "frames per second must be"),

@@ -124,7 +124,7 @@ def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
         np.testing.assert_allclose(spread.ends[t], ends, atol=1e-9)
         np.testing.assert_allclose(interval[t], run.posterior(t).best + ends, atol=1e-9)  # joints of one number alone
     assert np.isnan(interval[5]).all()
-    with pytest.raises(InputError, match="level: 90 is no probability"):
+    with pytest.raises(InputError, match="level: 90 is not a probability"):
         run.interval(90)
 
 

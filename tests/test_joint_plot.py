@@ -116,7 +116,7 @@ def test_files_are_what_their_endings_say(run: Run, tmp_path: Path) -> None:
         assert path.read_bytes() == again.read_bytes()
         assert path.read_bytes().startswith(start)
     assert main(["plot", str(run.file), "--filter", "5", "--out", str(tmp_path / "d.png")]) == 0
-    with pytest.raises(InputError, match=r"a.gif: is no picture .let it end in .png, .svg, .pdf"):
+    with pytest.raises(InputError, match=r"a.gif: is not a picture file .let it end in .png, .svg, .pdf"):
         km.plot(run, tmp_path / "a.gif")
     for argument in ({"joints": 3}, {"filter": "6"}):
         with pytest.raises(InputError, match="cannot be of type"):
@@ -127,7 +127,7 @@ def test_files_are_what_their_endings_say(run: Run, tmp_path: Path) -> None:
 def test_a_run_without_a_pose_has_no_plot(tmp_path: Path) -> None:
     body = robot()
     empty = made_run(tmp_path / "a.run", body.subject, np.full((2, 1, body.nq), np.nan), status=["unobserved"] * 2)
-    with pytest.raises(InputError, match=r"a.run: holds no pose"):
+    with pytest.raises(InputError, match=r"a.run: contains no poses"):
         write_joint_plot(empty, tmp_path / "a.png")
     assert len(empty["bend"].value) == 2
     assert np.isnan(empty.butterworth(5.0).q).all()

@@ -2,9 +2,9 @@
 
 Centimetres, y up: the world turned as for OpenSim (x stays, z becomes y, y becomes -z). Every joint's frame is turned
 so that at the configuration zero all of them are parallel to the root: then the offsets are the body at zero, and
-rotations are zero there too. What a joint does is told by its placement, so a joint of any kind becomes rotation
-channels (z, x, y) and, where it slides, position channels that replace its offset. Joints at the place of a parent with
-no other child are one with it: three hinges of a hip are one joint of three channels.
+rotations are zero there too. The motion of a joint is given by its placement, so a joint of any kind becomes rotation
+channels (z, x, y) and, where it slides, position channels that replace its offset. A joint at the place of a parent
+with no other child is merged with it: three hinges of a hip are one joint of three channels.
 """
 
 from __future__ import annotations

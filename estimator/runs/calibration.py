@@ -13,20 +13,20 @@ _LOWEST = {"scale_spread": 0.0, "size_std": 0.0, "landmark_std": 0.0, "prior_wei
 
 @dataclass(frozen=True)
 class PosteriorCalibration:
-    """Numbers between what a tracker says of a frame and its posterior.
+    """Calibration of a tracker's hypotheses to a frame's posterior.
 
-    covariance_scale: factor on the covariances. scale_spread: how noisy a clip's keypoints are is not known well, so
-    the factor on standard deviations is itself log-normal with this standard deviation; tails are longer for it.
+    covariance_scale: factor on the covariances. scale_spread: the noise of a clip's keypoints is not known well, so the
+    factor on standard deviations is itself log-normal with this standard deviation, which makes tails longer.
     weight_temperature: weights are taken to the power of its inverse, so more than 1 makes them more even.
     prior_weight: how many times as much as in the tracker's energy the prior on rest positions counts in the
-    covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these say.
-    limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of
-    the body's size, which one camera cannot see; it is an uncertainty of the distance, and counts only where the
-    posterior is given where the camera is. landmark_std [m]: of how far from a landmark a detector marks a person, in
-    all frames alike, averaged over the landmarks by their spread (`landmark_spread`), for names that detectors of
-    people have; it is an uncertainty that no number of frames takes away, least of all from a foot, whose marks are
-    near each other. A detector without such a bias, as a simulated one may be, has 0. Where several cameras have
-    fitted the places of keypoints, how unsure these are left counts instead.
+    covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these.
+    limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of the
+    body's size, which one camera does not measure. It is an uncertainty of the distance, and counts only where the
+    posterior is conditioned on the camera's place. landmark_std [m]: standard deviation of a detector's bias from a
+    landmark, the same in all frames, averaged over the landmarks by their spread (`landmark_spread`), for names that
+    detectors of people use. No number of frames removes this uncertainty, least of all for a foot, whose keypoints are
+    near each other. It is 0 for a detector without such a bias, such as a simulated one. Where the places of keypoints
+    were fitted by several cameras, the uncertainty of the fit counts instead.
 
     Raises
     ------

@@ -25,11 +25,11 @@ def camera_covariances(
     cameras: Sequence[Camera],
     size_std: float,
 ) -> np.ndarray:
-    """Covariances (K, nv, nv) of K modes by what the cameras leave open, zero where nothing is said of them.
+    """Covariances (K, nv, nv) of K modes due to what the cameras leave open, zero where that is not known.
 
     priors (K, nv, nv): precision of the rest positions. covariances (K, nv, nv): of all else, zero where a mode is not
     free. size_std: relative, of the body's size; it and the focal length count where there is one camera, which is not
-    parallel (a parallel one tells the size).
+    parallel (a parallel one measures the size).
     """
     if len(cameras) == 1 and body.has_free_root and not cameras[0].parallel:
         return np.array([_distance_covariance(body, mode, cameras[0], size_std) for mode in posed])

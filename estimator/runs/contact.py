@@ -46,12 +46,12 @@ class Contact(Summarised):
 
     time (T,) [s]. names (P,): of the landmarks of the feet, the left one's first. points (T, P, 3) [m]: their places.
     standing (T, P): probability that each stands. floor: a plane with its uncertainty and how much higher each kind of
-    point is; None where there is none, or nothing stands. Boxes and stairs are none of the floor, but what rests there
-    stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that nobody sees lie as the pose
-    prior has them. hand_names (H), hands (T, H): wrists, and probabilities that these hands stand on the floor, where
-    that was asked for. raised: what the feet rest on, as a stool or a wall, where most of the body is below it, so that
-    it is no floor. belt: of a treadmill, on which feet stand that move with it; where its speed is not known, standing
-    is NaN.
+    point is; None where there is none, or nothing stands. Boxes and stairs are not part of the floor, but what rests
+    there stands. seen (P,): share of the frames in which a keypoint of each was seen; feet that are not seen lie as the
+    pose prior has them. hand_names (H), hands (T, H): wrists, and probabilities that these hands stand on the floor,
+    where requested. raised: what the feet rest on, such as a stool or a wall, where most of the body is below it, so
+    that it is not the floor. belt: of a treadmill, on which feet stand that move with it; where its speed is not known,
+    standing is NaN.
     """
 
     time: np.ndarray
@@ -158,7 +158,7 @@ class Contact(Summarised):
 
         Raises
         ------
-        InputError: it cannot be written.
+        InputError: it is not writable.
         """
         path = Path(path)
         with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:

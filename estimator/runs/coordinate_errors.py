@@ -16,7 +16,7 @@ from estimator.runs.marker_reference import listed
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
-_TURNED = 10.0  # difference of the pelvis' headings from which it is said [deg]
+_TURNED = 10.0  # difference of the pelvis' headings from which it is reported [deg]
 _KNEES = ("knee_angle_r", "knee_angle_l")
 _OF_LEGS = {
     "hips": ("left_hip_flexion", "right_hip_flexion", "hip_flexion_l", "hip_flexion_r"),

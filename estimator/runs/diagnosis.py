@@ -1,4 +1,4 @@
-"""What a run says against its subject or its input: joints that rest on limits, landmarks far from their keypoints."""
+"""What in a run contradicts its subject or input: joints that rest on limits, landmarks far from their keypoints."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ FAR = 5.0
 """Standard deviations above which the median distance of a landmark is no noise. On good runs the largest is 3.6: of
 ears that the detector guesses on the far side of the head."""
 _CONTRADICTED = 0.25  # of a frame's keypoints
-FEWEST = 5  # frames that say something of a clip
-_SAMPLE = 300  # frames of a long clip whose keypoints are looked at
+FEWEST = 5  # fewest frames from which a clip is judged
+_SAMPLE = 300  # frames of a long clip whose keypoints are used
 _NARROW = 1e-3  # rad or m: joints with less room are as good as locked
 _ON = 1e-6  # rad or m from a limit
-_STILL = 1e-6  # m per rad: landmarks that a joint moves less say nothing of it
+_STILL = 1e-6  # m per rad: landmarks that a joint moves less do not constrain it
 _PARTS = 3  # landmarks that are far: not the ears alone, which detectors guess
 _NAMED = 4  # joints or landmarks that a sentence names
 
@@ -62,9 +62,9 @@ class FarMarker(NamedTuple):
 class Diagnosis:
     """What contradicts subject or input; empty for a good run.
 
-    frame: the one that was looked at, None for the whole run. resting, far: worst first.
+    frame: the one examined, None for the whole run. resting, far: worst first.
     cameras: in which most landmarks are far, with the median distance in standard deviations.
-    exchanged: share of the frames whose keypoints were taken with left and right exchanged, 0 unless of most.
+    exchanged: share of the frames whose keypoints were read with left and right exchanged, 0 unless more than half.
     far_markers: worst first.
     """
 
@@ -123,10 +123,10 @@ class Diagnosis:
 
 
 def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited: bool = True) -> Diagnosis:
-    """What a run's trajectory (`Run.q`) says against its subject or its input.
+    """What in a run's trajectory (`Run.q`) contradicts its subject or input.
 
-    cost: of the run's settings, for the noise of keypoints. frame: that one alone; the run as a whole unless given, of
-    which less than five tracked frames say nothing. limited: whether the tracker keeps to the joint limits.
+    cost: of the run's settings, for the noise of keypoints. frame: that one alone; by default the whole run, of which
+    fewer than five tracked frames give no findings. limited: whether the tracker keeps to the joint limits.
     """
     tracked = _tracked(run)
     rows = tracked if frame is None else tracked[tracked == frame]

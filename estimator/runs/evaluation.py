@@ -47,7 +47,7 @@ _LIMIT_TOLERANCE = 1e-9
 class Evaluation(Summarised):
     """Errors of a run against a reference; lengths in metres, NaN where nothing could be compared.
 
-    mpjpe, pa_mpjpe: of the best hypothesis, aligned as `aligned` says and with a similarity fitted per frame.
+    mpjpe, pa_mpjpe: of the best hypothesis, aligned as in `aligned`, and with a similarity fitted per frame.
     best_of_k_mpjpe, best_of_k_pa_mpjpe: of that of the K hypotheses which is nearest to the reference in each frame.
         The best hypothesis, once smoothed, is none of them, so these can be larger than mpjpe and pa_mpjpe.
     per_joint: mean error of every compared landmark, aligned likewise.
@@ -58,7 +58,7 @@ class Evaluation(Summarised):
     violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
     frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
         compare; without landmarks, of the run or the reference, whichever is the coarser.
-    notes: what is worth knowing of the reference, of markers which were compared, of joints which only one side has.
+    notes: remarks on the reference, on the compared markers and on joints that only one side has.
     """
 
     mpjpe: float

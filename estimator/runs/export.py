@@ -45,8 +45,8 @@ Writer = Callable[[Run, Path, str], None]
 class Exporter:
     """A format that runs are written in; register it with `register`.
 
-    name: as `--format` and a file's ending have it. write: see `Writer`. one_rate: frames at uneven times are written
-    at even ones (see `even_motion`). marks: the file tells which frames nobody saw, by their status, as missing points
+    name: for `--format` and a file's ending. write: see `Writer`. one_rate: frames at uneven times are written at even
+    ones (see `even_motion`). marks: the file shows which frames were not observed, by their status, as missing points
     or by a line; or it has no frames.
     """
 
@@ -63,14 +63,14 @@ def export(
     *,
     degrees: bool = False,
 ) -> Path:
-    """Write a run in a format of `EXPORTERS`, by default the one the file's ending names. The file is there whole or
-    not.
+    """Write a run in a format of `EXPORTERS`, by default that of the file's ending. The file is written whole or not at
+    all.
 
     degrees: of csv, joints in degrees with their standard deviations beside them.
 
     Raises
     ------
-    InputError: an unknown format, degrees of a format other than csv, or a file that cannot be written.
+    InputError: an unknown format, degrees for a format other than csv, or a file that is not writable.
     """
     path = Path(path)
     chosen = chosen_format(path, format)
@@ -186,7 +186,7 @@ def _mot(run: Run, path: Path, name: str) -> None:
 
 
 def _noted(run: Run, note: str) -> str:
-    """A line for the head of a mot file, with the stretches that nobody saw."""
+    """A line for the header of a mot file, with the unobserved stretches."""
     unseen = unobserved_note(run)
     return f"{note} In this motion {unseen}." if unseen else note
 

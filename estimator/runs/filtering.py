@@ -3,21 +3,20 @@
 The low-pass filter of movement analysis, of fourth order, without lag: a filter of second order is run forwards and
 backwards (Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed. 2009, section 2.2.4.4). Two passes would
 let less through than one, so each gets a higher cut-off, by the factor (sqrt(2) - 1)^(-1/4) = 1 / 0.802 in the tangent
-of the frequency; then the amplitude at the cut-off that was asked for is 1 / sqrt(2) after both.
+of the frequency; then the amplitude at the given cut-off is 1 / sqrt(2) after both.
 
 Every joint is filtered by what it turns or slides, in its tangent space. A root is filtered by its position, entry by
 entry, and by its quaternion: signs are made continuous, the four entries are filtered alike and brought back to unit
 length. That is the mean of the neighbouring rotations with the filter's weights (chordal, Markley et al. 2007); a root
-that turns steadily about an axis keeps turning so, and a small turn to and fro is damped as a joint's would be.
+that turns steadily about an axis keeps turning, and a small oscillation is damped like that of a joint.
 
-At its ends a motion is continued by its point reflection (for rotations R -> R0 R^-1 R0), which goes on as the motion
-goes, and does not move the first and last pose by itself.
+At its ends a motion is continued by its point reflection (for rotations R -> R0 R^-1 R0), which continues the motion
+and alone does not move the first and last pose.
 
-Frames need not be evenly spaced: where they are not, the motion is read off cubic splines at even times, filtered, and
-read off again at its own times. Over frames without a pose, and pauses, of at most half a period of the cut-off the
-splines lead on; at longer ones the motion is cut, and each part is filtered by itself. Frames without a pose stay so.
-Frames without observations have the pose that the tracker predicted or the smoother put there, and are filtered as
-others.
+Frames need not be evenly spaced: where they are not, the motion is resampled by cubic splines at even times, filtered,
+and resampled at its own times. The splines bridge frames without a pose, and pauses, of at most half a period of the
+cut-off. At longer ones the motion is cut, and each part is filtered separately. Frames without a pose stay so. Frames
+without observations have the pose that the tracker predicted or the smoother put there, and are filtered like others.
 """
 
 from __future__ import annotations

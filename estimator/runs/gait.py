@@ -1,10 +1,10 @@
-"""Gait of a run: events, strides, and what keeps them from being told.
+"""Gait of a run: events, strides, and reasons for which they are not given.
 
 A foot strikes when it begins to stand. In walking its toes leave the ground when they are farthest behind the pelvis,
-which is nearer to what force plates say than when they cease to stand, by their own speed; where the other foot does
+which is nearer to force plates than the time at which they cease to stand by their own speed; where the other foot does
 not stand, as in running, they leave when they cease to stand. Feet whose contact is not to be trusted have both events
-by where they are relative to the pelvis alone, see `estimator.runs.events`. Who walks on a treadmill is seen from its
-belt, where everything is as on a floor at rest.
+by where they are relative to the pelvis alone, see `estimator.runs.events`. Walking on a treadmill is analysed in the
+frame of its belt, where everything is as on a floor at rest.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ METHODS: dict[Method, str] = {
     "contact": "when feet begin and cease to stand, toe-offs of walking by where toes are relative to the pelvis",
     "pelvis": "where feet are relative to the pelvis (Zeni et al. 2008)",
 }
-"""What events are told by."""
+"""How events are found."""
 _NEAR = 1.5  # s, between an event and a stride
 _SAME = 0.1  # s, between a toe-off by contact and by the pelvis
-_EDGE = 0.1  # s at either end of the clip, in which nobody sees what was before, or comes after
+_EDGE = 0.1  # s at either end of the clip, in which what was before, or comes after, is not seen
 _LEAST_SECONDS, _LEAST_FRAMES = 1.0, 15
 _PARTS = ("heel", "big_toe")
 _WANTED = (*(f"{side}_{part}" for side in SIDES for part in _PARTS), "mid_hip")
@@ -52,7 +52,7 @@ class Gait:
     belt: float | None = None
 
     def write(self, path: str | Path) -> Path:
-        """Write the strides as csv, and return its path; raises InputError where it cannot be written."""
+        """Write the strides as csv, and return its path; raises InputError where it is not writable."""
         return write_strides(self.strides, path)
 
 
@@ -81,10 +81,10 @@ def gait_of_landmarks(
     *,
     contact: Contact | None = None,
 ) -> Gait:
-    """Gait from landmarks (T, L, 3) [m] by name at times (T,) [s], z up; sure (T,) bool: frames to be relied on.
+    """Gait from landmarks (T, L, 3) [m] by name at times (T,) [s], z up; sure (T,) bool: reliable frames.
 
-    contact: at the same times; without one, or with a remark on it, events are told by the pelvis. Events that no
-    stride is near are left out, unless feet stand and cease to while the pelvis moves on.
+    contact: at the same times; without one, or with a remark on it, events are found from the pelvis. Events far from
+    any stride are left out, unless feet start and cease to stand while the pelvis moves on.
     """
     trusted = None if contact is None or contact.remark else contact
     method: Method = "pelvis" if trusted is None else "contact"

@@ -1,9 +1,9 @@
-"""A person's motion in the coordinates of the common gait models of OpenSim, joint by joint as docs/opensim.md says.
+"""A person's motion in the coordinates of the common gait models of OpenSim, joint by joint as in docs/opensim.md.
 
-Their segments stand with x forward, y up and z to the right, and so do ours, read in OpenSim's axes, where the subject
-stands with hanging arms and elbows that would bend forward. What a coordinate is follows from the rotation of a segment
-in its parent alone: three turns about z, x and y in this order, as their pelvis, hips, back and shoulders have it, or
-the turn about an axis that comes nearest to the rotation.
+Their segments have x forward, y up and z to the right, and so do ours in OpenSim's axes, where the subject stands with
+hanging arms and elbows that would bend forward. A coordinate follows from the rotation of a segment in its parent
+alone: three turns about z, x and y in this order, as in their pelvis, hips, back and shoulders, or the turn about an
+axis that is nearest to the rotation.
 
 The models: gait2392 (S. Delp et al., IEEE Trans. Biomed. Eng. 37(8), 1990, and the files of OpenSim) and Rajagopal2016
 (A. Rajagopal et al., IEEE Trans. Biomed. Eng. 63(10), 2016), from which the models of OpenCap and Pose2Sim were made.

@@ -1,4 +1,4 @@
-"""One joint over a run: its angle, how sure that is, and what the other hypotheses say."""
+"""One joint over a run: its angle, its uncertainty, and the angles of the other hypotheses."""
 
 from __future__ import annotations
 

@@ -15,12 +15,12 @@ from estimator.search.hypothesis import EXCHANGED
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 
-_SMALLEST = 1.0  # px: nobody is seen smaller, though all keypoints may lie on one place
+_SMALLEST = 1.0  # px: no person is seen smaller, though all keypoints may coincide
 
 
 class KeypointPlaces(NamedTuple):
     """Where a detector marks a body's landmarks. names (L,). apart (L,) [m]: from the landmark to there. std (L,) [m]:
-    how unsure that place is along each axis, NaN where nobody knows."""
+    standard deviation of that place along each axis, NaN where unknown."""
 
     names: tuple[str, ...]
     apart: np.ndarray

@@ -67,10 +67,11 @@ def lasting_by_places(
     priors: Sequence[np.ndarray],
     covariances: np.ndarray,
 ) -> np.ndarray:
-    """The same by how unsure the places of points on the body are, as a fit leaves them.
+    """The same by the uncertainty of the places of points on the body after a fit.
 
-    Each place by itself gives what is off together. Where the subject says how unsure its zeros are, as a fit does, in
-    which points of a link may be off all alike, the covariances have these deviations where they are larger.
+    The uncertainty of each place gives the common error. Where the subject has standard deviations of its zeros, as
+    after a fit, in which all points of a link may be off alike, the covariances have these deviations where they are
+    larger.
     """
     joint, local, std = points
     jacobians = (body.point_jacobians(mode, joint, points_in_world(mode, joint, local)) for mode in posed)

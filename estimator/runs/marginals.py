@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri
 
 _REACH = 8.0  # standard deviations of a component that the grid spans
 _POINTS, _FEWEST_POINTS = 400, 24  # of the grid: for all components, for each at least
-_SMALLEST = 1e-9  # rad or m: standard deviation of what is said to be certain
+_SMALLEST = 1e-9  # rad or m: standard deviation of what is given as certain
 _FAR = 40.0  # standard deviations beyond which a Gaussian has no probability in double precision
 _EVEN = 1e-3  # standard deviations of room on which a Gaussian is as good as even
 _LONG, _SHORT = 700.0, 1e-2  # mean distances beyond which an exponential has nothing; below which a series is as exact

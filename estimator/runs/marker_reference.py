@@ -10,7 +10,7 @@ from estimator.runs.pairs import FEWEST, ComparedFrames, SharedLandmarks
 from estimator.runs.reference_motion import Reference
 from humanoid.support.errors import InputError
 
-_TURNED = 10.0  # angle between the two worlds from which it is said [deg]
+_TURNED = 10.0  # angle between the two worlds from which it is reported [deg]
 _LISTED = 12
 
 

@@ -21,8 +21,8 @@ _HELD = 0.5  # probability of sitting from which somebody is held
 
 
 def out_of_balance(run: Run, settings: BalanceSettings) -> tuple[int, ...]:
-    """Rows of tracked frames of `Run.q`, ascending, in which both feet stand and the centre of mass stays
-    far from over them for half a second, while nobody seems to sit."""
+    """Rows of tracked frames of `Run.q`, ascending, in which both feet stand and the centre of mass stays far from
+    above them for half a second, while the person does not seem to sit."""
     if not run.has_keypoints or settings.weight <= 0.0:
         return ()
     far = np.zeros(len(run), dtype=bool)

@@ -88,7 +88,7 @@ def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, befo
 
     Raises
     ------
-    DamageError: an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    DamageError: an array is missing, misshapen or of another kind, or has impossible numbers.
     """
     count = length_of(arrays, "weight")
     check_arrays(arrays, _FRAME, {**sizes_of(body), "K": count})

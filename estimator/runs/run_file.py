@@ -46,7 +46,7 @@ class RunWriter:
 
         Raises
         ------
-        InputError: there is such a file and `overwrite` is not set, or it cannot be written.
+        InputError: there is such a file and `overwrite` is not set, or it is not writable.
         """
         path = Path(path)
         if path.exists() and not overwrite:
@@ -166,8 +166,8 @@ class RunWriter:
             execute("COMMIT")
 
     def put_findings(self, findings: Sequence[str], contradicted: Sequence[int] = ()) -> None:
-        """Store what the run says against its subject or its input, in place of any other; its notes have it too.
-        contradicted: rows of the frames that are "hard" for it, whatever the tracker called them."""
+        """Store the run's findings, in place of any others; its notes have them too. contradicted: rows of the frames
+        that are "hard" because of them, whatever the tracker's status."""
         execute = self._connection.execute
         with run_store.translated(self.path):
             execute("BEGIN IMMEDIATE")

@@ -22,26 +22,26 @@ RETARGETED = "retarget"
 
 @dataclass(frozen=True)
 class RunHeader:
-    """What decides a run's result, and where it came from.
+    """What determines a run's result, and where it came from.
 
-    subject_urdf: the subject's whole URDF. subject_source: what it was asked for. subject_base: "free" or "fixed".
-    cameras: in the order of the observations.
+    subject_urdf: the subject's whole URDF. subject_source: the name or path it was loaded by. subject_base: "free" or
+    "fixed". cameras: in the order of the observations.
     clips: path of each camera's clip, None for keypoints alone.
     image_sizes: width, height [px] of each camera's images.
-    times (T,): time of every instant that is to be tracked [s].
+    times (T,): time of every instant to be tracked [s].
     tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
-    notes: messages to the user. findings: those of them that the finished run says against its subject or its input;
-    None while it is not finished, and in runs made before they were kept.
-    cues: which of the pictures' cues were looked at; none for keypoints alone.
+    notes: messages to the user. findings: those of them by which the finished run contradicts its subject or input;
+    None while it is not finished, and in runs made before they were stored.
+    cues: image cues that were used; none for keypoints alone.
     masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
     clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
     stereo: by camera, the one to its right whose clip shows depth together with its own. depths: by camera, path of its
     depth pictures.
-    R_upright_given (3, 3): how the world of the cameras that the user gave was turned, so that z points up in the run's
-    world; None where it was not. contradicted: rows of frames that were tracked, and that the findings speak against.
-    floor: what was known of it, see `estimator.data.floor`; None where it is found from the feet. points: paths of the
-    files of points in space, in place of cameras, or of the motion that was followed; none where cameras see the body.
-    request: what was asked for, as words of the command line by flag; None in runs that do not keep it.
+    R_upright_given (3, 3): rotation of the world of the given cameras, so that z points up in the run's world; None
+    where it was not turned. contradicted: rows of tracked frames that the findings contradict. floor: the known floor,
+    see `estimator.data.floor`; None where it is found from the feet. points: paths of the files of points in space, in
+    place of cameras, or of the motion that was followed; none where cameras see the body. request: what was
+    asked for, as words of the command line by flag; None in runs that do not store it.
     """
 
     subject_urdf: str
@@ -148,7 +148,7 @@ class RunHeader:
 
         Raises
         ------
-        InputError: it is no such header, or says what cannot be.
+        InputError: it is not such a header, or has impossible values.
         """
         try:
             entries = _Entries(mapping(json.loads(text), source, "header"), source)

@@ -74,7 +74,7 @@ class Run(Summarised):
         self._folder = TemporaryFolder.of(file)  # kept as long as this run
 
     def __getstate__(self) -> dict[str, Any]:
-        """A temporary file goes along: it may be gone before it is looked at elsewhere."""
+        """A temporary file is pickled along: it may be gone before it is read elsewhere."""
         state = {**vars(self), "_folder": None}
         return state if self._folder is None else {**state, "_content": self.file.read_bytes()}
 
@@ -342,8 +342,8 @@ class Run(Summarised):
 
     @cached_property
     def other_reading(self) -> np.ndarray:
-        """(T,) calibrated probability that the trunk leads the other way than `reading` says: the weights of all
-        hypotheses that have the other one together; 0 where none has."""
+        """(T,) calibrated probability that the trunk leads the other way than in `reading`: the sum of the weights of
+        all hypotheses with the other reading; 0 where none has it."""
         smoothed, other = self.smoothed, {TOWARDS: AWAY, AWAY: TOWARDS}
         weights = self.mode_weight if smoothed is None or smoothed.weight is None else smoothed.weight
         out = np.zeros(len(self.mode_reading))
@@ -362,8 +362,8 @@ class Run(Summarised):
 
     @cached_property
     def extra(self) -> Mapping[str, np.ndarray]:
-        """What the tracker told beside its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
-        before it was kept.
+        """What the tracker reported beside its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
+        before it was stored.
 
         Where a frame has nothing under a name, or a smaller array than others, the rest is NaN (whole numbers and
         booleans then become floats) or empty text. Raises InputError where the arrays of a name cannot be stacked:
@@ -536,11 +536,11 @@ class Run(Summarised):
         return data_frame(self, degrees)
 
     def butterworth(self, cutoff: float) -> Run:
-        """The same run with `q` filtered: what moves faster than the cut-off [Hz] is taken out, without lag.
+        """The same run with `q` low-pass filtered at a cut-off [Hz], without lag.
 
         Butterworth, fourth order (twice the second, forwards and backwards), see `estimator.runs.filtering` for
-        rotations, gaps and limits, which hold afterwards. `filtering` of the new run says what was done. Landmarks and
-        all else that is made of `q` follow; hypotheses, standard deviations and intervals are what they were.
+        rotations, gaps and limits, which hold afterwards. `filtering` of the new run describes what was done. Landmarks
+        and everything else computed from `q` follow; hypotheses, standard deviations and intervals do not change.
 
         Raises InputError: a cut-off that is not above zero, or not below half the frame rate.
         """
@@ -629,14 +629,14 @@ _MOST = 50_000_000  # entries that are filled up
 
 
 def stacked(frames: Sequence[np.ndarray | None], source: Path, name: str) -> np.ndarray:
-    """Arrays of T frames as one (T, ...), of which one at least is there.
+    """Arrays of T frames stacked to (T, ...); at least one of them is not missing.
 
-    What a frame lacks is NaN, and numbers and booleans become floats for it, or empty where they are text.
+    Missing entries are NaN, for which numbers and booleans become floats, or empty text.
 
     Raises
     ------
     InputError: some have more axes than others, or are text and others are not; or most of many entries would be
-        filling. source, name: whose they are, for what is said.
+        filling. source, name: whose they are, for the message.
     """
     there = [a for a in frames if a is not None]
     text = {a.dtype.kind == "U" for a in there}

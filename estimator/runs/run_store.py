@@ -140,7 +140,7 @@ def translated(path: Path, *, has_frames: bool = False) -> Iterator[None]:
 
 
 def _refused(path: Path, why: str, has_frames: bool) -> InputError:
-    """What SQLite says when it can do no more, as an error; a quota or a limit on file sizes is an I/O error to it."""
+    """An error of SQLite as an InputError. A quota or a limit on file sizes is an I/O error to SQLite."""
     full = {"database or disk is full": "the disk is full", "disk I/O error": "the disk takes no more, or failed"}.get(
         why
     )

@@ -86,7 +86,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
 
     Raises
     ------
-    DamageError: an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    DamageError: an array is missing, misshapen or of another kind, or has impossible numbers.
     """
     q = arrays.get("q", np.zeros(0))
     if q.dtype.kind != "f" or q.ndim != 2:

@@ -18,13 +18,13 @@ _AT_ONCE = 400  # components of frames that are searched together: fewer cost mo
 
 
 class Spread(NamedTuple):
-    """The calibrated posterior of T frames, a degree of freedom at a time; NaN in frames without hypotheses, and of a
-    motion that was made from another one: nobody measured it.
+    """The calibrated posterior of T frames, for each degree of freedom; NaN in frames without hypotheses, and for a
+    retargeted motion, which was not measured.
 
-    std (T, nv): standard deviations over all hypotheses [rad, m]. best (T, nq): the configuration that `ends` counts
-    from. ends (T, 2, nv): where the central interval of a level begins and ends, in the tangent space at `best`, within
-    the joint limits: quantiles of the mixture, which with several hypotheses is no Gaussian. Joints that nothing shows
-    may be anywhere within their limits.
+    std (T, nv): standard deviations over all hypotheses [rad, m]. best (T, nq): the configuration that `ends` is
+    relative to. ends (T, 2, nv): ends of the central interval of a level, in the tangent space at `best`, within the
+    joint limits: quantiles of the mixture, which with several hypotheses is not Gaussian. Unobserved joints may be
+    anywhere within their limits.
     """
 
     std: np.ndarray

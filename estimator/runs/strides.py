@@ -56,9 +56,9 @@ _UNITS = {
 def strides_of(feet: Feet, events: Sequence[Event], known: np.ndarray, unsure: np.ndarray) -> list[Stride]:
     """The strides between the events of filtered feet, in order of time.
 
-    known, unsure (T,) bool: frames with landmarks, and frames in which they are not to be relied on. A stride is told
+    known, unsure (T,) bool: frames with landmarks, and frames in which they are not reliable. A stride is reported
     where the foot leaves the ground once, the other foot strikes once, the foot stands in between, the pelvis moves on
-    and no frame is without landmarks: what else there is between two strikes is no stride of walking or running.
+    and no frame is without landmarks. Anything else between two strikes is not a stride of walking or running.
     """
     strides = []
     for side in SIDES:
@@ -126,7 +126,7 @@ def _at(time: np.ndarray, points: np.ndarray, t: float) -> np.ndarray:
 
 
 def write_strides(strides: Sequence[Stride], path: str | Path) -> Path:
-    """Write a csv, one row a stride, and return its path; raises InputError where it cannot be written."""
+    """Write a csv, one row a stride, and return its path; raises InputError where it is not writable."""
     path = Path(path)
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")

@@ -13,8 +13,8 @@ from estimator.runs.evaluation import mpjpe
 FAR = 0.25
 """Mean error of a frame's landmarks from which it is lost [m]."""
 FAR_PX, FAR_PX_SIZE = 15.0, (640, 480)
-"""The same of their images [px], in a picture of this size; in others as much of the diagonal. CSS says when its
-sequences are lost, neither by which measure nor how large the pictures are."""
+"""The same of their images [px], in a picture of this size; in others the same share of the diagonal. CSS says when its
+sequences are lost, but neither by which measure nor how large the pictures are."""
 
 
 def far_px(image_size: tuple[int, int]) -> float:

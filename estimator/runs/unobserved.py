@@ -1,4 +1,4 @@
-"""What nobody saw: stretches of a run whose poses are carried on, and joints that nothing moves which was seen."""
+"""What was not observed: stretches of a run with extrapolated poses, and joints that move nothing that was seen."""
 
 from __future__ import annotations
 

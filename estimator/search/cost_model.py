@@ -81,7 +81,7 @@ class CostModel:
         return Reprojection(self.body, observation, sigma, s.potential, s.nu, beside)
 
     def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood:
-        """What the pictures of a frame say; `posed`, about where the body is, gives its extent in the images."""
+        """The image likelihood of a frame. `posed`, about where the body is, gives its extent in the images."""
         if not observation.cues:
             return ImageLikelihood()
         points = self.body.landmarks(posed)

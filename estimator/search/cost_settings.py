@@ -14,37 +14,37 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class CostSettings:
-    """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
+    """Weights and scales of the energy; all terms are negative log-probabilities, so a weight of 1 is the probabilistic
+    one.
 
     potential, nu: robust potential of a keypoint (`estimator.numerics.robust`).
     keypoint_noise: standard deviation of a shoulder-like keypoint about its place on the body, as a fraction of the
         subject's extent in the image (root mean square distance of its keypoints from their centre): detectors err in
         proportion to the person. keypoint_place: of that place from the landmark, in the same unit, where the subject
-        does not say it (`humanoid.subject.urdf_elements.Landmark`); it keeps sharply detected points of the face from
-        deciding the body's size.
+        does not give it (`humanoid.subject.urdf_elements.Landmark`); it keeps sharply detected points of the face from
+        determining the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
-    pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
-        takes (`estimator.energy.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped
-        ones, of human34, and a body that they do not suit (`estimator.energy.pose_prior.misfit`) has the rest positions
-        alone.
+    pose_prior_weight: share of the rest-position priors, 0 to 1, that is replaced by a mixture learned from captured
+    motion (`estimator.energy.pose_prior`); pose_prior_file: its file. By default it is the shipped one, of human34, and
+    a body that it does not suit (`estimator.energy.pose_prior.misfit`) has the rest positions alone.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     hands_apart: whether hands that a subject holds stiffly on the forearms keep clear of each other; those of a person
         who clasps them bend at the wrists.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
         frames, per second, of joints, of the root's orientation and of its position; quickness: whether a joint's own
-        factor, which its stabiliser has, counts there and in smoothing; transition_potential, transition_nu: long
-        tails let a mode jump when the image insists.
-    standing_weight: how much the points of the feet that rest in the pictures are held, 0 not at all; standing_error
-        [m]: standard deviation of where the frame before has them, while tracking; standing_slip [m/s]: of their speed;
-        standing_tilt [rad]: of how level a foot is that stands with heel and toes.
-    lifted_weight: how much the directions of bones count that a network has lifted from one camera's picture, where the
+        factor, which its stabiliser has, counts there and in smoothing; transition_potential, transition_nu: long tails
+        let a mode jump on strong image evidence.
+    standing_weight: weight by which points of the feet that rest in the pictures are held, 0 not at all; standing_error
+        [m]: standard deviation of their place in the frame before, while tracking; standing_slip [m/s]: of their speed;
+        standing_tilt [rad]: of the tilt of a foot that stands with heel and toes.
+    lifted_weight: weight of the directions of bones that a network has lifted from one camera's picture, where the
         keypoint file has them (`estimator.energy.lifted`), 0 not at all; of successive frames one in 0.3 s counts.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
-    marker_noise [m]: standard deviation of where a marker is measured; marker_place: share of the deviation of its
-        place on the body that counts as noise of every frame, beside what is off in all frames alike; marker_nu: of the
-        Lorentzian whose long tails let outliers be.
-    terms: of kinds of terms that plugins have registered, by name.
+    marker_noise [m]: standard deviation of a marker's measurement; marker_place: share of the deviation of its place on
+        the body that counts as noise of every frame, beside the error common to all frames; marker_nu: of the
+        Lorentzian whose long tails tolerate outliers.
+    terms: settings of terms registered by plugins, by name.
     """
 
     potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))

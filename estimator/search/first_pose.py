@@ -26,12 +26,12 @@ _FEWEST = 3  # markers that place a root
 
 
 def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
-    """The `count` best modes of one frame; from an index where `ModeSearchSettings.start` says so (`example_modes`).
+    """The `count` best modes of one frame; from an index if `ModeSearchSettings.start` is "index" (`example_modes`).
 
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
-    random configurations within the limits. Where one camera alone sees the body, the limbs of these first modes are
-    also tried at their other depths, which headings alone do not reach. Then samples are drawn about what was reached,
-    see `ModeSearchSettings.start_samples`; where there are pictures its covariance holds what they say. The frame
+    random configurations within the limits. Where only one camera sees the body, the limbs of these first modes are
+    also tried at their other depths, which headings alone do not reach. Then samples are drawn about the modes found,
+    see `ModeSearchSettings.start_samples`. Where there are pictures, the covariance includes their terms. The frame
     counts as the first that is seen.
     """
     observation = observation.alone

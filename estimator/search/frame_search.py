@@ -27,9 +27,10 @@ from estimator.vision.likelihood.image_likelihood import Followed, ImageLikeliho
 
 
 class FrameProblem(NamedTuple):
-    """What the hypotheses of one frame are searched in: the associations of its keypoints, the seconds since the
-    parents, and what the pictures say; their features are assigned anew to every hypothesis, several times during its
-    search. pulls: where limbs are drawn to; a hypothesis says which of these it is searched under."""
+    """The problem in which the hypotheses of one frame are searched: the associations of its keypoints, the seconds
+    since the parents, and the image likelihood. Image features are assigned to each hypothesis separately, several
+    times during its search. pulls: places that limbs are pulled to; a hypothesis has the index of the one it is
+    searched under."""
 
     associations: Sequence[Association]
     dt: float = 0.0
@@ -135,7 +136,7 @@ class FrameSearch:
         return self._pulls[pull]
 
     def _flow(self, h: Hypothesis) -> list[Term]:
-        """What the pictures say of the movement since a hypothesis' previous pose."""
+        """Image terms of the movement since a hypothesis' previous pose."""
         previous = h.origin.previous
         if previous is None or previous.key not in self.flows:
             return []
@@ -144,7 +145,7 @@ class FrameSearch:
         return self._ties[previous.key]
 
     def _assigned(self, q: np.ndarray, brief: bool = False) -> list[Term]:
-        """What the pictures say around q (nq,); see `ImageLikelihood.assigned`."""
+        """Image terms around q (nq,); see `ImageLikelihood.assigned`."""
         likelihood = self.case.likelihood
         return likelihood.assigned(self._body.at(q), brief) if likelihood.cameras else []
 
@@ -153,9 +154,9 @@ class FrameSearch:
         return h.prior_score - cost.value_at(h.q) - self.case.associations[h.association].penalty
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
-        """Where keypoints and flow take a hypothesis, (nq,): pictures are only looked at near it. One that begins where
-        it has the body in the frame before starts from there; one about that pose moves along. Besides, the steps that
-        it took."""
+        """The pose (nq,) to which keypoints and flow move a hypothesis, as pictures are only used near it, and the
+        steps that took. A hypothesis that begins at its body's pose in the frame before starts from there; one about
+        that pose moves along."""
         previous = h.origin.previous
         if previous is None or not (h.origin.family.at_previous or h.relative_to_previous):
             return h.q, StepCounts()
@@ -180,8 +181,8 @@ class FrameSearch:
         return self._seeker.seek(cost, start, self._settings.follow)
 
     def _reassign_features(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
-        """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
-        are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
+        """The start (nq,) of the last search, the image terms there, and the pose around which they are taken: they are
+        assigned again until the pose no longer moves, or `rounds` times. Also the steps that took."""
         steps = StepCounts()
         for _ in range(self._model.cues.surface.rounds - 1 if self.case.likelihood.cameras else 0):
             before, assigned = q, self._assigned(q)

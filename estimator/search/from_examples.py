@@ -37,10 +37,10 @@ class ExampleSearch(NamedTuple):
 
 
 def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
-    """The `count` best modes of one frame that shows the person, found as ELMO finds those of its first frame; where
-    there are keypoints they count as in any frame.
+    """The `count` best modes of one frame that shows the person, found as ELMO finds those of its first frame.
+    Keypoints, if any, count as in any frame.
 
-    Raises InputError where no index is named, or the one that is cannot be read or is for other cameras.
+    Raises InputError where no index is given, or it is unreadable or for other cameras.
     """
     how = ExampleSearch()
     search.examples.check(observation)
@@ -65,9 +65,9 @@ def example_starts(body: Body, lookups: Sequence[Lookup], away: float = 0.0, ass
 
 
 def sides(body: Body, starts: Sequence[Hypothesis], lookups: Sequence[Lookup]) -> list[list[Hypothesis]]:
-    """The starts of a frame without a past as they are to be searched apart: where one camera alone sees the person,
-    those who face it and those who turn away. Whichever look a little better after a few steps would else be all that
-    is left, and later frames could not tell."""
+    """The starts of a frame without a past, in groups that are searched separately: where only one camera sees the
+    person, those that face it and those that turn away. Otherwise only those slightly better after a few steps would be
+    left, and later frames could not correct that."""
     if len(lookups) != 1:
         return [list(starts)]
     away = turned_away(body, body.placed(np.array([h.q for h in starts])), lookups[0].frame) > 90.0
@@ -123,8 +123,8 @@ def descended(
     case: FrameProblem,
     how: ExampleSearch,
 ) -> list[Candidate]:
-    """Where short searches lead from the starts: how many reach a mode does not count. What the pictures say is asked
-    anew in every round, as in ICP, and only the best go on."""
+    """The results of short searches from the starts, whatever number reaches a mode. Image features are assigned again
+    in every round, as in ICP, and only the best continue."""
     candidates = search.explored(starts, case)
     seen = _seen_for_limbs(search, observation, lookups, how)
     for left in reversed(range(how.rounds - 1)):

@@ -88,15 +88,15 @@ class ModeSearch:
         return terms[association]
 
     def likelihood(self, observation: Observation, q: np.ndarray) -> ImageLikelihood:
-        """What the frame's pictures say; q (nq,): about where the body is."""
+        """The frame's image likelihood; q (nq,): about where the body is."""
         return self.model.likelihood(observation, self.body.at(q))
 
     def associations(self, observation: Observation, near: np.ndarray | None = None) -> tuple[Association, ...]:
         """Those of a frame: as detected, and with left and right exchanged where the body has sides.
 
         near (nq,): about where the body is. Where several cameras see it, sides are exchanged only if that brings some
-        camera's keypoints nearer to it: together they tell the front from the back, so that an exchange which all of
-        them contradict leads to no mode worth having.
+        camera's keypoints nearer to it: together they distinguish front from back, so that an exchange which all of
+        them contradict leads to no useful mode.
         """
         detected = Association(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)
         exchangeable = observation.count > 0 and not observation.given

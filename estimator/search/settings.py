@@ -17,24 +17,23 @@ BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importan
 class ModeSearchSettings(CheckedSettings):
     """How modes are found.
 
-    start: what the first pose comes from: "keypoints", or "index", the examples that look like the frame's picture,
-    where no keypoints are needed. index: file of these (`kinemode train-index`), for trackers that look poses up.
-    explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
-    refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
-    coincide. reassign_tolerance: features of the pictures are assigned anew until a search moves no joint by more [rad
-    or m]. distinct: two modes differ if some landmark is further apart than this fraction of the body's size. exchange:
-    also search every frame with left and right of its keypoints exchanged (detectors do take one for the other).
-    readings: keep a mode of either reading of a trunk that one camera sees, leading towards it or away from it, however
-    little it weighs, and look for the one that is missing. readings_rest: share of the rest-position priors that counts
-    between them.
-    start_samples: of the first frame, drawn by the covariance of its pose and searched too: by that of the fit where
-    the person is fitted, else by those of the first modes (CSS section 5). contact: what is done with modes whose parts
-    overlap. flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
-    step_solver: who solves the steps of all searches within limits and clearance: "proxqp", ProxQP wherever the free
-    minimum lies outside; "active-set", a compiled active set, whose steps are the same; "proxqp-always", ProxQP for
-    every convex step, for checking. weigh: what a mode's weight is: "height", its probability density (CSS Figure 6,
-    step 3); "volume", its probability by the second-order model; "importance", the same by `weigh_samples` importance
-    samples about each mode (CSS section 8). Raises InputError for other words.
+    start: source of the first pose: "keypoints", or "index", the examples similar to the frame's picture, which needs
+    no keypoints. index: file of these (`kinemode train-index`), for trackers that look poses up. explore: search given
+    to every start. follow: before it, on keypoints and flow alone, where there are pictures. refine: search given to
+    those kept. spare: how many more than asked for are refined, since refined modes may coincide. reassign_tolerance:
+    features of the pictures are assigned again until a search moves no joint by more [rad or m]. distinct: two modes
+    differ if some landmark is further apart than this fraction of the body's size. exchange: also search every frame
+    with left and right of its keypoints exchanged (detectors do confuse them). readings: keep a mode of either reading
+    of a trunk that one camera sees, leading towards it or away from it, however small its weight, and search for the
+    missing one. readings_rest: share of the rest-position priors that counts between them. start_samples: of the first
+    frame, drawn by the covariance of its pose and searched too: by that of the fit where the person is fitted, else by
+    those of the first modes (CSS section 5). contact: how modes whose parts overlap are treated. flow_in_covariance: a
+    mode's covariance includes the flow, like all image terms (CSS eq. 12). step_solver: solver of the steps of all
+    searches within limits and clearance: "proxqp", ProxQP wherever the free minimum lies outside; "active-set", a
+    compiled active set, whose steps are the same; "proxqp-always", ProxQP for every convex step, for checking. weigh:
+    how a mode is weighted: "height", its probability density (CSS Figure 6, step 3); "volume", its probability by the
+    second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS section 8).
+    Raises InputError for other words.
     """
 
     start: str = setting(BY_KEYPOINTS, one_of=STARTS)

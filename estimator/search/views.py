@@ -17,8 +17,8 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
     """Configurations with the joints of `q_rest` (nq,) and the root placed for the camera that sees most.
 
     For each heading and pitch, the landmarks' weak-perspective image is matched to the keypoints by the least-squares
-    similarity of the plane: its turn gives the roll about the optical axis, its size the depth. A parallel camera tells
-    no depth: there the root stays as deep as `q_rest` has it.
+    similarity of the plane: its turn gives the roll about the optical axis, its size the depth. A parallel camera
+    measures no depth, so the root keeps the depth of `q_rest`.
     """
     c = int(np.argmax(observation.confidence.sum(axis=1)))
     camera = observation.cameras[c]
@@ -60,7 +60,7 @@ def _root_points(body: Body, q: np.ndarray) -> np.ndarray:
 
 
 def _view(heading: float, pitch: float) -> np.ndarray:
-    """R_camera_root of a camera that looks at a body with x forward, y left, z up."""
+    """R_camera_root of a camera facing a body with x forward, y left, z up."""
     turned = pin.utils.rotate("z", heading)
     facing = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # camera x right, y down, z forward
     return pin.utils.rotate("x", pitch) @ facing @ turned
@@ -70,7 +70,7 @@ def _weak_perspective(
     points: np.ndarray, rays: np.ndarray, weight: np.ndarray, deep: float | None
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Roll (3, 3) about the optical axis and position of the root [m, camera frame] that fit points (N, 3) to rays;
-    deep [m]: the root's depth where rays are parallel, None where the image's size tells it."""
+    deep [m]: the root's depth where rays are parallel, None where it follows from the image's size."""
     w = weight / weight.sum()
     centre, image_centre = w @ points, w @ rays
     a = (points - centre)[:, 0] + 1j * (points - centre)[:, 1]

@@ -36,8 +36,8 @@ class TrackerProtocol(Protocol[S]):
     """The family of trackers. Equal random generators give equal tracks; a hard frame is flagged, never raised.
 
     body: what is tracked.
-    needs_keypoints: whether `can_start` says no to every frame without keypoints, even with pictures; such a
-        tracker is not run on clips that have none.
+    needs_keypoints: whether `can_start` refuses every frame without keypoints, even with pictures. Such a tracker is
+        not run on clips that have none.
     """
 
     body: Body
@@ -48,7 +48,7 @@ class TrackerProtocol(Protocol[S]):
         ...
 
     def can_start(self, observation: Observation) -> bool:
-        """Whether a frame, with its pictures' cues where these are looked at, is enough to begin with."""
+        """Whether tracking can start from a frame, with its image cues where these are used."""
         ...
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[S, FrameResult]:
@@ -60,10 +60,10 @@ class TrackerProtocol(Protocol[S]):
         ...
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> S:
-        """The state whose `arrays` these are, among others, as they were stored by this version or one before.
+        """The state with these `arrays`, which may include others, as stored by this version or an earlier one.
 
         Raises
         ------
-        ValueError: an array is missing, or says what cannot be.
+        ValueError: an array is missing or has impossible values.
         """
         ...

@@ -1,5 +1,5 @@
-"""What a tracker may be able to do beside tracking. It says so itself, in one record: a tracker with an attribute
-`capabilities` has those, one without has none and is a whole one all the same."""
+"""Optional capabilities of a tracker. It declares them in one record, its attribute `capabilities`. A tracker without
+that attribute has none, and is complete all the same."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ from humanoid.support.errors import InputError
 
 @dataclass(frozen=True)
 class Capabilities:
-    """Each is off as long as nothing else is said.
+    """All are off by default.
 
-    energy: the search whose energy the hypotheses have, frame by frame: what `estimator.tracking.smoothing` ties
-        together and what `explain` takes apart.
-    needed_cues: without one of these cues of the pictures it can do nothing.
-    frames_ahead, frames_behind: how many of the frames after and before it is shown, fewer at the ends of a clip:
-        `init` then takes (rng, observation, following), `step` (rng, state, observation, following, before), the last
-        only of a tracker that is shown such; tuples of observations in order, with their pictures' cues.
-    seen_as: a frame as it was to the tracker, by its result, where it may have gone by more than was observed.
-    pictures: its own, for an explanation of a frame observed with cues, by the number of the camera and in the pixels
-        of its cues.
+    energy: the search whose energy the hypotheses have, for each frame. `estimator.tracking.smoothing` couples these
+        energies, and `explain` splits them into terms.
+    needed_cues: it needs at least one of these image cues.
+    frames_ahead, frames_behind: how many frames after and before the current one it is given, fewer at the ends of a
+        clip: `init` then takes (rng, observation, following), `step` (rng, state, observation, following, before), the
+        last only if it uses earlier frames. Both are tuples of observations in order, with their image cues.
+    seen_as: a frame as the tracker used it, given its result, where it may have used more than the observation.
+    pictures: its own diagnostic images of a frame observed with cues, by camera number and in the pixels of the cues.
     """
 
     energy: ModeSearch | None = None

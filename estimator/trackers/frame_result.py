@@ -1,4 +1,4 @@
-"""What a tracker says of one frame: the hand-off from trackers to run files, exports and pictures."""
+"""A tracker's result for one frame, as passed on to run files, exports and pictures."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class FrameResult:
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
     association (K): see `Mode`. velocity (K, nv): see `Mode`; None in runs made before it was kept.
     origins: where the modes came from and their penalties; None where nothing was observed, and in such runs.
-    extra: the tracker's own information by name, arrays of numbers, booleans or text of at most 4 axes; each tracker
-        says what it tells. A name may be missing in frames in which there is nothing to tell.
+    extra: the tracker's own information by name, arrays of numbers, booleans or text of at most 4 axes. Each tracker
+    documents what it reports. A name may be missing in frames without such information.
 
     Raises
     ------
-    ValueError: an extra array of another kind, or a name that is no lower-case identifier.
+    ValueError: an extra array of another kind, or a name that is not a lower-case identifier.
     """
 
     index: int

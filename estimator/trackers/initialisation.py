@@ -8,7 +8,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.capabilities import Capabilities
 
-MIN_KEYPOINTS = 4  # fewer say nothing worth a search
+MIN_KEYPOINTS = 4  # fewer do not constrain a search
 
 
 def enough_keypoints(observation: Observation) -> bool:
@@ -23,9 +23,9 @@ def observable(observation: Observation) -> bool:
 
 
 class Initialisation:
-    """The beginning of trackers that find their first pose by `estimator.search.first_pose.start_modes` (see
-    `estimator.trackers.base.TrackerProtocol`): from keypoints, or where `ModeSearchSettings.start` says so from an
-    index."""
+    """The initialisation of trackers that find their first pose by `estimator.search.first_pose.start_modes` (see
+    `estimator.trackers.base.TrackerProtocol`): from keypoints, or from an index, depending on
+    `ModeSearchSettings.start`."""
 
     search: ModeSearch
 

@@ -1,4 +1,4 @@
-"""A tracker of markers: a descent or two where they say enough, a search of many where they do not."""
+"""A tracker of markers: a descent or two where they constrain the pose, a search from many starts where they do not."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class MarkerTrackerSettings:
 
 
 class MarkerTracker(Initialisation, CarriesMixture):
-    """Every hypothesis is searched from where its velocity takes it. Where that explains too few of the markers, or too
-    few are seen, it is searched from where it was, too, and so are samples about the best. Tells its `searches` and
-    steps (see `search_counts`)."""
+    """Every hypothesis is searched from its pose predicted by constant velocity. Where that explains too few of the
+    markers, or too few are seen, it is also searched from its last pose, and so are samples about the best. Reports its
+    `searches` and steps (see `search_counts`)."""
 
     def __init__(self, search: ModeSearch, settings: MarkerTrackerSettings | None = None) -> None:
         self.search = search
@@ -121,7 +121,8 @@ NAME = "markers"
 _CLASPED: dict[str, Any] = {"cost": {"hands_apart": False}}
 """Markers are on both of two hands that hold each other."""
 _QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exact_below": 3.0}}}
-"""Markers say enough for the true curvature to be safe early; a descent that promises less energy has ended."""
+"""Markers constrain the pose enough for the true curvature to be safe early; a descent that promises less energy has
+ended."""
 _SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
 """What is wrong in a frame of markers lasts less long than what a detector gets wrong; what is wrong in all frames
 alike, their places, is counted beside it (`estimator.runs.lasting_spread`)."""

@@ -59,7 +59,7 @@ class MixtureState:
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, *, minima: bool = True) -> MixtureState:
         """Rebuild a state from `arrays`. minima: covariances are inverse Hessians; those of particles may have any
-        rank. Raises DamageError for arrays that cannot be."""
+        rank. Raises DamageError for invalid arrays."""
         check_arrays(arrays, _FIELDS, {**sizes_of(body), "K": length_of(arrays, "weights")})
         check_weights(arrays["weights"], "weights")
         check_parents(arrays["parent"], None)

@@ -34,11 +34,11 @@ DYNAMICS_ALONE = (
 
 
 class FrameEnergy:
-    """The energy of one frame, the one that the other trackers descend, without a penalty of the change: that is
-    what the particles' dynamics are for. Keypoints are read as detected.
+    """The energy of one frame that the other trackers descend, but without a penalty of the change, which is in the
+    particles' dynamics. Keypoints are read as detected.
 
-    With pictures, features are assigned to every pose anew; flow is that of the surface of the hypothesis which a
-    particle came from, since looking for it costs more than the rest.
+    With pictures, features are assigned again for every pose. Flow is that of the surface of the particle's parent
+    hypothesis, since computing it costs more than the rest.
     """
 
     def __init__(self, search: ModeSearch, observation: Observation, before: Mixture) -> None:
@@ -77,7 +77,7 @@ class FrameEnergy:
         return values
 
     def landmarks(self, q: np.ndarray) -> np.ndarray:
-        """Landmarks (N, L, 3) [m] at q (N, nq); those that `values` looked at last are placed already."""
+        """Landmarks (N, L, 3) [m] at q (N, nq); those that `values` evaluated last are placed already."""
         placed = self._last
         if placed is None or not np.array_equal(placed.q, q):
             placed = self.body.placed(q)

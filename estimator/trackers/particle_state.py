@@ -34,8 +34,8 @@ class ParticleState:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, width: int) -> ParticleState:
-        """Rebuild a state from `arrays`. width: S, how many numbers a particle has. Raises DamageError for arrays that
-        cannot be."""
+        """Rebuild a state from `arrays`. width: S, how many numbers a particle has. Raises DamageError for invalid
+        arrays."""
         summary = MixtureState.from_arrays(arrays, body, minima=False)
         check_arrays(arrays, _FIELDS, {"N": length_of(arrays, "particle_weights"), "S": width})
         particles = Particles.from_arrays(arrays)

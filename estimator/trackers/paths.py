@@ -14,7 +14,7 @@ def backtrack(parent: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    parent (T, K): index of each hypothesis' parent in the frame before, -1 if none: the path then goes on from the
+    parent (T, K): index of each hypothesis' parent in the frame before, -1 if none: the path then continues from the
         best hypothesis of the frame before.
     weight (T, K): weights, NaN where there is no hypothesis.
 

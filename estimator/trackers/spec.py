@@ -52,16 +52,16 @@ def _yes(own: Any) -> bool:
 class Spec:
     """A tracker by name; register it with `estimator.tracking.registry.register`.
 
-    name: as it is asked for. sentence: one, about what it is. make: a tracker for a body from all settings; it serves
-    one clip.
+    name: by which it is chosen. sentence: its one-line description. make: makes a tracker for a body from all settings,
+    for one clip.
     settings: its own, a frozen dataclass of numbers, texts and truth values (`humanoid.support.settings.setting`) with
-    the defaults of this name, and group: the table that they are in files; None and empty where it has none. It keeps
-    several hypotheses if one of them is `modes`.
+    the defaults of this name, and group: their table in files; None and empty where it has none. It keeps several
+    hypotheses if one of them is `modes`.
     defaults: nested changes that this name makes to the common groups of settings.
     unused: rules of which settings have no effect on it.
     keeps_limits, looks_up, may_look_up: by its own settings: whether poses stay within the joint limits; whether it
-    cannot do without an index of examples after the first frame; whether it makes use of one that is given. What else
-    it can do the tracker itself says (`estimator.trackers.capabilities.Capabilities`).
+    needs an index of examples after the first frame; whether it uses one that is given. Its other capabilities are
+    declared by the tracker itself (`estimator.trackers.capabilities.Capabilities`).
     """
 
     name: str

@@ -19,8 +19,8 @@ S = TypeVar("S", bound=State)
 
 
 class FrameByFrame(Generic[S]):
-    """Takes the frames of a clip in order and gives the result of each, as soon as those that its tracker is shown
-    ahead of it have come.
+    """Takes the frames of a clip in order and returns the result of each as soon as the following frames that its
+    tracker uses have arrived.
 
     Every frame has its own random generator made from the seed and the frame's index, so that a resumed run is the
     same as an uninterrupted one. Frames before the first that the tracker can start from are "unobserved" and have no
@@ -28,8 +28,8 @@ class FrameByFrame(Generic[S]):
 
     Parameters
     ----------
-    state: the tracker's after the last frame that was searched, None before the first. last: what tells leaps from
-        there. before: the frames before the first that is given, at least as many as the tracker looks back at.
+    state: the tracker's after the last searched frame, None before the first. last: the reference for leaps from there.
+        before: the frames before the first one to be tracked, at least as many as the tracker looks back.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class FrameByFrame(Generic[S]):
         return result
 
     def _searched(self, observation: Observation, following: Sequence[Observation]) -> FrameResult:
-        tracker: Any = self.tracker  # whose methods take what its capabilities say
+        tracker: Any = self.tracker  # whose methods take the arguments that its capabilities declare
         result: FrameResult
         rng = np.random.default_rng((self.seed, observation.index))
         ahead = (following,) if self._can.frames_ahead or self._can.frames_behind else ()

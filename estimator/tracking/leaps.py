@@ -36,10 +36,10 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class LastFrame:
-    """What tells a leap from what was before, carried from frame to frame beside the tracker's state.
+    """The reference for detecting leaps, passed from frame to frame beside the tracker's state.
 
-    time [s]: of the frame. unobserved [s]: how long before it a frame was searched last. root (K, 7), covariance
-    (K, 3, 3): place and turn of its hypotheses' roots, as in q, and the covariance of their places.
+    time [s]: of the frame. unobserved [s]: time between it and the last searched frame. root (K, 7), covariance (K, 3,
+    3): placement of its hypotheses' roots, as in q, and the covariance of their positions.
     """
 
     time: float
@@ -63,8 +63,8 @@ class LastFrame:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], body: Body) -> LastFrame | None:
-        """Rebuild it from `arrays`, among others, or from the state of a run made before it was kept; None where there
-        is neither. Raises DamageError for arrays that cannot be."""
+        """Rebuild it from `arrays`, which may include others, or from the state of a run made before it was stored;
+        None where there is neither. Raises DamageError for invalid arrays."""
         own = {name: arrays[name] for name in _FIELDS if name in arrays}
         if not own:
             if not {"time", "unobserved", "q", "covariance"} <= set(arrays):
@@ -78,7 +78,7 @@ class LastFrame:
 
 
 class LeapCheck:
-    """Tells whether the root of a free body leapt from one frame to the next; a fixed one never does."""
+    """Detects leaps of the root of a free body from one frame to the next. A fixed root never leaps."""
 
     def __init__(self, body: Body) -> None:
         self._free = body.has_free_root
@@ -147,7 +147,7 @@ def limb_note(rows: list[int]) -> str:
 
 
 def leap_note(frames: list[int]) -> str:
-    """What to tell of leaps, empty where there are none."""
+    """Message about leaps, empty where there are none."""
     if not frames:
         return ""
     listed = first_of(frames, 8)

@@ -39,11 +39,11 @@ def run(
     cues: Cues | None = None,
     last: LastFrame | None = None,
 ) -> Iterator[tuple[FrameResult, S | None]]:
-    """Results and states of the observations from `first` on; `state` is the one after the frame before, `last` what
-    tells leaps from there.
+    """Results and states of the observations from `first` on; `state` is the one after the frame before, `last` the
+    reference for leaps from there.
 
-    `cues` gives what the pictures of a frame show; without it keypoints alone are looked at. A tracker that looks ahead
-    is given the frames that follow, too. How a frame is treated: `estimator.tracking.frame_by_frame.FrameByFrame`.
+    `cues` reads the image cues of a frame; without it only keypoints are used. A tracker that looks ahead is also given
+    the frames that follow. How a frame is treated: `estimator.tracking.frame_by_frame.FrameByFrame`.
     """
     frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
     for result in _results(frames, observations[first:], cues):
@@ -92,11 +92,12 @@ def run_into(
 def stored_state(
     tracker: TrackerProtocol[S], arrays: Mapping[str, np.ndarray] | None, source: Path
 ) -> tuple[S | None, LastFrame | None]:
-    """State, and what tells leaps, from the arrays that `run_into` stored after a frame; None before the first state.
+    """State, and the reference for leaps, from the arrays that `run_into` stored after a frame; None before the first
+    state.
 
     Raises
     ------
-    InputError: they cannot be of this tracker.
+    InputError: they are not those of this tracker.
     """
     if not arrays:
         return None, None

@@ -1,2 +1,2 @@
-"""Poses known by what they look like: which bits of a picture's description tell poses apart, and a table of them that
-is searched without looking at every example."""
+"""Poses indexed by their appearance: which bits of a picture's description distinguish poses, and a table of them that
+is searched without comparing every example."""

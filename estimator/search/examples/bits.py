@@ -1,5 +1,5 @@
-"""Which bits of a description tell similar poses from others: thresholds learned from pairs (Shakhnarovich, Viola,
-Darrell 2003, section 3)."""
+"""Which bits of a description distinguish similar poses from others: thresholds learned from pairs (Shakhnarovich,
+Viola, Darrell 2003, section 3)."""
 
 from __future__ import annotations
 

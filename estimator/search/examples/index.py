@@ -83,7 +83,7 @@ class ExampleIndex:
         return q
 
     def save(self, path: str | Path) -> None:
-        """Write it to one file; raises InputError where that cannot be written."""
+        """Write it to one file; raises InputError where it is not writable."""
         header = {"format": FORMAT, "recipe": asdict(self.recipe), "q_names": list(self.q_names), "side": self.side}
         arrays = {
             "q": self.q.astype(np.float32), "codes": self.tables.codes, "feature": self.bits.feature,
@@ -98,7 +98,8 @@ def load_index(path: str | Path, body: Body) -> ExampleIndex:
 
     Raises
     ------
-    InputError: the file cannot be read, is damaged, is no index or one of another version, or one of another subject.
+    InputError: the file cannot be read, is damaged, is not an index or one of another version, or one of another
+    subject.
     """
     arrays, recipe, side = _checked(Path(path), body)
     bits = Bits(
@@ -135,7 +136,7 @@ def _checked(path: Path, body: Body) -> tuple[dict[str, np.ndarray], IndexRecipe
 
 
 def _check(arrays: Mapping[str, np.ndarray], body: Body, side: float) -> None:
-    """What is right by itself and cannot be together; raises DamageError."""
+    """Check that valid parts are consistent with each other; raises DamageError."""
     bits = len(arrays["feature"])
     if not len(arrays["q"]) or not bits or arrays["codes"].shape[1] != -(-bits // 64):
         raise DamageError(f"codes of {arrays['codes'].shape[1]} words for {bits} bits")

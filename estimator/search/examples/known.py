@@ -16,7 +16,7 @@ from estimator.search.jumps.anatomy import TwoSegmentLimb
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import Surface
 
-_EITHER_WAY = 4  # times as many examples are looked at where both ways to turn are wanted
+_EITHER_WAY = 4  # times as many examples are compared where both facings are needed
 
 
 class Examples:
@@ -32,8 +32,9 @@ class Examples:
         return lookups(self.index, observation, count, self.evidence, self._votes if together else None)
 
     def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Lookup]:
-        """The same of a frame that has no past. Where one camera alone sees the person, which hardly tells front from
-        back, half of the examples face it and half turn away, whichever look a little more like the picture."""
+        """The same for a frame without a past. Where only one camera sees the person, which hardly distinguishes front
+        from back, half of the examples face it and half turn away, whichever are slightly more similar to the
+        picture."""
         lookups = self.lookups(observation, _EITHER_WAY * count, together)
         if len(lookups) != 1:
             return self.lookups(observation, count, together)

@@ -186,7 +186,7 @@ def _score(placements, joint, local, normal, eyes, points, left, beside, scale, 
 @jit
 def _facing_nodes(placements, joint, local, normal, eyes, nodes):  # type: ignore[no-untyped-def]
     """Fill the first of nodes (L, 3) with the places in the world of those of a limb that face one of the eyes (E, 3),
-    and say how many: on joint (L,) at local (L, 3) with normal (L, 3); placements (J, 12)."""
+    and return how many: on joint (L,) at local (L, 3) with normal (L, 3); placements (J, 12)."""
     x, normal_world, count = np.empty(3), np.empty(3), 0
     for i in range(joint.shape[0]):
         M = placements[joint[i]]

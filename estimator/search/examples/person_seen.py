@@ -1,4 +1,4 @@
-"""The person as one camera sees them, for a look into an index: by depth, or by the silhouette alone."""
+"""The person as seen by one camera, for a lookup in an index: by depth, or by the silhouette alone."""
 
 from __future__ import annotations
 

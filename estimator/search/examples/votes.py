@@ -18,14 +18,14 @@ _BEYOND = 5.0  # degrees beyond the headings of the examples that a pose may tur
 
 
 class Votes:
-    """What cameras say together of poses in the world.
+    """Joint votes of cameras on poses in the world.
 
-    A pose is another example in every camera: the one whose landmarks about their mean are nearest to its own, as that
-    camera sees them (squared distances, summed). A camera's vote is by how many bits fewer than usual this example
-    differs from its picture, in standard deviations of what is usual. A camera from which a pose turns away farther
-    than any example has no vote on it. Votes are summed and divided by the root of their number, as deviations of
-    independent measurements are (Stouffer): the plain sum would prefer the poses that many cameras may judge, the mean
-    those that one does. Cameras are heard in the order of their names.
+    In every camera a pose corresponds to a different example: the one whose landmarks about their mean are nearest to
+    its own, as that camera sees them (squared distances, summed). A camera's vote is by how many bits fewer than usual
+    this example differs from its picture, in standard deviations of what is usual. A camera to which a pose is turned
+    farther than any example has no vote on it. Votes are summed and divided by the root of their number, as deviations
+    of independent measurements are (Stouffer): the plain sum would prefer the poses on which many cameras vote, the
+    mean those with one vote. Cameras vote in the order of their names.
 
     index: read. body: whose poses they are.
     """

@@ -12,8 +12,8 @@ from estimator.search.jumps.lines import axes_of, meeting_point
 from humanoid.kinematics.body import Body
 from humanoid.support.per_object import per_object
 
-PROBES = 3  # random poses at which axes and landmarks are looked at: a single pose may be a special one
-SAME = 0.03  # of the body's size, as modes that are distinct: jumps that move less say nothing new
+PROBES = 3  # random poses at which axes and landmarks are compared: a single pose may be a special one
+SAME = 0.03  # of the body's size, as modes that are distinct: jumps that move less give nothing new
 NEAR = 0.02  # of the body's size: an axis this near to a point goes through it
 OFFSET = 0.08  # of the body's size: by which the axes of a robot's hip may miss each other
 SHORT = 0.05  # of the body's size: shorter segments have no depth worth a jump

@@ -15,7 +15,7 @@ class PoseOnRays(NamedTuple):
 
     q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eyes (L, 3) [m]: a
     point of each ray, the optical centre unless the camera is parallel; rays (L, 3): unit vectors along them, away from
-    the camera, of the pose first looked at.
+    the camera, of the first pose.
     """
 
     q: np.ndarray

@@ -70,13 +70,13 @@ def _beyond_hips(points, about, beyond, hips, way):  # type: ignore[no-untyped-d
 
 
 def reading_shifts(readings: np.ndarray, energy: np.ndarray, rest: np.ndarray, share: float) -> np.ndarray:
-    """What is added to the energies (K,) of a frame's modes so that their part `rest` (K,), which the rest positions of
-    joints make, counts between the two readings of the trunk as this share of itself: (K,), equal within a reading.
+    """Correction of the energies (K,) of a frame's modes, so that their part `rest` (K,) from the rest positions of
+    joints counts between the two readings of the trunk only by this share: (K,), equal within a reading.
 
     readings (K,): see `trunk_readings`. Between modes of one reading, where one is missing, and where the best mode's
     trunk is square to the rays, nothing changes. Rest positions are learned joint by joint, while a trunk that is read
-    the other way changes many joints together: on captured people their sum parts right from wrong far less than it
-    says (`python -m benchmarks trunk_evidence`).
+    the other way changes many joints together: on captured people their sum distinguishes right from wrong far less
+    well than its size suggests (`python -m benchmarks trunk_evidence`).
     """
     shifts, evidence = np.zeros(len(energy)), energy - (1.0 - share) * rest
     sides = [readings == TOWARDS, readings == AWAY]

@@ -125,7 +125,7 @@ class LimbIK:
         return self._arms(turns, ways, volumes)
 
     def forward(self, angles: np.ndarray) -> tuple[np.ndarray, Arms]:
-        """Where the end is in the parent's frame [m], (N, 3), and what `solved` would say of angles (N, m)."""
+        """Place of the end in the parent's frame [m], (N, 3), and the result of `solved` for angles (N, m)."""
         count = len(angles)
         ends, volumes = np.zeros((count, 3)), np.full(count, -np.inf)
         ways = np.zeros(count, dtype=np.int64)
@@ -153,7 +153,7 @@ class ImageProposal:
 
     Raises
     ------
-    InputError: a density that says nothing of the feature, or is of several.
+    InputError: a density without the feature, or of several.
     """
 
     ik: LimbIK

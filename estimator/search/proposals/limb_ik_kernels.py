@@ -14,7 +14,7 @@ from humanoid.support.compiled import jit
 
 EXACT = 1e-10  # m: what is farther from where it should be is not there
 SLACK = 1e-10  # rad: so little outside of a limit is rounding
-ITSELF = 1e-6  # rad: a way as near as this to the angles that were looked at is these
+ITSELF = 1e-6  # rad: a solution this near to the given angles is the same
 NEWTON = 10  # steps that meet a place where the ball's axes nearly meet
 FARTHEST = 0.3  # m: from farther away they are not tried
 STRAIGHT = 1e-4  # of the upper segment's length: an elbow this near to the line to the end has no swivel

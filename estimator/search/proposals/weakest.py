@@ -1,4 +1,4 @@
-"""Regular starts along the few directions that the image tells least about."""
+"""Regular starts along the few directions that the image constrains least."""
 
 from __future__ import annotations
 

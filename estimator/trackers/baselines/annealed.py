@@ -53,7 +53,7 @@ class AnnealedSettings:
 class Annealed(Initialisation):
     """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`.
 
-    Of every searched frame but the first it tells, layer by layer,
+    For every searched frame but the first it reports, by layer,
     annealing_power (layers,): the power of the likelihood.
     effective_sample_size (layers,): how many evenly weighted particles the weights by that power are worth.
     """

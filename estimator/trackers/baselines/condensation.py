@@ -42,7 +42,7 @@ class CondensationSettings:
 class Condensation(Initialisation):
     """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it.
 
-    Of every searched frame but the first it tells
+    For every searched frame but the first it reports
     effective_sample_size: how many evenly weighted particles the weights are worth, from 1 to N.
     log_evidence: logarithm of the mean weight before it is normalised, an estimate of the observation's log-likelihood
         given those before it; at a temperature of 1 and up to a constant of the energy.

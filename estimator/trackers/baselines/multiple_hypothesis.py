@@ -54,9 +54,9 @@ class MultipleHypothesisSettings:
 
 
 class MultipleHypothesis(Initialisation, CarriesMixture):
-    """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected.
+    """A mode's weight is its parent's times the posterior at the mode. Keypoints are read as detected.
 
-    Of every searched frame but the first it tells `searches`, `searches_sample` and steps (see `search_counts`).
+    For every searched frame but the first it reports `searches`, `searches_sample` and steps (see `search_counts`).
     """
 
     def __init__(self, search: ModeSearch, settings: MultipleHypothesisSettings | None = None) -> None:

@@ -42,8 +42,8 @@ class SingleModeSettings:
 
 
 class SingleMode(Initialisation, CarriesMixture):
-    """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`
-    and steps (see `search_counts`)."""
+    """One hypothesis, searched from its pose in the last frame. Keypoints are read as detected. It reports its
+    `searches` and steps (see `search_counts`)."""
 
     def __init__(self, search: ModeSearch, settings: SingleModeSettings | None = None) -> None:
         self.search = search

@@ -115,7 +115,7 @@ class Proposals:
         return [*turned, *self._jumped(parents, self._settings.jump_penalty, Family.DEPTH_JUMP, propose)]
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
-        """One limb elsewhere, the best of so many looks at the pictures."""
+        """One limb elsewhere, the best of so many poses scored against the pictures."""
         propose = partial(self._limb.sample, self._rng)
         elsewhere = self._jumped(self._parents(looks), self._settings.limb_penalty, Family.LIMB_JUMP, propose)
         return self._search.screened(elsewhere, self._case, count)
@@ -128,9 +128,9 @@ class Proposals:
         return self._jumped(self._parents(count), self._settings.limb_penalty, Family.LIMB_EXCHANGE, propose)
 
     def examples(self, count: int) -> list[Hypothesis]:
-        """What an index of examples says of the pictures: of those that look like them the best of all looked at,
-        first searched without a past, then as jumps of the whole body from the best parent. Those that turn their back
-        to the only camera pay for it, as in a first frame."""
+        """Starts from an index of examples: the best scored of those similar to the pictures, first searched without a
+        past, then as jumps of the whole body from the best parent. Those with their back to the only camera are
+        penalised, as in a first frame."""
         search, how = self._search, ExampleSearch()
         lookups = search.examples.lookup_without_prior(self._observation, how.neighbours)
         starts = example_starts(search.body, lookups, how.away)

@@ -37,10 +37,10 @@ _FLOOR = 1.0  # px, of where a hypothesis has a landmark
 class BesideSettings(CheckedSettings):
     """The chain of keypoints.
 
-    points: how they move. evidence: how keypoints are detected. exchange: what the chains tell each other, see
+    points: how they move. evidence: how keypoints are detected. exchange: the messages between the chains, see
     `estimator.inference.chains.exchange.messages`. farthest: standard deviation [sizes of the person] up to which a
-    missing keypoint is filled in from where the chain has it; 0 for never.
-    Raises InputError where a value cannot be.
+    missing keypoint is replaced by the chain's estimate; 0 for never.
+    Raises InputError where a value is outside its range.
     """
 
     points: PointSettings = field(default_factory=PointSettings)
@@ -90,14 +90,14 @@ class BesideState:
 
 
 class PointsBeside:
-    """A tracker of hypotheses, which sees missing keypoints where the chain of keypoints expects them, with the doubt
-    that is left about that, and all others as they are.
+    """A tracker of hypotheses that is given missing keypoints at the places expected by the chain of keypoints, with
+    the remaining uncertainty, and all others as they are.
 
-    Each keypoint is a chain of its own, as features that are independent are. It receives the keypoint that was
-    detected, which may be wrong, and where the tracker's hypotheses expect it (J Sigma J'). What the
-    tracker receives in turn is what the chain expects before the frame is looked at: never what the tracker itself said
-    of this frame. By the default exchange a chain without a detection receives nothing, so that in a gap its
-    uncertainty grows as its motion says, whatever the tracker makes of it.
+    Each keypoint is a chain of its own, as the features are independent. It receives the detected keypoint, which may
+    be wrong, and the place expected by the tracker's hypotheses (J Sigma J'). The tracker in turn receives the chain's
+    prediction from before this frame, never its own output for this frame. By the default exchange a chain without a
+    detection receives nothing, so that in a gap its uncertainty grows by its motion model, whatever the tracker
+    estimates.
     """
 
     def __init__(self, inner: TrackerProtocol[Any], search: ModeSearch, settings: BesideSettings) -> None:
@@ -114,7 +114,7 @@ class PointsBeside:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the tracker within, which sees keypoints that nobody has detected."""
+        """Those of the inner tracker, which is given keypoints that were not detected."""
         return replace(capabilities_of(self.inner), seen_as=self.seen_as)
 
     def can_start(self, observation: Observation) -> bool:
@@ -163,7 +163,7 @@ class PointsBeside:
         return BesideState(inner, known, arrays["keypoint_mean"], covariance)
 
     def filled(self, expected: BesideState, observation: Observation) -> Observation:
-        """The same with missing keypoints where they are expected (all before this frame is looked at)."""
+        """The same with missing keypoints where they are expected (all from before this frame is used)."""
         missing = expected.known & ~_detected(observation)
         spread = np.sqrt(0.5 * (expected.covariance[..., 0, 0] + expected.covariance[..., 1, 1]))
         missing &= spread <= self.settings.farthest * self._sizes(expected.mixture, observation)[:, None]

@@ -18,12 +18,12 @@ class CssSettings(CheckedSettings):
     """The search of each frame.
 
     modes: hypotheses kept (7 for the body, 3 for the arm in CSS section 6). forgetting: power of a parent's weight that
-    is handed on, 1 in Figure 6; less, as the same clutter misleads frame after frame, which are not independent.
-    transition: penalise the change since the parent; off in the paper, whose search is static (footnote 5). keep:
-    search from the parents' own poses too, not from samples alone. momentum: share of its velocity that carries a
-    parent to where pictures are looked at too (constant velocity beside driftless dynamics). refine: which searches
-    are searched to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
-    search.
+    is passed on, 1 in Figure 6. Less where the same clutter misleads frame after frame, since frames are then not
+    independent. transition: penalise the change since the parent; off in the paper, whose search is static (footnote
+    5). keep: search from the parents' own poses too, not from samples alone. momentum: share of its velocity by which a
+    parent is moved to a further place where pictures are used too (constant velocity beside driftless dynamics).
+    refine: which searches are run to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that
+    differ after a short search.
 
     budget: how many searches a frame gets. What the parents leave of it is shared in proportion to:
     samples: about the parents. shape: of their distribution, "covariance" (CSS), "spherical" (of equal volume, the
@@ -31,12 +31,12 @@ class CssSettings(CheckedSettings):
         standard deviations, the square root of the s of Figure 6 (4 to 14 there). tail: degrees of freedom of Student's
         t, 0 for a Gaussian.
     swapped_readings: parents with left and right of the keypoints exchanged.
-    jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of
-        a jump, added once instead of the transition's: flow is followed from where the jump says that the limb was, so
-        it does not tell the two depths apart in one frame, and cheap jumps would go to and fro.
-    limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, with the
-        penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs
-        that have lost their image, so keypoints of the whole person make a quarter of them enough.
+    jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of a
+        jump, added once instead of the transition's: flow is followed from the limb's place before the jump, so it does
+        not distinguish the two depths in one frame, and cheap jumps would go back and forth.
+    limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples scored poses, with the penalty
+        limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs that have
+        lost their image, so with keypoints of the whole person a quarter of them is enough.
     examples: modes reached from examples that look like the picture, where an index is given (`search.index`), with the
         penalty example_penalty. lost_examples: instead, where nothing was seen in the frame before, or the parents' own
         continuations explain less than half of what is seen; then the whole budget is spent. Besides, with an index

@@ -46,7 +46,7 @@ _FAMILIES = tuple(family for family in Family if family not in _OTHERS)
 class CovarianceScaledSampling(Initialisation, CarriesMixture):
     """The recipe: numbers in comments are the steps of Figure 6.
 
-    Of every searched frame but the first it tells `searches`, `searches_FAMILY` and steps (see `search_counts`).
+    For every searched frame but the first it reports `searches`, `searches_FAMILY` and steps (see `search_counts`).
     """
 
     def __init__(self, search: ModeSearch, settings: CssSettings | None = None) -> None:

@@ -62,9 +62,9 @@ def kalman_steps(
 ) -> KalmanSteps:
     """Steps of some lengths from centres (N, D), given the message about the features F that they move.
 
-    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing moves these. jacobian
-    (N, F, 2, D): of the features. Each kernel of `received` is one normal density, exact where features are linear in
-    the degrees of freedom; one that says nothing is the step as it is.
+    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing moves these. jacobian (N,
+    F, 2, D): of the features. Each kernel of `received` is one normal density, exact where features are linear in the
+    degrees of freedom; an uninformative one leaves the step as it is.
     """
     whole = np.isfinite(predicted).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(1, 2, 3))
     at = np.where(whole[:, None, None], predicted, 0.0).reshape(len(centres), -1)

@@ -39,16 +39,16 @@ BY_PARTS, BY_PAST = "parts", "past"
 class PoseChainSettings(CheckedSettings):
     """How poses are drawn.
 
-    particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
-    "past", whole poses from the past alone, as CONDENSATION has it. kernels: of the past, by which parts are weighed.
-    by_past, by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
-    Kalman-updated from the past by the features. groups: of samples that the features are expected by.
-    noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
-    and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
-    but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
-    rest: seconds, at the least, in which joints of which nothing is seen go two thirds of the way back to rest
-    (`Rest`). tempering: how outlines are let in.
-    Raises InputError where a value cannot be.
+    particles: how many. draws: "parts", trunk and limbs one after the other from the past and the image, or "past",
+    whole poses from the past alone, as in CONDENSATION. kernels: of the past, by which parts are weighted. by_past,
+    by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
+    Kalman-updated from the past by the features. groups: of samples from which the features are predicted. noise: of
+    the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long, and how
+    many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it but
+    anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`). rest: shortest
+    time [s] in which unobserved joints go two thirds of the way back to rest (`Rest`). tempering: how outlines are let
+    in.
+    Raises InputError where a value is outside its range.
     """
 
     particles: int = setting(2000, at_least=2)
@@ -88,11 +88,10 @@ class _Way(NamedTuple):
 class PoseChain:
     """One frame's chain of poses (`estimator.inference.chains.exchange.FeatureChain`).
 
-    camera: of the features in messages. outlines: what else the picture says of poses, None where nothing.
-    past: whether samples also come from the past, as they have to where the image does not show everything; without, as
-    likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
-    pose_prior, if_hidden: see `PoseTarget`. diagnostics: filled with how it went: samples, effective_sample_size,
-    powers, accepted.
+    camera: of the features in messages. outlines: further image evidence of poses, None without any. past: whether
+    samples also come from the past, as they must where the image does not show everything. Without, as in likelihood
+    sampling, there are none where a feature is not detected. std (nv,): of the dynamics, for a step. pose_prior,
+    if_hidden: see `PoseTarget`. diagnostics: filled with samples, effective_sample_size, powers, accepted.
     """
 
     rng: np.random.Generator
@@ -147,12 +146,12 @@ class PoseChain:
         )
 
     def update(self, prior: Expected, message: Message) -> tuple[ParticleSet, float]:
-        """See `Chain`. Without any sample the past goes on alone.
+        """See `Chain`. Without any sample the past is predicted alone.
 
-        The past may be wrong about limbs. So some samples have one limb anew, or all, from where the image shows their
-        ends or from rest, and the rest from the past: a stratum of its own, weighed by its odds and its evidence, since
-        among the others a limb that was just found would be selected away before outlines speak for it. One such way is
-        tried in every frame, in turn by chance, at the odds of all of them.
+        The past may be wrong about limbs. So some samples draw one limb, or all, from where the image shows their ends
+        or from rest, and the others from the past. They are a stratum of their own, weighted by its odds and its
+        evidence: among the others a limb that was just found would be lost in resampling before outlines support it.
+        One such proposal is tried in every frame, chosen at random, at the odds of all of them.
         """
         if self.settings.draws == BY_PAST:
             return self._by_past(self._target(prior, message))

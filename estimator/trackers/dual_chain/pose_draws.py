@@ -1,7 +1,7 @@
 """Poses drawn part by part: trunks first, then each limb, from where the past and the image have it.
 
-Given trunk, head and neck the limbs are independent (Taycher et al. 2004, section 4), so each is drawn and weighed by
-what tells of it alone; weights of joint draws collapse.
+Given trunk, head and neck the limbs are independent (Taycher et al. 2004, section 4), so each is drawn and weighted by
+its own evidence alone. Weights of joint draws collapse.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _BY_PAST, _UPDATED, _BY_IMAGE = range(3)
 
 @dataclass(frozen=True, eq=False)
 class PartialSamples:
-    """Even samples of some parts: tangents x (N, nv), and log_message (N,), the sum of what each was chosen by: what
-    the message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean
-    of that under what was expected."""
+    """Even samples of some parts: tangents x (N, nv), and log_message (N,), the sum of the log-likelihoods by which
+    each was chosen: the message about its features alone and, for some parts, the outlines. log_evidence: logarithm of
+    the mean of that under what was expected."""
 
     x: np.ndarray
     log_message: np.ndarray
@@ -98,7 +98,7 @@ class PartDraws:
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, updated: KalmanSteps,
         proposal: ImageProposal | None, shares: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Tangents (N, nv) with a group drawn anew, inside of the limits, and which of them are, (N,) bool."""
+        """Tangents (N, nv) with a group redrawn inside the limits, and which were redrawn, (N,) bool."""
         x, ok = x.copy(), np.ones(len(x), dtype=bool)
         way = self.rng.choice(3, size=len(x), p=shares)
         by_past, is_updated, by_image = (way == w for w in (_BY_PAST, _UPDATED, _BY_IMAGE))
@@ -124,8 +124,8 @@ class PartDraws:
     def _kalman_updated(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, kernel: np.ndarray, part: int
     ) -> KalmanSteps:
-        """Where the features that a part moves put it, on each of the poses x (N, nv): from its centre (N, nv), that
-        of a kernel (N,), or, where the past says nothing, from rest."""
+        """The place of a part by the features that it moves, on each of the poses x (N, nv): from its centre (N, nv),
+        that of a kernel (N,), or from rest where the past is uninformative."""
         target, parts = self.target, self.target.parts
         group, moved = parts.dofs[part], parts.of_part[part]
         names = [parts.features.names[f] for f in moved]
@@ -148,7 +148,7 @@ class PartDraws:
         return kalman_steps(centres, lengths, received, predicted, jacobian[..., group]).of(rows)
 
     def _seen_end(self, part: int) -> ImageProposal | None:
-        """Where the image may show the end of a limb; None for the trunk, and where nothing tells."""
+        """Where the image may show the end of a limb; None for the trunk, and where it is unknown."""
         if part == 0:
             return None
         parts = self.target.parts

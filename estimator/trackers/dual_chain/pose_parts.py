@@ -115,7 +115,7 @@ class Rest:
         return out
 
     def guess(self, body: Body, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rest as a tangent (nv,) at reference (nq,), and how far from it joints are (nv,), 1 where nobody knows."""
+        """Rest as a tangent (nv,) at reference (nq,), and the deviation of joints from it (nv,), 1 where unknown."""
         rest, std = body.difference(reference, body.neutral), np.ones(body.nv)
         rest[self.dofs], std[self.dofs] = self.at - reference[self.entries], self.std
         return rest, std

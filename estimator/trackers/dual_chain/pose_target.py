@@ -39,14 +39,14 @@ class Expected:
 class PoseTarget:
     """The posterior of poses as tangents x (N, nv) (`estimator.inference.walk.SampleTarget`).
 
-    What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
-    parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
+    The past's predictions of trunk and limbs are treated as independent. Of a thousand poses composed of separately
+    drawn parts hardly any is near a whole pose of the past, and all later ones would descend from these few.
 
-    camera: of the features in the message. outlines: what else the picture says, None where nothing. elsewhere: the
-    parts, by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses
-    people take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much
-    more an association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and
-    for one that has none (`EvidenceSettings.if_hidden`).
+    camera: of the features in the message. outlines: further image evidence, None without any. elsewhere: the parts, by
+    number, for which the past is assumed wrong, and where they may be instead. pose_prior: which poses people take,
+    where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
+    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
+    that has none (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts
@@ -93,9 +93,9 @@ class PoseTarget:
         return np.asarray(value + self._by_what_is_hidden(samples, hidden))
 
     def _by_what_is_hidden(self, samples: PlacedBodies, hidden: np.ndarray) -> np.ndarray:
-        """By how much more the message says of poses (N,) since they hide features, (N, F) bool, which makes no
-        detection of them likely: a hand that is seen is not behind the trunk, which its place in the image leaves
-        open."""
+        """What is added to the message's log-likelihood of poses (N,) because they hide features, (N, F) bool: a hidden
+        feature is unlikely to be detected. A hand that is seen is not behind the trunk, which its place in the image
+        leaves open."""
         value = np.zeros(len(samples.q))
         if not hidden.any():
             return value
@@ -114,13 +114,13 @@ class PoseTarget:
         return self._if_hidden[hidden]
 
     def outlines_of(self, part: int, samples: PlacedBodies) -> np.ndarray:
-        """What the outlines of the limbs that a part moves say (N,), the others being where they are."""
+        """Log-likelihoods (N,) of the outlines of the limbs that a part moves, with the others where they are."""
         if self.outlines is None:
             return np.zeros(len(samples.q))
         return np.asarray(self.outlines.values(samples, self.parts.shapes[part])[0].sum(axis=1))
 
     def evidence(self, placed: PlacedBodies, features: Sequence[int] | np.ndarray) -> np.ndarray:
-        """What the message says of some features of N poses (N,); -inf where they have no image."""
+        """The message's log-likelihood (N,) of some features of N poses; -inf where they have no image."""
         if not len(features):
             return np.zeros(len(placed.q))
         received = self._marginal(tuple(int(f) for f in features))
@@ -152,7 +152,7 @@ BY_IMAGE = 0.6  # share of a limb that may be anywhere
 TRIES = 8  # for each sample of it that is kept: of arms by inverse kinematics a fifth are inside their limits
 
 
-GUIDED = 0.5  # the power of what its outlines say by which these are chosen, beside the message about its features
+GUIDED = 0.5  # power of the outlines' likelihood by which these are chosen, beside the message about its features
 
 
 def anywhere(parts: PoseParts, prior: Expected) -> Reach:

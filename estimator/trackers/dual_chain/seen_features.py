@@ -66,7 +66,7 @@ class SkinFeatures:
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `SeenFeatures`: the pictures are there where any is looked at, these two are also looked at for poses."""
+        """See `SeenFeatures`: the pictures are given where any is used, and these two are also used for poses."""
         return ("edges", "silhouette")
 
     def check(self, observation: Observation) -> None:

@@ -22,12 +22,12 @@ class DualChainSettings(CheckedSettings):
     """The chains.
 
     features: what they share, "skin", face and hands as blobs in the picture, or "keypoints", all landmarks. pose: how
-    poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: what chains
-    tell each other, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the past,
-    see `PoseChain`. evidence, skin, outline: what pictures say. face_model: file of a face detector, which helps where
-    features are of skin; none unless given. modes: hypotheses reported at most. cluster: radius of a hypothesis, root
+    poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: the messages
+    between chains, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the past, see
+    `PoseChain`. evidence, skin, outline: of the image evidence. face_model: file of a face detector, used where
+    features are of skin; none by default. modes: hypotheses reported at most. cluster: radius of a hypothesis, root
     mean square distance of landmarks as a fraction of the body's size.
-    Raises InputError where a value cannot be.
+    Raises InputError where a value is outside its range.
     """
 
     features: str = setting(SKIN, one_of=KINDS)

@@ -75,10 +75,10 @@ class DualState:
 
 
 class DualChain(Initialisation):
-    """The recipe. It begins as every tracker does, and learns the colour of skin from the keypoints of that frame.
+    """The recipe. It starts like every tracker, and learns the colour of skin from the keypoints of that frame.
 
-    Of every frame it tells samples, how many poses could be drawn, effective_sample_size, and features (F, 2) [px] with
-    feature_covariance (F, 2, 2), what is believed of the points.
+    For every frame it reports samples, how many poses could be drawn, effective_sample_size, and the beliefs of the
+    points: features (F, 2) [px] with feature_covariance (F, 2, 2).
     """
 
     def __init__(self, search: ModeSearch, settings: DualChainSettings | None = None) -> None:
@@ -191,7 +191,7 @@ class DualChain(Initialisation):
         return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, PointStates.from_arrays(arrays), skin)
 
     def _outlines(self, observation: Observation, q: np.ndarray) -> OutlineLikelihood | None:
-        """What the picture says of whole poses, None without one; q (nq,): about where the body is."""
+        """The image likelihood of whole poses, None without a picture; q (nq,): about where the body is."""
         if not observation.cues:
             return None
         cues = observation.cues[0]
@@ -201,7 +201,7 @@ class DualChain(Initialisation):
 
 
 def _of_points(believed: FeatureDensity) -> dict[str, np.ndarray]:
-    """What a frame tells of the chain of points."""
+    """Diagnostics of the chain of points in a frame."""
     blocks = [believed.covariance[0, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(believed.names))]
     return {"features": believed.mean[0], "feature_covariance": np.array(blocks)}
 

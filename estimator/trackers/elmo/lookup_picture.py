@@ -1,4 +1,4 @@
-"""What a picture was looked up by, and found: for people to look at."""
+"""Diagnostic image of a lookup: the features that a picture was looked up by, and the examples found."""
 
 from __future__ import annotations
 

@@ -14,24 +14,24 @@ _USUAL = ExampleSearch()
 class ElmoSettings(CheckedSettings):
     """ELMO and its parts.
 
-    neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none.
-    votes: several cameras choose these together, each voting for the others' too; without, each gives as many. keep:
-    search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of each
-    start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go on
-    from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
-    so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
-    are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. again: so often they are tried once more where the silhouette counts too, in the
-    first frame, or the first after some without the person. away: what a pose pays [nats] then that turns its back to
-    the only camera: most people are filmed from in front, and depth hardly tells.
-    jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
-    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
-    frame sooner after the last with the person says by that share less of which way they face; 0 for never.
-    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
-    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
-    likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
-    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
-    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
+    neighbours: examples of the index (`search.index`) from which a frame is searched, 50 in the paper; 0 for none.
+    votes: several cameras choose these together, each voting for the others' too; otherwise each contributes as many.
+    keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of
+    each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go
+    on from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best
+    poses so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few
+    examples are near in all of them; 0 for none, as in the paper. limbs: from how many examples limbs are tried for
+    this, beside those of the neighbours. again: how often they are tried again where the silhouette counts too, in the
+    first frame, or the first after some without the person. away: penalty [nats] then of a pose with its back to the
+    only camera: most people are filmed from the front, and depth hardly shows which way they face.
+    jump: largest penalty [nats] of a pose for being far from all modes of the frame before, which may be lost; the
+    paper has no such bound. correlated: time [s] for which the silhouette errors of a film are correlated. Where there
+    is a silhouette, a frame sooner than this after the last with the person counts by that share less for the direction
+    they face; 0 for never. settle: the product of likelihood and prior as it is: modes are weighed with their
+    covariances, and searched on from with the transition since the mode that each continues in the energy. Off, eqs. 5
+    and 6, which leave modes at the likelihood's maxima and treat what is only unknown as far from the past. turn_floor,
+    root_turn_floor [rad], root_slide_floor [m]: what a frame may change at least, as standard deviations, however short
+    it was; the rest of C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)
@@ -54,5 +54,5 @@ class ElmoSettings(CheckedSettings):
 
     @property
     def descent(self) -> ExampleSearch:
-        """Those of them that say how modes are searched from examples."""
+        """Those of them for the search of modes from examples."""
         return ExampleSearch(**{name: getattr(self, name) for name in ExampleSearch._fields})

@@ -55,10 +55,11 @@ class ElmoState:
 class Elmo(Initialisation):
     """The recipe; numbers in comments are the paper's equations.
 
-    The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
+    The person is found by depth or, where that is not used, by the silhouette; the pose by all cues used.
 
-    Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `search_counts`), `looked_at`: with
-    how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
+    For every searched frame it reports `searches`, `searches_FAMILY` and steps (see `search_counts`), `looked_at`: the
+    number of examples the picture was compared with, and `fell_back`: whether its buckets were empty and it was
+    compared with all.
     """
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
@@ -101,7 +102,7 @@ class Elmo(Initialisation):
 
     @property
     def capabilities(self) -> Capabilities:
-        """Whatever else it does, it looks up, by cues."""
+        """It always looks up poses, by cues."""
         return replace(super().capabilities, needed_cues=CUES, pictures=self.pictures)
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:

@@ -31,26 +31,26 @@ from humanoid.support.settings import CheckedSettings, setting
 class AssemblySettings(CheckedSettings):
     """How limbs are put together.
 
-    place_floor [m], turn_floor [rad]: what is added to how well a belief knows a limb's place and turn: sampled beliefs
-    collapse. nu: squared distance, in standard deviations, from which a limb counts as astray and pulls less. doubted:
-    weight of a limb whose belief nothing measured explains. coarse_place [m], coarse_turn [rad]: the same floors of the
-    first pull, from wherever the body is. alone_place [m], alone_turn [rad]: the same floors where there is one camera:
-    how far away a limb is, hardly anything says, and samples collapse there without being right.
+    place_floor [m], turn_floor [rad]: standard deviations added to a belief's of a limb's place and turn, since sampled
+    beliefs collapse. nu: squared distance, in standard deviations, from which a limb counts as an outlier and pulls
+    less. doubted: weight of a limb whose belief no measurement supports. coarse_place [m], coarse_turn [rad]: the same
+    floors for the first pull, from any start. alone_place [m], alone_turn [rad]: the same floors with one camera, which
+    hardly determines the distance of a limb, so that samples collapse there without being right.
 
-    clusters: places that are distinguished in a belief, of which the limb's ends are about `apart` [m] from each other
-    or more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
-    place whose ends are nearer than this. exchange [nats]: what a hypothesis pays that takes limbs for each other or
-    the front for the back, or leaves one out. jump [nats]: what it pays at most for being far from all modes of the
-    frame before. forgetting: power of the parent's weight that is handed on.
+    clusters: places that are distinguished in a belief, with the limb's ends about `apart` [m] from each other or more.
+    least: share of a belief from which another of its places is tried. same [m]: two limbs whose ends are nearer than
+    this are believed in one place. exchange [nats]: penalty of a hypothesis that confuses limbs or front and back, or
+    leaves a limb out. jump [nats]: its largest penalty for being far from all modes of the frame before. forgetting:
+    power of the parent's weight that is passed on.
 
-    likelihood: share of the limbs' log likelihood ratios that counts: neighbouring limbs see the same pixels, and the
-    beliefs know these already. least_ratio [nats]: in weights no limb counts for less than this. rounds: how often the
-    modes are moved on by the likelihood near them, sampled at `samples` places about each limb, normal deviates of
-    near_place [m] and near_turn [rad].
+    likelihood: share of the limbs' log likelihood ratios that counts: neighbouring limbs share pixels, which the
+    beliefs have used already. least_ratio [nats]: lower bound of a limb's ratio in weights. rounds: how often the modes
+    are moved on by the likelihood near them, sampled at `samples` places about each limb, normal deviates of near_place
+    [m] and near_turn [rad].
 
-    left_over [nats]: what a hypothesis pays for all of the person in a view, of which it pays the share that no limb of
-    it covers. Above 0, outermost limbs are also looked for in what the best hypothesis leaves over; 0 in the paper.
-    Raises InputError where a value cannot be.
+    left_over [nats]: penalty of a hypothesis that covers nothing of the person in a view; it is charged for the share
+    that none of its limbs covers. Above 0, outermost limbs are also searched in what the best hypothesis leaves
+    uncovered; 0 in the paper. Raises InputError where a value is outside its range.
     """
 
     place_floor: float = setting(0.01, above=0)
@@ -78,7 +78,7 @@ class AssemblySettings(CheckedSettings):
 
     @property
     def near(self) -> Near:
-        """Those of them that say where limbs are looked at near a pose."""
+        """Those of them for the sampling of limbs near a pose."""
         return Near(self.samples, self.near_place, self.near_turn, self.likelihood)
 
     @property
@@ -110,16 +110,16 @@ def assembled(
 ) -> Mixture:
     """The `count` best distinct poses whose limbs are where they are believed to be, as a mixture.
 
-    Every choice of places (`estimator.trackers.loose_limbed.limb_choices.choices`) draws the body: from rest, with the
-    root where the limb nearest to it is believed, or where all limbs' ends lie best, or from a mode of the frame
-    before, whichever is nearest; coarsely at first. The modes of the frame before are drawn to the likeliest places,
-    too. Then each is searched with what is known of the frame: the pull of its places, the keypoints in either
+    Every choice of places (`estimator.trackers.loose_limbed.limb_choices.choices`) pulls the body: from rest, with the
+    root where the limb nearest to it is believed, or where all limbs' ends fit best, or from a mode of the frame
+    before, whichever is nearest, and coarsely at first. The modes of the frame before are pulled to the likeliest
+    places, too. Then each is searched with all terms of the frame: the pull of its places, the keypoints in either
     association, the priors, and the transition from that mode of the frame before which explains it best; to a minimum
-    within the joint limits and without overlaps. At last the best are moved on a few times by what the likelihood says
-    near them.
+    within the joint limits and without overlaps. Finally the best are moved a few times by the likelihood near them.
 
     Weights are those of that energy, with what a choice costs and a share of the limbs' log likelihood ratios at the
-    pose. What the likelihood says near a mode is in its energy and not in its covariance: beliefs have seen the same.
+    pose. The likelihood near a mode is in its energy and not in its covariance, since beliefs have used the same
+    pixels.
 
     search: of the body. graph: its limbs, or those of the same subject with other lengths. beliefs (L): of each limb,
     of `PLACEMENTS`; one without points draws nothing. observation: the frame, its pictures left to the likelihood.
@@ -198,8 +198,8 @@ class _Frame(NamedTuple):
         return (best, float(handed_on[best])) if transition_energy[best] <= self.settings.jump else (-1, 0.0)
 
     def scores(self, searched: Sequence[Scored]) -> np.ndarray:
-        """Log-weights (N,) of hypotheses as far as they are searched: their own, what the limbs' likelihood says of
-        them, and what they leave over of the person."""
+        """Log-weights (N,) of hypotheses as far as they are searched: their own, the limbs' log-likelihood, and the
+        penalty of what they leave uncovered of the person."""
         own, s = np.array([c.score for c in searched]), self.settings
         likelihood = self.likelihood if s.likelihood > 0.0 else None
         if (likelihood is None and self.left_over is None) or not searched:
@@ -226,7 +226,7 @@ class _Frame(NamedTuple):
         return self.search.apart(self.search.refined(candidates, case))
 
     def moved_on(self, rng: np.random.Generator, likelihood: LimbScores, modes: Sequence[Refined]) -> list[Refined]:
-        """Modes moved on by what the likelihood says near them, with the covariances that they have without."""
+        """Modes moved by the likelihood near them, with the covariances that they have without it."""
         case, believed = self.case, [self.case.pulls[r.hypothesis.pull] for r in modes]
         reached = [Candidate(r.hypothesis, r.mode.q, r.landmarks, r.mode.energy) for r in modes]
         for k in range(self.settings.rounds):

@@ -1,5 +1,5 @@
-"""What the loose-limbed tracker makes of one instant: the likelihood of limbs, and which part detectors say where they
-may be."""
+"""Evidence of the loose-limbed tracker at one instant: the likelihood of limbs, and the part detectors that propose
+places."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class ImportanceSettings(CheckedSettings):
 def importance_functions(
     detectors: Sequence[AllPartProposals], limbs: int, box: np.ndarray, settings: ImportanceSettings
 ) -> tuple[Density, ...]:
-    """Importance functions Q of the limbs (Sigal et al., CVPR 2004, section 4.1): what several part detectors say, each
-    counting alike, box (2, 3) [m]: where limbs can be at all."""
+    """Importance functions Q of the limbs (Sigal et al., CVPR 2004, section 4.1): the proposals of several part
+    detectors with equal weight. box (2, 3) [m]: where limbs can be at all."""
     return tuple(
         _function([part_proposals[limb] for part_proposals in detectors], box, settings) for limb in range(limbs)
     )
@@ -70,7 +70,7 @@ def _function(part_proposals: Sequence[PartProposals], box: np.ndarray, settings
 
 @dataclass(frozen=True)
 class PartDetectorSettings:
-    """Who says bottom-up where limbs may be, and how importance functions are made of it.
+    """Bottom-up part detectors, and how importance functions are made from their proposals.
 
     by_keypoints: the frame's keypoints, by every pair of views, or one and the limb's length. by_hull: places that are
     foreground in all views, the likeliest for each limb. templates: a file of eigen-templates, made by `kinemode
@@ -111,7 +111,7 @@ class InstantReader:
         return enough_keypoints(observation) or shows_person(self._views(observation))
 
     def pictures(self, observation: Observation) -> LimbLikelihood | None:
-        """What the pictures of a frame say of limbs, None without any."""
+        """The likelihood of limbs by the pictures of a frame, None without any."""
         views = self._views(observation)
         if not views:
             return None
@@ -124,8 +124,8 @@ class InstantReader:
         return LeftOver(self._graph.limbs, views) if views else None
 
     def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
-        """What is measured in a frame. anew: nothing is known of the frame before, so that importance functions are
-        needed even where nothing is proposed."""
+        """What is measured in a frame. anew: there is no frame before, so that importance functions are needed even
+        where nothing is proposed."""
         pictures, box = self.pictures(observation), self.box(observation)
         part_proposals = self.part_proposals(rng, observation, pictures)
         proposals: tuple[Density | None, ...] = (None,) * len(self._graph.limbs)
@@ -155,7 +155,7 @@ class InstantReader:
     def part_proposals(
         self, rng: np.random.Generator, observation: Observation, pictures: LimbLikelihood | None
     ) -> tuple[AllPartProposals, ...]:
-        """What every part detector that is on says of a frame."""
+        """The proposals of every enabled part detector for a frame."""
         said: list[AllPartProposals] = []
         if self._detectors.by_keypoints and observation.count:
             body, settings = self._model.body, self._detectors.keypoints

@@ -23,9 +23,9 @@ class Choice(NamedTuple):
 
 
 class Mistakes(NamedTuple):
-    """What choices cost and which are looked at.
+    """Penalties of choices, and which are tried.
 
-    exchange [nats]: of taking limbs for each other, a front for a back, or leaving a limb out. least: share of a
+    exchange [nats]: penalty of confusing limbs, or a front with a back, or of leaving a limb out. least: share of a
     belief from which another of its places is tried. same [m]: mean distance of both ends below which two limbs are
     believed in one place.
     """

@@ -18,11 +18,11 @@ NARROWEST = 0.1  # of the samples' spread: what is left of it where the likeliho
 
 
 class LimbScores(Protocol):
-    """What says how likely single limbs are by what was measured:
+    """The likelihood of single limbs by the measurements:
     `estimator.trackers.loose_limbed.limbs.likelihood.LimbLikelihood`."""
 
     def log_ratio(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Of places t (N, 3), R (N, 3, 3) of a limb: (N,) [nats], minus infinity where it cannot be."""
+        """Of places t (N, 3), R (N, 3, 3) of a limb: (N,) [nats], minus infinity where that is impossible."""
         ...
 
 

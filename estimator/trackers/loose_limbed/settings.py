@@ -16,16 +16,16 @@ class LooseLimbedSettings(CheckedSettings):
     """The loose-limbed tracker.
 
     detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
-    to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
-    such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
-    a past. smoothing: the frame before is inferred again with this one and the next, as in the paper; without, what was
-    believed of it stays. tied: share of what the next frame receives of each limb that is as the assembled poses have
-    it; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
-    `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
-    start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
-    each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
-    seen: what limbs are seen by. part_detectors: who says bottom-up where limbs may be. modes: hypotheses kept.
-    assembly: how they are made of the limbs.
+    to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs,
+    otherwise potentials from the joints. outlier: lambda0, share of the potentials' outlier process. propagation: of a
+    frame with a past. smoothing: the frame before is inferred again with this one and the next, as in the paper;
+    without, its beliefs stay. tied: share of the message about each limb to the next frame that comes from the
+    assembled poses; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
+    `propagation`'s in the first frame, and in the first after so many without the person that the past is
+    uninformative. start_rounds: how often beliefs are then propagated, each time with the assembled poses as initial
+    messages between limbs: these separate two legs that are believed in one image, which the limbs alone do not. seen:
+    of the limb likelihood. part_detectors: of the bottom-up proposals. modes: hypotheses kept. assembly: of hypotheses
+    from the limbs.
     """
 
     detail: str = setting("paper", one_of=tuple(RULES))

@@ -46,7 +46,7 @@ class LimbState:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, limbs: int) -> LimbState:
-        """The inverse of `arrays`, of so many limbs; raises DamageError for arrays that cannot be."""
+        """The inverse of `arrays`, of so many limbs; raises DamageError for invalid arrays."""
         state = MixtureState.from_arrays(arrays, body)
         check_arrays(arrays, _FIELDS, {"L": limbs, "size": PLACEMENTS.size})
         points, weights = arrays["limb_points"], arrays["limb_weights"]

@@ -48,12 +48,12 @@ _LEFT_OVER_STD = np.repeat([0.04, 0.3, 1.5], [3, 2, 1])  # m, rad: the turn abou
 
 
 class LooseLimbed:
-    """The recipe: what is believed of the past stays, and this frame and the next are inferred together; with
-    `smoothing` those and the frame before, of whose own past it then is.
+    """The recipe: beliefs of the past stay fixed, and this frame and the next are inferred together. With `smoothing`
+    the frame before is inferred with them, and the fixed past is that of the frame before.
 
-    Start, track and recovery are one: what is believed of the past is one more message, if there is any.
+    Start, tracking and recovery are one: beliefs of the past are one more message, if there are any.
 
-    Of every searched frame it tells limb_points (L, N, 7), limb_weights (L, N) and limb_status (L), see
+    For every searched frame it reports limb_points (L, N, 7), limb_weights (L, N) and limb_status (L), see
     `estimator.trackers.loose_limbed.state.belief_arrays`, and limb_names (L).
     """
 
@@ -79,7 +79,7 @@ class LooseLimbed:
 
     @cached_property
     def potentials(self) -> LimbPotentials:
-        """What limbs say of each other."""
+        """The potentials between limbs."""
         speed = self._search.model.transition_std(1.0)
         if self.settings.potentials or self.settings.limbs:
             return potentials_for(self.graph, self.body, speed, self.settings.potentials)
@@ -158,8 +158,8 @@ class LooseLimbed:
         behind: int = 0,
         watch: Watch | None = None,
     ) -> tuple[Propagated, Mixture]:
-        """What is believed of the nodes of a window, and the poses that are made of the frame with so many of the
-        window behind it; anew: without a past, in several rounds. watch: see `propagate_batch`, of all rounds."""
+        """Beliefs of the nodes of a window, and the poses assembled from the frame that has so many of the window
+        behind it. anew: without a past, in several rounds. watch: see `propagate_batch`, of all rounds."""
         how, limbs = self.propagation(anew=anew), len(self.graph.limbs)
         result = propagate_batch(rng, graph, how, watch=watch)
         mixture = self._assembled(rng, result.beliefs[behind * limbs : (behind + 1) * limbs], state, observation)
@@ -215,7 +215,7 @@ class LooseLimbed:
         following: Sequence[Observation],
         behind: Sequence[Observation] = (),
     ) -> Graph:
-        """The graph of a frame, of those behind it and of those of the following that are looked at."""
+        """The graph of a frame, of those behind it and of the following ones that are used."""
         reader = self.instants
         ahead = following[: self.capabilities.frames_ahead]
         shown = [*behind, observation, *(o for o in ahead if reader.shows_person(o))]

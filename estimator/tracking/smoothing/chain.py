@@ -58,7 +58,7 @@ class FrameChain:
     """Frames tied by the motion prior.
 
     costs (T): static energy of each frame. times (T,) [s], rising. tolerance: energy that a step must gain.
-    ties (T - 1): what the pictures say of the movement from each frame to the next; nothing unless given.
+    ties (T - 1): image terms for the movement from each frame to the next; none by default.
     """
 
     def __init__(
@@ -95,17 +95,17 @@ class FrameChain:
         return minimise(_Poses(self, held), self._model(q), newton).model.q
 
     def covariances(self, q: np.ndarray, lasting: float, prior: np.ndarray | None = None) -> np.ndarray:
-        """Covariances (T, nv, nv) of poses q (T, nq), each with all frames in mind, in the tangent space at itself: of
-        the energy's Gauss-Newton Hessian, zero where a pose leans on a limit.
+        """Covariances (T, nv, nv) of poses q (T, nq), each given all frames, in its own tangent space: of the energy's
+        Gauss-Newton Hessian, zero where a pose leans on a limit.
 
-        lasting [s]: how long what a frame says, and how it is wrong, lasts; frames nearer than that count as much less
-        as they are nearer, as movements do by the prior's correlation. 0: each counts in full. prior (T, nv, nv): the
-        part of each frame's Hessian that tells of poses whatever is seen. Successive poses are nearly one, which it
-        tells of once: of each pose by itself, beside what the others' likelihood says of it.
+        lasting [s]: correlation time of a frame's evidence and of its errors. Frames nearer than that count as much
+        less as they are nearer, as movements do by the prior's correlation. 0: each counts in full. prior (T, nv, nv):
+        the part of each frame's Hessian that does not depend on observations. Successive poses are nearly the same and
+        it must count once: it is added to each pose alone, beside the others' likelihood.
 
         Raises
         ------
-        numpy.linalg.LinAlgError: nothing holds a pose.
+        numpy.linalg.LinAlgError: a pose is not constrained.
         """
         model = self._frames(q)
         share = frame_shares(self._dt, lasting)
@@ -148,7 +148,7 @@ class FrameChain:
         return self._model(model.q)
 
     def _frames(self, q: np.ndarray, exact: bool = False) -> ChainModel:
-        """Of what the frames and their ties say, without the motion prior."""
+        """Of the frames and their ties, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))
         own, tied = self._window.add(q, gradient, blocks, exact)

@@ -40,8 +40,8 @@ from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.support.spilled import MadeList, Spill, SpilledList
 
-_FEW = 3  # Newton steps between two looks at the pace
-_HOLDS = 2  # times that what stands is told anew
+_FEW = 3  # Newton steps between two estimates of the pace
+_HOLDS = 2  # rounds in which the points that stand are found again
 _DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
 _SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
@@ -175,11 +175,12 @@ class _Track:
         return cameras[0] if len(cameras) == 1 else None
 
     def _held(self, trajectory: Trajectory, modes: np.ndarray) -> _Held:
-        """A trajectory whose feet that stand are held, and which is above the floor, as it tells which do and where."""
+        """The trajectory smoothed with standing feet held in place and the body above the floor. Which feet stand, and
+        where the floor is, comes from the trajectory itself."""
         body, stance = self._search.body, self._settings.stance
         seen = [self._observations[t] for t in self.some]
         q = trajectory.q
-        known = believed_floor(body, seen[0].cameras, self._floor, q)  # if it is not, the run's findings say so
+        known = believed_floor(body, seen[0].cameras, self._floor, q)  # if it is not, the run's findings report it
         distances = floor_of(body, seen[0].cameras, known)
         floor: Ground | None = None
         costs: Sequence[Cost] = trajectory.costs
@@ -195,7 +196,7 @@ class _Track:
             if distances is not None:
                 costs = _above(costs, AboveFloor(distances, SUNK, _DOUBTED if known is None else None))
             if costs is before:
-                break  # nothing stands, or nobody sees it: the trajectory is smooth by these as it is
+                break  # nothing stands, or it is not seen: the trajectory is already smoothed by these
             q = smooth(body, costs, self._times, q, trajectory.motion, self._settings, ties=trajectory.ties)
         return _Held(costs, trajectory, modes, q, floor, distances)
 
@@ -213,7 +214,7 @@ class _Track:
         return Smoothed(q, end.floor, covariance, mode, weight)
 
     def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
-        """Those of all frames, NaN of one without hypotheses; None where they cannot be told."""
+        """Those of all frames, NaN for one without hypotheses; None where they are not determined."""
         every: SpilledList[np.ndarray] = Spill(self._settings.window).list()
         nothing, some = np.full((self._search.body.nv, self._search.body.nv), np.nan), set(self.some)
         try:

@@ -41,11 +41,11 @@ class _Frame:
 
 
 class FixedLag:
-    """Takes the frames of a track as they come and gives each back smoothed, `SmoothSettings.lag` frames later.
+    """Takes the frames of a track as they arrive and returns each smoothed, `SmoothSettings.lag` frames later.
 
-    What has been given out stays as it is; the frames since are gone through for the best trajectory anew and smoothed
-    together with every frame that comes. Nothing is below a floor that is known: `floor`; one that is found, and feet
-    that stand, need more of a clip than the window has.
+    Returned frames do not change. With every new frame the best trajectory through the frames since is chosen again and
+    smoothed. Nothing is below a known floor, `floor`. To find a floor, or standing feet, takes more of a clip than the
+    window has.
     """
 
     def __init__(self, search: ModeSearch, settings: SmoothSettings | None = None, floor: KnownFloor = None) -> None:

@@ -40,7 +40,7 @@ def height_above(floor: FloorDistances, body: Body, q: np.ndarray) -> float:
 
 
 def is_believed(height: float) -> bool:
-    """Whether the floor may be where it is said to be, by `height_above`: a body that is far from it has another."""
+    """Whether the floor may be where it was given, by `height_above`: a body that is far from it has another."""
     return not abs(height) > _FARTHEST
 
 

@@ -1,10 +1,10 @@
-"""Errors of keypoints that last: what a detector errs in one frame it errs in the next ones, too.
+"""Correlated errors of keypoints: an error of a detector in one frame lasts into the next ones.
 
-The energy of a frame takes all that a keypoint is off for the frame's own. In truth a part of it stays for the whole
-clip, a part lasts for some tenths of a second, and the rest is new in every frame, so that keypoints tell how a body
-moves better than they tell where it is. A trajectory that was smoothed by the whole error shows what lasts; smoothed
-again by keypoints without it, and by the deviation of what is new alone, it follows fast movements. How far priors draw
-it away from keypoints in the long run stays as it was.
+The energy of a frame treats a keypoint's whole error as independent of other frames. In fact a part of it stays for the
+whole clip, a part lasts for some tenths of a second, and the rest is new in every frame, so that keypoints measure a
+body's movement better than its position. A trajectory smoothed with the whole error shows the lasting part. Smoothed
+again with keypoints without that part, and with the deviation of the new part alone, it follows fast movements. The
+distance to which priors pull it from the keypoints in the long run does not change.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def without_lasting(
 
 
 def by_whole_error(cost: Cost) -> Cost:
-    """The energy of a frame by its keypoints as they were detected: what says how sure a pose is."""
+    """The energy of a frame by its keypoints as they were detected, which determines a pose's uncertainty."""
     return _with_keypoints(cost, lambda term: term.whole)
 
 

@@ -13,7 +13,7 @@ from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 
-_DRAWN = 24  # movements whose spread tells how much of an acceleration the frames tell
+_DRAWN = 24  # random movements, whose spread shows how much of an acceleration the frames determine
 _SEED = 0
 _FEWEST = 4  # frames
 _LEAST_TOLD = 0.02
@@ -37,9 +37,9 @@ def pace_of(
 
     The accelerations' variance is common to a limb's joints and to the frames within `pace_span`, and is inverse gamma
     beforehand with `pace_count` as many degrees of freedom. Smoothing shrinks accelerations, the more the less the
-    frames tell of them, so each counts by the share of it that they tell: D. J. C. MacKay, Bayesian interpolation,
-    Neural Computation 4(3), 1992. The shares are those at the prior's pace, so that this is called and the trajectory
-    smoothed a few times. costs (T), times (T,) [s], ties (T): see `smooth`.
+    frames determine them, so each counts by the share that they determine: D. J. C. MacKay, Bayesian interpolation,
+    Neural Computation 4(3), 1992. The shares are those at the prior's pace, so this and the smoothing are repeated a
+    few times. costs (T), times (T,) [s], ties (T): see `smooth`.
     """
     pace = np.ones((len(q), body.nv)) if motion.pace is None else motion.pace
     if len(q) < _FEWEST:
@@ -51,7 +51,7 @@ def pace_of(
         chain = FrameChain(body, costs[low:high], times[low:high], own, settings.tolerance, tied)
         try:
             evidence = _evidence(body, chain, times[low:high], q[low:high], own)
-        except np.linalg.LinAlgError:  # nothing tells how sure the poses are
+        except np.linalg.LinAlgError:  # the uncertainty of the poses is not determined
             return pace
         square[first:last], share[first:last] = (part[first - low : last - low] for part in evidence)
     return _shared(body, times, square, share, settings)
@@ -60,8 +60,8 @@ def pace_of(
 def _evidence(
     body: Body, chain: FrameChain, times: np.ndarray, q: np.ndarray, motion: MotionPrior
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Squares (T, nv) of what is new in the accelerations, in terms of their variance, tails drawn in, and the share
-    (T, nv) of each that the frames tell; 0 of the first frame and the last, which have none."""
+    """Squared innovations (T, nv) of the accelerations over their variance, with tails drawn in, and the share (T, nv)
+    of each that the frames determine; 0 for the first frame and the last, which have none."""
     square, share = np.zeros((len(q), body.nv)), np.zeros((len(q), body.nv))
     dt = np.maximum(np.diff(times), SHORTEST_STEP)
     v = np.array([body.velocity(a, b, d) for a, b, d in zip(q[:-1], q[1:], dt, strict=True)])

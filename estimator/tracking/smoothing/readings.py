@@ -79,11 +79,11 @@ def bridged(body: Body, q: np.ndarray, readings: np.ndarray, times: np.ndarray, 
 
 
 def reading_hold(body: Body, q: np.ndarray, camera: Camera, std: float) -> TrunkSide:
-    """What keeps a trajectory on the reading of a mode (nq,) in a frame that has both: the trunk leads half as
-    far along the rays as the mode's does, or farther, with a standard deviation [m].
+    """Term that keeps a trajectory on the reading of a mode (nq,) in a frame that has both: the trunk leads at least
+    half as far along the rays as the mode's does, with a standard deviation [m].
 
     Without it the reading whose rest positions cost less takes over a stretch from its ends, frame by frame, whatever
-    was chosen. Farther on the side of the mode it says nothing, so that it makes nothing surer.
+    was chosen. Farther on the side of the mode it is zero, so it lowers no uncertainty.
     """
     anatomy = anatomy_of(body)
     assert anatomy.trunk is not None
@@ -96,12 +96,12 @@ def reading_hold(body: Body, q: np.ndarray, camera: Camera, std: float) -> Trunk
 
 
 def reading_weights(readings: np.ndarray, energy: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weights (K,) of a frame's modes, summing to one, whose sums over a reading are what the frame's own energies (K,)
-    say of its best modes; within a reading they are in proportion to `weight` (K,), as where one reading is missing.
+    """Weights (K,) of a frame's modes, summing to one. Their sums over a reading follow from the frame's own energies
+    (K,) of its best modes. Within a reading, and where one reading is missing, they are in proportion to `weight` (K,).
 
     Trajectories hardly ever change their reading, so that over many frames the sums of single ones are 0 or 1. Between
-    readings the frame's own difference of energy, divided by the posterior's temperature, is right as often as it says
-    (`python -m benchmarks trunk_evidence`).
+    readings the frame's own difference of energy, divided by the posterior's temperature, is calibrated (`python -m
+    benchmarks trunk_evidence`).
     """
     if not has_both(readings):
         return weight

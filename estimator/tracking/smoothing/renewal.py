@@ -1,4 +1,4 @@
-"""Smoothing with what the pictures say at the smoothed poses, instead of at those that the filter had."""
+"""Smoothing with image terms at the smoothed poses, instead of at those of the filter."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Trajectory:
 
 
 class Renewal:
-    """Smooths trajectories again, window by window: features are assigned, and flow is followed, anew at their poses,
-    which are then smoothed with these, as often as that lowers the energy.
+    """Smooths trajectories again, window by window: features are assigned and flow is followed again at their poses,
+    which are then smoothed with these, as long as that lowers the energy.
 
-    see: the frames; each is asked for once, in their order. frames (T,): number of each in the clip. times (T,) [s].
+    see: returns the frames; each is read once, in order. frames (T,): number of each in the clip. times (T,) [s].
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Renewal:
         self._unseen = search.model.cost(None)
 
     def __call__(self, trajectories: Sequence[Trajectory]) -> None:
-        """Smooth trajectories in place. Of all together every frame's pictures are looked at once."""
+        """Smooth trajectories in place. Every frame's pictures are read once for all of them."""
         count, half = len(self._frames), max(1, self._settings.renewed // 2)
         seen: dict[int, Observation] = {}
         for first in range(0, max(1, count - half), half):

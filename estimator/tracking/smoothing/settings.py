@@ -14,24 +14,24 @@ class SmoothSettings:
     """Motion prior and effort.
 
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
-    accelerations of joints, scaled by their quickness, of the root's orientation and of its position, of a person of
-    pace 1. The velocities' are those of the transition (`CostSettings`). nu: of the Lorentzian of both, whose tails let
-    fast movements be. correlation, memory [s]: how long a movement and an acceleration last, see `MotionPrior`.
-    pace_rounds: how often the pace of a clip's frames is told and the clip smoothed with it; pace_span [s]: how near
-    frames share it, the standard deviation; pace_count: how firmly it is 1 beforehand, in accelerations of one joint
-    and frame, see `pace_of`. Memory and span are those of captured motion (`benchmarks.training.accelerations`), whose
-    deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe
-    that stands may lie from one place; 0 leaves feet as they are; hands: hands that stand on the floor are held,
-    too. reading [m]: standard deviation of a trunk that leaves the reading of the frame's mode, in frames that have
-    both; 0 lets it. lasting [s]: how long what a frame says, and how it is wrong, lasts: in the covariances, and as
-    keypoints' errors that frames share (`lasting_errors`); 0: only a frame.
-    iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which
-    bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features are
-    assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for
-    another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of the
-    version for live use, how many frames it is behind and Newton steps a frame. even_pace: of all frames where none
-    is told and accelerations have no memory: in live use, whose window is too short, and between modes. enabled:
-    off leaves the path as the tracker chose it.
+    accelerations of joints, scaled by their quickness, of the root's orientation and of its position, for a person of
+    pace 1. Those of velocities are the transition's (`CostSettings`). nu: of the Lorentzian of both, whose tails allow
+    fast movements. correlation, memory [s]: how long a movement and an acceleration last, see `MotionPrior`.
+    pace_rounds: how often the pace of a clip's frames is estimated and the clip smoothed with it; pace_span [s]: how
+    near frames share it, the standard deviation; pace_count: how firmly it is 1 beforehand, in accelerations of one
+    joint and frame, see `pace_of`. Memory and span are those of captured motion (`benchmarks.training.accelerations`),
+    whose deviations at pace 1 are about 0.65 of these in the legs, half in the arms. stance [m]: how far a heel or toe
+    that stands may lie from one place; 0 leaves feet as they are; hands: whether hands that stand on the floor are
+    held, too. reading [m]: standard deviation of a trunk that leaves the reading of the frame's mode, in frames that
+    have both; 0 allows it. lasting [s]: correlation time of a frame's evidence and errors, in the covariances and in
+    keypoints' errors shared by frames (`lasting_errors`); 0: only a frame.
+    iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which bounds
+    the memory on long clips. rounds: where pictures are used, how often at most their features are assigned and flow is
+    followed again at the smoothed poses; round_gain: energy that a round must gain for another; renewed: for how many
+    frames at once, whose cues are kept in memory. lag, lag_iterations: of the version for live use, how many frames it
+    is behind and Newton steps a frame. even_pace: of all frames where none is estimated and accelerations have no
+    memory, which is in live use, whose window is too short, and between modes. enabled: off leaves the path as the
+    tracker chose it.
     """
 
     enabled: bool = True

@@ -22,11 +22,10 @@ Matrices = np.ndarray | SpilledList[np.ndarray]
 
 
 class Smoothed(NamedTuple):
-    """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, as it is known
-    or was found; None without one. covariance (T) of (nv, nv): of each pose with all frames in mind, in the tangent
-    space at it, NaN without one; None where it could not be told. mode (T,): which mode of each frame the trajectory
-    goes through, -1 without one. weight (T, K): of the modes of each frame with all frames in mind, NaN where there are
-    fewer."""
+    """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, given or found;
+    None without one. covariance (T) of (nv, nv): of each pose given all frames, in the tangent space at it, NaN without
+    one; None where it was not determined. mode (T,): which mode of each frame the trajectory goes through, -1 without
+    one. weight (T, K): of the modes of each frame given all frames, NaN where there are fewer."""
 
     q: np.ndarray
     floor: Ground | None = None

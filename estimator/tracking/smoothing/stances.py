@@ -47,12 +47,12 @@ class Stances(NamedTuple):
         *,
         hands: bool = False,
     ) -> Stances | None:
-        """As a trajectory q (T, nq) tells; None of a body without heels and toes.
+        """The stances in a trajectory q (T, nq); None for a body without heels and toes.
 
-        observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that nobody
-        sees lies as the prior has it. What stands on a floor is held at its height, and moves with a belt; a floor that
-        is found is none where something stands on a lower one, as on stairs. hands: as well; they stand on a floor
-        alone.
+        observations (T): a point counts by the share of its stance in which its keypoint is seen: a foot that is not
+        seen lies as the prior has it. What stands on a floor is held at its height, and moves with a belt. A floor that
+        was found is rejected where something stands on a lower one, as on stairs. hands: include hands, which stand
+        only on a floor.
         """
         feet = FootPoints.of(body)
         if feet is None or len(q) < 2:

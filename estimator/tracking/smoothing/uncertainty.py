@@ -15,13 +15,13 @@ from estimator.tracking.smoothing.ties import Ties
 from humanoid.kinematics.body import SHORTEST_STEP
 
 _MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
-_MARGIN = 30  # frames beyond some that they are told with
+_MARGIN = 30  # frames beyond some by which these are computed
 
 
 class TrajectoryUncertainty:
     """Of trajectories through frames at times (T,) [s], rising.
 
-    prior: energy that tells of poses whatever is seen. What frames say hangs together for `settings.lasting`.
+    prior: energy that does not depend on observations. The evidence of frames is correlated for `settings.lasting`.
     """
 
     def __init__(self, prior: Cost, times: np.ndarray, motion: MotionPrior, settings: SmoothSettings) -> None:

@@ -1,4 +1,4 @@
-"""What the frames of a window say by themselves, and what ties each to the next, in one compiled pass."""
+"""Terms of the single frames of a window, and terms that tie each frame to the next, in one compiled pass."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def _outlined(cone, t, R, camera, across, points, size):  # type: ignore[no-unty
         across[1] += ey
         width += math.sqrt(ex * ex + ey * ey)
     ex, ey = points[0, 0, 1] - points[stations - 1, 0, 1], points[stations - 1, 0, 0] - points[0, 0, 0]
-    if 2.0 * math.sqrt(ex * ex + ey * ey) * stations > width:  # else it points at the camera, and its axis says little
+    if 2.0 * math.sqrt(ex * ex + ey * ey) * stations > width:  # else it points at the camera, and its axis is vague
         sign = 1.0 if ex * across[0] + ey * across[1] > 0.0 else -1.0
         across[0], across[1] = sign * ex, sign * ey
     length = math.sqrt(across[0] * across[0] + across[1] * across[1])
@@ -151,8 +151,8 @@ def _filtered(points, across, half_width, maps, values):  # type: ignore[no-unty
 
 @jit
 def _beyond(cone, t, R, camera, points):  # type: ignore[no-untyped-def]
-    """Fills points (2, 2), the axis before the proximal end and after the distal one [px]; says whether both are before
-    the camera. cone (6,), t (3,), R (3, 3), camera: see `_outlined`."""
+    """Fills points (2, 2), the axis before the proximal end and after the distal one [px]; returns whether both are
+    before the camera. cone (6,), t (3,), R (3, 3), camera: see `_outlined`."""
     intrinsics, lens, R_camera, t_camera = camera
     place = np.empty(3)
     for end in range(2):
@@ -225,8 +225,8 @@ def measured(cone, t, R, camera, maps, foreground, values):  # type: ignore[no-u
 
 @jit
 def add_ratios(cone, t, R, camera, maps, foreground, bins, table, coarse, unseen, total):  # type: ignore[no-untyped-def]
-    """Adds to total (N,) what a view says of N poses of a limb [nats]: the entry of the state of its features, `unseen`
-    where the view does not show it.
+    """Adds to total (N,) the log-likelihood ratio of N poses of a limb in a view [nats]: the entry of the state of its
+    features, `unseen` where the view does not show it.
 
     bins (9, B): borders between the levels of each feature, infinite where there are no more. table (K,):
     by levels of all features, flat; coarse (L,): by those of edges and ridge alone, where it is not known where the

@@ -24,8 +24,8 @@ from humanoid.support.settings import CheckedSettings, setting
 @dataclass(frozen=True)
 class KeypointEvidenceSettings(CheckedSettings):
     """potential, nu: robust potential of a keypoint (`estimator.numerics.robust`). exchange [nats]: how much less
-    likely a view's left and right of a limb are exchanged than as they are detected.
-    Raises InputError where a value cannot be."""
+    likely a view's left and right of a limb are exchanged than as detected.
+    Raises InputError where a value is outside its range."""
 
     potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     nu: float = setting(8.0, above=0)
@@ -33,20 +33,20 @@ class KeypointEvidenceSettings(CheckedSettings):
 
 
 class KeypointEvidence:
-    """What an instant's keypoints say of placements of limbs.
+    """The evidence of an instant's keypoints for placements of limbs.
 
-    A view's energy of a limb is the sum of 1/2 rho of its landmarks' distances from their keypoints over their
-    standard deviations, by confidence; a landmark that moves in the limb's frame from pose to pose is as much less
-    certain. What a view says is the logarithm of a mixture of two: keypoints as detected, and left and right exchanged.
-    Views are added. A landmark that several limbs have, as two have their joint's, counts for its share in each: the
-    product over limbs has it once.
+    A view's energy of a limb is the sum of 1/2 rho of its landmarks' distances from their keypoints over their standard
+    deviations, by confidence; a landmark that moves in the limb's frame from pose to pose is as much less certain. A
+    view's evidence is the logarithm of a mixture of two: keypoints as detected, and left and right exchanged. Views are
+    added. A landmark shared by several limbs, such as that of a joint, counts for its share in each, so that it is once
+    in the product over limbs.
 
     sigma (C, L): standard deviation of each keypoint [px] (`estimator.search.cost_model.CostModel.keypoint_sigma`).
     landmarks: `landmarks_of_limbs(body, graph)`, for callers with many instants.
 
     Raises
     ------
-    InputError: sigma is not of the observation's shape, or not above 0; a parallel camera, which tells no depth.
+    InputError: sigma is not of the observation's shape, or not above 0; a parallel camera, which measures no depth.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class KeypointEvidence:
 
     def log_likelihood(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Of placements of a limb, by its index in the graph, t (N, 3) [m] and R (N, 3, 3) in the world: (N,) [nats],
-        at most 0, which it is where no keypoint says anything."""
+        at most 0, which it is where no keypoint is informative."""
         total = np.zeros(len(t))
         t, R = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(R, dtype=float)
         s = self.settings

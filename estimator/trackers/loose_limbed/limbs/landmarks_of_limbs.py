@@ -1,4 +1,4 @@
-"""Which landmarks of a body say where a limb is: those that stay where they are in its frame, whatever the pose."""
+"""Which landmarks of a body locate a limb: those that are fixed in its frame, whatever the pose."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 
 _POSES = 400
-_SEED = 0  # the poses are a means to look at the body, not a part of any trial
+_SEED = 0  # the poses only sample the body, and are not part of any trial
 _FIXED = 0.01  # of the longest limb: what moves less than this is fixed
-_LOOSE = 0.11  # of the limb's length: what moves less than this still says where the limb is
-_OFF_AXIS = (
-    0.1  # of the limb's length: how far off the axis a landmark has to be, to say how the limb is turned about it
-)
+_LOOSE = 0.11  # of the limb's length: what moves less than this still locates the limb
+_OFF_AXIS = 0.1  # of the limb's length: how far off the axis a landmark must be to show the limb's rotation about it
 _TURNED = 0.7  # rad: how little a landmark's direction from the axis may be known
 _MOST_TURNING = 6
 
@@ -28,7 +26,7 @@ class LimbLandmarks:
     place (M, 3) [m]: where they are in the limb's frame on average. spread (M,) [m]: root mean square distance from
     there over poses. fixed (M,) bool: whether that is as good as nothing, as of what is on the limb's link or its
     joints.
-    turning (P,): landmarks, mostly of neighbours, that say how the limb is turned about its z axis, the most certain
+    turning (P,): landmarks, mostly of neighbours, that show the limb's rotation about its z axis, the most certain
     first. angle (P,) [rad]: their mean direction from the axis, from x to y. uncertain (P,) [rad]: its circular
     standard deviation over poses.
     """

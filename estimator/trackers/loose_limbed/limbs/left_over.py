@@ -12,7 +12,7 @@ from estimator.trackers.loose_limbed.limbs.features import PERSON, UNKNOWN
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbView
 from humanoid.limbs.limb import Limb
 
-_EVERY = 8  # px of a picture for one that is looked at: limbs are wider
+_EVERY = 8  # one pixel in so many is used: limbs are wider
 _WIDER, _MORE = 1.15, 0.015  # of a limb's semi-axes, and m more: a cone is not the flesh, nor a pose quite the person's
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
 _FARTHEST = 1e4  # px from the picture, beyond which a limb covers nothing

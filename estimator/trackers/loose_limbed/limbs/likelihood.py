@@ -28,15 +28,15 @@ from humanoid.support.settings import CheckedSettings, setting
 
 @dataclass(frozen=True)
 class LimbSettings(CheckedSettings):
-    """What the likelihood of a limb is made of.
+    """Features and limits of the likelihood of a limb.
 
     edges, ridges, foreground: whether first derivatives on the outline, second derivatives on the axis, and the share
-    of the person within and beside the limb count. What is left out is summed over in the learned densities, so that
-    the others are no less than densities of their own. unseen [nats]: of a view that does not show the limb, while the
-    others might. 0 would be neutral, but then places in the corner of a view, of which it says nothing, outweigh by
-    their volume those which all views see and none explains. margin [m]: by which limbs may be beyond the smallest box
-    around what all cameras see. farthest [m]: from a camera.
-    Raises InputError where a value cannot be.
+    of the person within and beside the limb count. Those left out are marginalised in the learned densities, so that
+    the others keep proper densities. unseen [nats]: log ratio of a view that does not show the limb, while the others
+    might. 0 would be neutral, but then places outside a view outweigh by their volume those that all views see and none
+    explains. margin [m]: by which limbs may be beyond the smallest box around what all cameras see. farthest [m]: from
+    a camera.
+    Raises InputError where a value is outside its range.
     """
 
     edges: bool = True
@@ -91,16 +91,16 @@ class LimbLikelihood:
     A limb is a tapered cone of elliptic section. Each view measures edges along its outline, the ridge along its axis
     and the share of the person inside and beside it, at the scales of its width; learned densities say how much more
     probable that is of the limb, occluded ones among its examples, than of any other place. Views are independent given
-    the limb: their ratios are added. Where no view has a word the ratio is that of `LimbSettings.unseen`; outside the
-    box around what all cameras see it is minus infinity.
+    the limb: their ratios are added. Where no view shows the limb the ratio is `LimbSettings.unseen`; outside the box
+    around what all cameras see it is minus infinity.
 
-    limbs: of a limb graph. views: of one instant, at least one. models: learned densities, those that are shipped
-    unless given. box (2, 3) [m]: lowest and highest corner of where limbs can be, for cameras that stand still through
-    many instants; `estimator.trackers.loose_limbed.limbs.volume.common_box` of the views' cameras unless given.
+    limbs: of a limb graph. views: of one instant, at least one. models: learned densities, the shipped ones by default.
+    box (2, 3) [m]: lowest and highest corner of where limbs can be, for cameras that stand still through many instants;
+    `estimator.trackers.loose_limbed.limbs.volume.common_box` of the views' cameras unless given.
 
     Raises
     ------
-    InputError: the cameras see nothing in common.
+    InputError: the cameras' fields of view do not overlap.
     """
 
     def __init__(

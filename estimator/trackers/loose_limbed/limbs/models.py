@@ -82,7 +82,7 @@ def load_models(path: str | Path = SHIPPED) -> LimbModels:
 
     Raises
     ------
-    InputError: the file is not readable, or something is missing, has another size or cannot be.
+    InputError: the file is not readable, or something is missing, has another size or is outside its range.
     """
     content = mapping(read_json(path), path)
     listed = mapping(member(content, "bins", path, ""), path, "bins")

@@ -1,4 +1,4 @@
-"""Potentials between limbs from poses: captured ones, or drawn where nobody was captured (Sigal et al. 2004, 2.1)."""
+"""Potentials between limbs from poses: captured ones, or drawn at random without a capture (Sigal et al. 2004, 2.1)."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ def random_poses(
     speed: np.ndarray,
     rng: np.random.Generator,
 ) -> LimbPoses:
-    """Poses of any subject where nobody was captured, see `random_configurations`. A pose `dt` later is off by speed
-    (nv,) [1/s] times dt times normal numbers."""
+    """Random poses of any subject, for those without a capture, see `random_configurations`. A pose `dt` later differs
+    by speed (nv,) [1/s] times dt times standard normal numbers."""
     q = random_configurations(body, count, rng)
     pairs = {dt: (q, body.integrated(q, dt * speed * rng.standard_normal((count, body.nv)))) for dt in steps}
     return limb_poses(graph, body, q, pairs)

@@ -1,4 +1,4 @@
-"""What learned potentials between limbs say, for a limb graph, and their file."""
+"""Learned potentials between the limbs of a graph, and their file."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class LimbPotentials:
         names = self.limbs
         content = {
             "about": about,
-            "frames": "t and its covariance along the axes of the limb that says it [m]; rotation vectors in the"
+            "frames": "t and its covariance along the axes of the sending limb [m]; rotation vectors in the"
             " mean's own frame [rad]; quaternions x, y, z, w",
             "limbs": list(names),
             "spatial": [
@@ -147,7 +147,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
 
     Raises
     ------
-    InputError: the file is not readable, or something is missing, has another size or cannot be.
+    InputError: the file is not readable, or something is missing, has another size or is outside its range.
     """
     content = mapping(read_json(path), path)
     limbs = tuple(str(name) for name in sequence(member(content, "limbs", path, ""), path, "limbs"))

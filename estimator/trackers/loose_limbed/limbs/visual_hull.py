@@ -49,11 +49,11 @@ class VisualHull:
 def visual_hull(views: Sequence[LimbView], box: np.ndarray, spacing: float, overlooked: int = 0) -> VisualHull:
     """The hull inside box (2, 3) [m]; all of the box where no view has a foreground map.
 
-    A cell belongs to it if no view that shows its middle has only background within half a cell of there, and two views
-    at least show it where so many have a map: what one alone shows is seldom the person, but large. `overlooked` views
-    may have only background, as those do that a thing of the room stands before, if two others show the person. Views
-    without a map, and places of them that are not known, say nothing. Where cells are many, as of one camera, they are
-    larger than `spacing` [m].
+    A cell belongs to it if no view that shows its centre has only background within half a cell of it, and if at least
+    two views show it where so many have a map: what only one shows is seldom the person, but large. `overlooked` views
+    may have only background, because of an object before them, if two others show the person. Views without a map, and
+    their unknown places, are ignored. Where there are many cells, as with one camera, they are larger than `spacing`
+    [m].
     """
     maps = [(v.camera.arrays, v.foreground, _away(v.foreground)) for v in views if v.foreground.size]
     side = spacing * 2.0 ** math.ceil(math.log2(max(_COARSEST / spacing, 1.0)))

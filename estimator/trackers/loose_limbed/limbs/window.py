@@ -106,7 +106,7 @@ def _of_limb(log_ratio: LimbLogRatio | None, limb: int) -> LogLikelihood | None:
 
 
 SILHOUETTE = "silhouette"
-"""The cue that says where the person is."""
+"""The cue that locates the person."""
 
 
 LimbLogRatio = Callable[[int, np.ndarray, np.ndarray], np.ndarray]

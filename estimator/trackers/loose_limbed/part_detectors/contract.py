@@ -1,4 +1,4 @@
-"""What a part detector says."""
+"""The output of a part detector."""
 
 from __future__ import annotations
 

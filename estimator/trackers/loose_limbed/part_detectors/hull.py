@@ -18,7 +18,7 @@ from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.support.compiled import jit
 from humanoid.support.settings import CheckedSettings, setting
 
-_STATIONS = 5  # along the axis, that are looked at for whether they are in the hull
+_STATIONS = 5  # along the axis, checked for being in the hull
 _STEPS = np.array([-0.6, 0.0, 0.6])  # of half the length, where it is looked beside the axis
 _BESIDE = 0.75  # cells, and the limb's half-width, that are away from the axis
 _OVERLOOKED = 0.5  # how much what is inside counts where a view does not show the person
@@ -27,17 +27,17 @@ _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 @dataclass(frozen=True)
 class HullSettings(CheckedSettings):
-    """How much is looked at.
+    """Effort of the search in the hull.
 
-    spacing [m]: of the hull's cells; where nobody knows the background cells are larger. overlooked: so many views may
-    not show the person where a limb is, if two others do. places: cells that limbs are tried in, at most. directions:
-    of a limb's axis, without its sense. evenness: 0 would draw only the poses that lie best in the hull, whose fit is 0
-    to 2, and large values any. poses: evaluated of a limb at first, half in either sense. rounds: of looking on about
-    the best. survivors: the poses that are looked on about. tries: poses about each. metres, radians: deviations of
-    those, half as large in each further round. count: candidates of a limb, at most. apart [m], turned [rad]: any two
-    of them differ by one of these at least, in the proximal joint or the axis. temper: share of the log ratio in a
-    weight: views and cues are not quite as independent as the likelihood takes them, and a good candidate is to be
-    looked at even beside a better one. Raises InputError where a value cannot be.
+    spacing [m]: of the hull's cells, which are larger where the background is unknown. overlooked: number of views that
+    may miss the person where a limb is, if two others show it. places: cells that limbs are tried in, at most.
+    directions: of a limb's axis, without its sense. evenness: 0 would draw only the poses that lie best in the hull,
+    whose fit is 0 to 2, and large values any. poses: evaluated of a limb at first, half in either sense. rounds: of
+    refinement about the best. survivors: the poses refined in each round. tries: poses about each. metres, radians:
+    deviations of those, half as large in each further round. count: candidates of a limb, at most. apart [m], turned
+    [rad]: any two of them differ by one of these at least, in the proximal joint or the axis. temper: share of the log
+    ratio in a weight: views and cues are less independent than the likelihood assumes, and a good candidate is to be
+    tried even beside a better one. Raises InputError where a value is outside its range.
     """
 
     spacing: float = setting(0.06, at_least=0.01)
@@ -151,7 +151,7 @@ def _rolled(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
 
 def _distinct(t: np.ndarray, R: np.ndarray, log: np.ndarray, count: int, apart: float, turned: float) -> np.ndarray:
     """Indices of the likeliest placements, best first, of which no two are nearer than `apart` [m] and `turned` [rad]
-    at once; none that cannot be."""
+    at once. Impossible ones are left out."""
     order = np.argsort(-log, kind="stable")
     order = order[np.isfinite(log[order])]
     distinct = np.empty(count, np.int64)

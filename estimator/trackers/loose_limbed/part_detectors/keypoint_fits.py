@@ -11,7 +11,7 @@ from estimator.numerics.alignment import motions_onto
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks
 
 _ROUND = 0.1  # of the spread of landmarks along their line: what is more across than this fixes all of the rotation
-_SPAN = 0.25  # of the limb's length: landmarks nearer together say little of where it points
+_SPAN = 0.25  # of the limb's length: landmarks nearer together hardly show where it points
 _ALONG = 0.95  # cosine of the angle between the landmarks' line and the limb's axis
 _STEPS = 20  # of the fit to rays
 _LESS = 1e-12
@@ -36,10 +36,10 @@ class Fits(NamedTuple):
 
 def usable(of: LimbLandmarks, seen: np.ndarray, noise: float, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Weights (K, M) of a limb's landmarks, by seen (K, M), 0 where missing, and the line (K, 3) that those lie on,
-    zero where they lie on none and fix the rotation, NaN where they say too little.
+    zero where they are not collinear and fix the rotation, NaN where they are too few.
 
-    Landmarks that are fixed in the limb are enough where they tell its axis; otherwise those count that move a little,
-    by as much. noise [m]: of any.
+    Landmarks that are fixed in the limb are enough where they determine its axis. Otherwise those that move a little
+    count too, with a lower weight. noise [m]: of each.
     """
     fixed = np.where(of.fixed, seen, 0.0)
     line = _line(of.place, fixed, length)

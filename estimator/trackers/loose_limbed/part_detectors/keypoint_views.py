@@ -18,8 +18,8 @@ from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import (
 )
 from humanoid.limbs.limb import Limb
 
-_LONG = 0.4  # of the longest limb: landmarks nearer together say little of how far away they are
-_NEAREST = 0.05  # quantile of what they say
+_LONG = 0.4  # of the longest limb: landmarks nearer together hardly show how far away they are
+_NEAREST = 0.05  # quantile of their distances
 _OVER = 0.15  # of its length: how much longer a limb may look than it is
 _SAME_TURN = 0.9  # cosine of half the angle below which two fits are one
 
@@ -39,9 +39,9 @@ def person_depth(landmarks: Sequence[LimbLandmarks], rays: np.ndarray, size: flo
     """How far away a person is [m] whose landmarks are on rays (L, 3), NaN where missing; None where it cannot be
     computed.
 
-    Two landmarks of a limb are nowhere farther away than where they look as far apart as they are, which is where they
-    are if they are across the line of sight. Many limbs are not, so that a low quantile is taken. size [m]: length of
-    the longest limb.
+    Two landmarks of a limb are at most as far away as where their rays are as far apart as they are, which holds
+    exactly if they lie across the line of sight. Many limbs do not, so a low quantile is used. size [m]: length of the
+    longest limb.
     """
     farthest = []
     for of in landmarks:

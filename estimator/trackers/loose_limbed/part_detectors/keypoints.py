@@ -25,7 +25,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 _KNOWN_TURN = 0.6  # rad: how far a turn about the axis may be uncertain and still count as known
 _LEAST_TURN = 0.1  # rad: how well it is known at best
-_OFF_AXIS = 0.15  # of the limb's length: a landmark nearer to the axis says nothing of the turn about it
+_OFF_AXIS = 0.15  # of the limb's length: a landmark nearer to the axis does not show the turn about it
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class KeypointDetectorSettings(CheckedSettings):
     """How limbs are placed by keypoints; lengths are shares of the body's longest limb, as errors of detectors grow
     with the person.
 
-    noise: standard deviation of a landmark that is placed by two views, and of how far they miss each other. gate: two
-    rays of a landmark farther apart are not of one landmark. misfit: landmarks farther from where the limb has them do
-    not count. exchange [nats]: of taking one view's left for right. rolls: turns about a limb's axis that are tried
-    where nothing tells. least: share of the best weight below which a candidate is left out, before it is spread over
-    turns; both views of a pair are taken as exchanged only where twice the exchange costs less than that. alone: where
-    no pair of views shows a limb, take each view with the limb's length. depths: that are tried then, apart by `step`.
-    deviation: of depths from the one that the body's size gives.
-    Raises InputError where a value cannot be.
+    noise: standard deviation of a landmark that is placed by two views, and of the distance between their rays. gate:
+    two rays farther apart are not of one landmark. misfit: landmarks farther from their place on the limb do not count.
+    exchange [nats]: penalty of exchanging left and right of one view. rolls: turns about a limb's axis that are tried
+    where the turn is unknown. least: share of the best weight below which a candidate is left out, before it is spread
+    over turns; both views of a pair are taken as exchanged only where twice the exchange costs less than that. alone:
+    where no pair of views shows a limb, take each view with the limb's length. depths: that are tried then, apart by
+    `step`. deviation: of depths from the one that the body's size gives.
+    Raises InputError where a value is outside its range.
     """
 
     noise: float = setting(0.04, above=0)
@@ -161,8 +161,8 @@ def _by_pairs(
 def _rolled(
     limb: Limb, of: LimbLandmarks, fits: Fits, settings: KeypointDetectorSettings, pairs: _Pairs | None = None
 ) -> Fits:
-    """The turns about its line of every fit: where other landmarks tell, theirs and one to either side by as much as it
-    is uncertain; else several, evenly."""
+    """The turns about its line to try for every fit: where other landmarks show it, theirs and one standard deviation
+    to either side; otherwise several, evenly spaced."""
     angle, uncertain = np.zeros(len(fits.t)), np.full(len(fits.t), np.inf)
     if pairs is not None:
         angle, uncertain = _turn(limb, of, fits, pairs)
@@ -182,8 +182,8 @@ def _rolled(
 
 
 def _turn(limb: Limb, of: LimbLandmarks, fits: Fits, pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
-    """By how much (K,) [rad] to turn every fit about z, as the landmarks off its axis say, and how uncertain that is
-    (K,) [rad], infinite where none says anything or they contradict each other."""
+    """Turn (K,) [rad] of every fit about z by the landmarks off its axis, and its standard deviation (K,) [rad],
+    infinite where no landmark shows it or they contradict each other."""
     points, seen = pairs.points[fits.row][:, of.turning], pairs.confidence[fits.row][:, of.turning] > 0.0
     local = np.where(seen[..., None], points - fits.t[:, None], 0.0) @ fits.R
     across = np.hypot(local[..., 0], local[..., 1])

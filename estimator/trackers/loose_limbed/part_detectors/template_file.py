@@ -27,7 +27,7 @@ _OF_SPACE = {"mean": Field("f", ("D",)), "basis": Field("f", ("K", "D")), "varia
 
 
 def save_templates(templates: LimbTemplates, path: str | Path) -> None:
-    """Write them to one .npz file; raises InputError where that cannot be written."""
+    """Write them to one .npz file; raises InputError where it is not writable."""
     header: dict[str, Any] = {"format": FORMAT, "cameras": templates.names, "side": templates.side}
     header |= {"contrast": templates.contrast, "templates": []}
     arrays = {name: np.asarray(getattr(templates, name), float) for name in _RIG}
@@ -43,7 +43,7 @@ def save_templates(templates: LimbTemplates, path: str | Path) -> None:
 
 
 def load_templates(path: str | Path) -> LimbTemplates:
-    """Read templates; `LimbTemplates.check_rig` and `check_graph` say whether they suit cameras and a body.
+    """Read templates; `LimbTemplates.check_rig` and `check_graph` check whether they suit cameras and a body.
 
     Raises
     ------

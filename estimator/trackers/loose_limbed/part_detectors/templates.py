@@ -23,14 +23,14 @@ _MOVED, _TURNED = 0.05, np.radians(2.0)  # by which a camera may stand elsewhere
 
 @dataclass(frozen=True)
 class TemplateSettings(CheckedSettings):
-    """How limbs are looked for by templates.
+    """Settings of the search of limbs by templates.
 
-    score: what ranks a place. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
-    places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk is
-    a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
-    examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at, more where
-    they would be over `most`.
-    Raises InputError where a value cannot be.
+    score: the score that ranks a place. "ratio" is the density of the limb's eigenspace over that of the eigenspace of
+    other places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk
+    is a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
+    examples of each place, whose orientations are taken. spacing [m]: of the places tried, larger where they would be
+    more than `most`.
+    Raises InputError where a value is outside its range.
     """
 
     score: str = setting("ratio", one_of=("ratio", "residual"))
@@ -131,14 +131,14 @@ def template_proposals(
     settings: TemplateSettings | None = None,
     limbs: Sequence[str] | None = None,
 ) -> AllPartProposals:
-    """Where the limbs of a graph may be, by the templates that they have; nothing of others.
+    """Proposed places of the limbs of a graph that have templates; none for others.
 
-    A limb and that of the other side have one template, and the same proposals: patches do not tell which it is. Each
-    of the best places has the offsets and orientations of the training examples that look most like it, all with a
-    weight that falls by a factor e with each deviation of the scores of the limb's own patches.
+    A limb and that of the other side have one template, and the same proposals: patches do not distinguish them. Each
+    of the best places has the offsets and orientations of the most similar training examples, all with a weight that
+    falls by a factor e with each standard deviation of the scores of the limb's own patches.
 
-    views: of one instant, in the order of the cameras (`observed_views`, `patch_view`). limbs: names of those that are
-    looked for, all that have templates unless given.
+    views: of one instant, in the order of the cameras (`observed_views`, `patch_view`). limbs: names of those to
+    search, by default all that have templates.
 
     Raises
     ------
