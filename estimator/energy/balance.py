@@ -1,7 +1,7 @@
-"""Who stands does not fall: the centre of mass stays over the feet that stand, unless something else holds the body.
+"""Balance: the centre of mass stays over the feet that stand, unless something else holds the body.
 
 The distance of the centre of mass from the feet is far smaller than the body is tall: one camera that faces a person
-cannot tell whether the trunk leans towards it or away, balance can.
+does not show whether the trunk leans towards it or away, but balance does.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class BalanceSettings(CheckedSettings):
     held, held_one_foot: probability that something else holds the body, or that it falls, steps or jumps. held_seated:
         the same where the hips are low and have not moved for half a second.
     tail, tail_one_foot: how much larger the variance is of bodies that are held, whose density has a long tail.
-    tilt, assumed_tilt [rad]: standard deviation of the world's up from the vertical, where a calibration says it, and
+    tilt, assumed_tilt [rad]: standard deviation of the world's up from the vertical, where a calibration gives it, and
         where it is only the camera's own.
 
     The numbers are learned by `python -m benchmarks balance`.
@@ -102,7 +102,7 @@ class _Feet(NamedTuple):
 
 @per_object
 def _feet_of(body: Body) -> _Feet | None:
-    """None of a body that is fixed, or has no feet or no masses. A body that nobody calls upright stands along z."""
+    """None for a body that is fixed, or has no feet or no masses. A body without an upright axis stands along z."""
     names = foot_landmarks(body.landmark_names)
     masses = mass_points(body)
     if not names or not body.has_free_root or masses is None:
@@ -150,8 +150,8 @@ class Balance(RecordedTerm):
 
     Where the feet alone hold the body the density of the centre of mass is Gaussian with covariance C = width^2 +
     spread^2 S, S that of the support's points: who stands with feet apart may be anywhere between them. Where something
-    else does it is Student's t in the plane with two degrees of freedom: p = exp(-x / 2) / 2, p' = (1 + x / tail)^-2 /
-    tail, both over pi |C|^1/2, which is left out, as it says nothing of the centre of mass. The value is 0 over the
+    else does, it is Student's t in the plane with two degrees of freedom: p = exp(-x / 2) / 2, p' = (1 + x / tail)^-2 /
+    tail, both over pi |C|^1/2, which is left out, as it does not depend on the centre of mass. The value is 0 over the
     middle.
 
     Parameters

@@ -32,7 +32,7 @@ class Soles(NamedTuple):
     @staticmethod
     @per_object
     def of(body: Body) -> Soles:
-        """Of the feet whose first toe is on the heel's joint; none where nothing says which way the body is upright."""
+        """Of the feet whose first toe is on the heel's joint; none where the body's upright axis is unknown."""
         upright, names, joint = body.subject.upright, body.landmark_names, body.landmark_joint
         toes = [(i, [j for j, n in enumerate(names) if n.endswith("toe") and joint[j] == joint[i]])
                 for i, name in enumerate(names) if name.endswith("heel") and upright is not None]  # fmt: skip

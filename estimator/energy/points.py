@@ -1,8 +1,8 @@
 """Forces on points of the body, gathered into gradient and Hessian of the tangent space.
 
-A term that looks at points (landmarks, surface nodes) gives each its gradient f (3,) and Hessian W (3, 3) with respect
-to the point's place in the world. The sums over a joint's points and over the subtree behind it are 6-vectors and 6x6
-matrices in the world frame, so that the cost of J'f and J'WJ does not grow with points x nv^2.
+A term on points (landmarks, surface nodes) gives each its gradient f (3,) and Hessian W (3, 3) with respect to the
+point's place in the world. The sums over a joint's points and over the subtree behind it are 6-vectors and 6x6 matrices
+in the world frame, so that the cost of J'f and J'WJ does not grow with points x nv^2.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class LoadedPoints(NamedTuple):
     weight: np.ndarray
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Without places and loads, which are filled anew at every pose."""
+        """Without places and loads, which are filled again at every pose."""
         return LoadedPoints.on, (self.joints,)
 
     @staticmethod

@@ -25,8 +25,8 @@ class PoseMixture:
     """Gaussians over the angles of D joints. Each stands for two: itself and its mirror image, half the weight each.
 
     joints (D): names. axes (D, 3): unit vectors about which they turn, in the root's frame with all angles at zero;
-    they tell a body of other conventions. other_side (D,) int, mirror_sign (D,): angle i of the mirrored pose is
-    mirror_sign[i] times the angle of joint other_side[i]. background: share of the poses that no component explains.
+    they show whether a body has other conventions. other_side (D,) int, mirror_sign (D,): angle i of the mirrored pose
+    is mirror_sign[i] times the angle of joint other_side[i]. background: share of the poses that no component explains.
     weight (K,): shares of the pairs, their sum is 1. mean (K, D) [rad], covariance (K, D, D) [rad^2].
     """
 
@@ -103,7 +103,7 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
 
 @cache
 def shipped_mixture() -> PoseMixture:
-    """The one that is shipped, read once; its arrays cannot be written to."""
+    """The shipped one, read once; its arrays are read-only."""
     mixture = load_mixture(SHIPPED)
     for array in (
         mixture.axes,

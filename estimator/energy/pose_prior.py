@@ -23,18 +23,18 @@ _LISTED = 4  # joints in a message
 class PosePrior(RecordedTerm):
     """-log p(joint angles), p = background + components, scaled by `weight` and up to a constant.
 
-    The background is what the stabilisers say (CSS 3.2.2): exp(-their energy) is a product of Student's t with 3
-    degrees of freedom, so it can be normalised and mixed with the Gaussians. A pose far from everything captured
-    therefore costs what the stabilisers ask, plus -log of the background's share; one that was captured costs less and
-    is held by the joints together, as correlations have it. Nothing is forbidden. The constant makes the background
-    alone equal to the stabilisers, so it lowers the energy of known poses below zero. Limits are not considered in
-    any normalisation.
+    The background is the density of the stabilisers (CSS 3.2.2): exp(-their energy) is a product of Student's t with 3
+    degrees of freedom, so it can be normalised and mixed with the Gaussians. A pose far from all captured ones
+    therefore has the energy of the stabilisers, plus -log of the background's share. A captured one has less, and is
+    held by the correlations of the joints. Nothing is forbidden. The constant makes the background alone equal to the
+    stabilisers, so it lowers the energy of known poses below zero. Limits are not considered in any normalisation.
 
     A body some of whose joints are locked has the marginal density of the others.
 
     Parameters
     ----------
-    body: it suits the mixture (`misfit`). mixture: see `PoseMixture`. weight: 1 is honest for a single frame.
+    body: it suits the mixture (`misfit`). mixture: see `PoseMixture`. weight: 1 is the probabilistic one for a single
+    frame.
 
     Raises
     ------

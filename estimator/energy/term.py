@@ -28,14 +28,14 @@ class Term(Protocol):
         """Add the term's gradient (nv,) and Hessian (nv, nv), both in the tangent space at `posed.q`; return its value.
 
         The Hessian is positive semi-definite (Gauss-Newton with robust weights), unless `exact` asks for the second
-        derivative: that may be indefinite, and lets a search end in a few steps. What a term leaves out of it, it says:
-        the transition, and the repulsion of hulls.
+        derivative: that may be indefinite, and lets a search end in a few steps. Terms that leave a part of it out
+        document this: the transition, and the repulsion of hulls.
         """
         ...
 
 
 class BatchTerm:
-    """Base of the terms that look at many poses in one call of compiled code, and without Jacobians."""
+    """Base of the terms that evaluate many poses in one call of compiled code, and without Jacobians."""
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """`Term.value` of N poses, (N,), each to the last bit the same regardless of the others."""

@@ -10,7 +10,7 @@ from estimator.numerics.stretches import stretches
 _MOST, _COUNT = 2.0, 41  # of the steady speed, and how many speeds are compared
 _WIDTH = 0.15  # m/s: standard deviation of the velocity of what stands
 _OTHERWISE = 0.05  # likelihood of a frame in which no foot moves with the belt
-_CORRELATION = 0.05  # s: frames nearer than that say the same
+_CORRELATION = 0.05  # s: frames nearer than that are correlated
 _ACCELERATION = 0.25  # of the steady speed: standard deviation of a change in a second, growing with the root of time
 _CHANGE, _SHARE = 0.2, 0.2  # m/s, and share of the steady speed: what differs by more is another speed
 _LASTS = 0.5  # s, where it lasts

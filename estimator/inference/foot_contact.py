@@ -16,8 +16,8 @@ _SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands
 _LOW, _RAISED = 0.03, 0.15  # m: of the height above the floor, of what stands and what moves
 _ELSEWHERE, _REACH = 0.05, 0.5  # share of standing on something else, within so many metres
 _MOVING, _STANDING = 0.4, 0.6  # s: how long either lasts in the mean
-_CORRELATION = 0.05  # s: frames nearer than that say the same
-_HALF = 0.034  # s, to either side, over which a speed is told
+_CORRELATION = 0.05  # s: frames nearer than that are correlated
+_HALF = 0.034  # s, to either side, over which a speed is measured
 _ROUNDS = 2
 
 
@@ -43,9 +43,9 @@ def foot_contact(
     """Which points of the feet stand, and the floor that they stand on.
 
     points (T, P, 3) [m], NaN where missing, at times (T,) [s], rising. kind (P,), above (K,): see `fitted_ground`. up
-    (3,): unit vector in their world. At first speeds alone tell, then heights above the floor that follows from them as
-    well, or that is known ("off": speeds alone). What rests elsewhere, as on a box or a stair, may stand. seen (T, P):
-    which points were observed, all unless given; a floor is found by those alone, and lies under nine tenths of what
+    (3,): unit vector in their world. At first only speeds are used, then also heights above the floor that follows from
+    them, or that is known ("off": only speeds). What rests elsewhere, such as on a box or a stair, may stand. seen (T,
+    P): which points were observed, by default all; a floor is found by those alone, and lies under nine tenths of what
     stands on it. What moves with the belt of a treadmill, which is found by both feet, stands.
     """
     shown = points if seen is None else np.where(seen[..., None], points, np.nan)
@@ -88,7 +88,7 @@ def _contact_of_places(
 
 def standing_probability(points: np.ndarray, time: np.ndarray, height: np.ndarray | None = None) -> np.ndarray:
     """Probability (T, P) that points (T, P, 3) [m] stand, at times (T,) [s]; height (T, P) [m]: above the floor, if one
-    is known. A point that is missing is told by what it does before and after."""
+    is known. A missing point is interpolated from before and after."""
     if len(time) < 2:
         return np.full(points.shape[:2], 0.5)
     log = _log_likelihood(_speeds(points, time), height)

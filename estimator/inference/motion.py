@@ -67,7 +67,7 @@ class MotionPrior(NamedTuple):
 
 
 def frame_shares(dt: np.ndarray, lasting: float) -> np.ndarray:
-    """How much each of T frames counts that are dt (T - 1,) [s] apart, where what one says, and how it is wrong, lasts
+    """Weights of T frames that are dt (T - 1,) [s] apart, where the evidence of a frame and its errors are correlated
     for `lasting` [s]; 1 each where that is 0."""
     if lasting <= 0.0 or not len(dt):
         return np.ones(len(dt) + 1)

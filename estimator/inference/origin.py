@@ -1,4 +1,4 @@
-"""Where modes came from and which penalties they had in their search: the modes alone do not tell."""
+"""Where modes came from and which penalties they had in their search, which the modes alone do not show."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Family(str, Enum):
 
     @property
     def at_previous(self) -> bool:
-        """Whether hypotheses begin at the pose that they have for the frame before (see `PreviousPose`), from where
-        keypoints and flow take them on before the pictures are looked at."""
+        """Whether hypotheses begin at the pose that they have for the frame before (see `PreviousPose`), from which
+        keypoints and flow move them before the pictures are used."""
         return self not in (Family.START, Family.SAMPLE, Family.EXAMPLE, Family.LIMBS, Family.PARTICLES)
 
     @staticmethod
@@ -71,7 +71,7 @@ class PreviousPose(NamedTuple):
 
     @property
     def key(self) -> PoseKey:
-        """What tells previous poses apart whose flow has to be followed."""
+        """Keys of the distinct previous poses whose flow must be followed."""
         return self.q.tobytes(), b"" if self.q_predicted is None else self.q_predicted.tobytes()
 
 
@@ -143,7 +143,7 @@ class Origins:
         )  # fmt: skip
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays to be stored, those left out that say nothing; `from_arrays` is the inverse."""
+        """As arrays to be stored, without uninformative ones; `from_arrays` is the inverse."""
         own = zip(ORIGIN_FIELDS.items(), (getattr(self, f.name) for f in fields(self)), strict=True)
         return {PREFIX + name: a for (name, field), a in own if field.finite or np.isfinite(a).any()}
 

@@ -1,4 +1,4 @@
-"""Modes of one frame's likelihood, found without the past, weighed by what the past says of them (ELMO section 3.2)."""
+"""Modes of one frame's likelihood, found without the past, and weighted by the past's prior (ELMO section 3.2)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from humanoid.kinematics.body import Body
 
 
 class Reweighted(NamedTuple):
-    """log_scores (L,): of the modes, unnormalised. parent (L,) int64: the mode of the prior that says most for each, -1
-    for one that none of them explains better than a jump."""
+    """log_scores (L,): of the modes, unnormalised. parent (L,) int64: the mode of the prior that contributes most to
+    each, -1 for one that none explains better than a jump."""
 
     log_scores: np.ndarray
     parent: np.ndarray
@@ -29,19 +29,19 @@ def reweighted(
     jump: float = np.inf,
     covariance: Sequence[np.ndarray] | None = None,
 ) -> Reweighted:
-    """Eq. 6: log of ŵ_i sum_j w_j N(mu_i; mu_j, C_eta), and the same as it is before eq. 5 makes it simpler.
+    """Eq. 6: log of ŵ_i sum_j w_j N(mu_i; mu_j, C_eta), and the same without the simplification of eq. 5.
 
     It is the product of the likelihood, a mixture, with the prior diffused by C_eta, where C_eta is much wider than the
     modes (eq. 5): then a mode stays where it is and how wide it is, and only its weight changes. Differences are taken
     in the tangent space at the prior's modes. In logarithms, and relative to each other, the weights of modes that are
-    all far from the prior do not vanish: after a gap the prior says little, and the likelihood decides.
+    all far from the prior do not vanish: after a gap the prior is weak, and the likelihood decides.
 
     q (L) of (nq,): the modes. log_shares (L,): log ŵ, height times volume, not height alone. prior: of the frame
     before. std (nv,): square root of the diagonal of C_eta, all positive. jump [nats]: no pose is less likely than one
-    at a mode of the prior by more than this, however far away: the prior may be lost, and what is found in every frame
-    anew outweighs it in time. The paper has none. covariance (L) of (nv, nv): of the modes; with them the product is
+    at a mode of the prior by more than this, however far away: the prior may be lost, and modes found again in every
+    frame outweigh it in time. The paper has none. covariance (L) of (nv, nv): of the modes; with them the product is
     exact, ŵ_i sum_j w_j N(mu_i; mu_j, C_i + C_j + C_eta): a limb that a picture does not show is found anywhere, and
-    eq. 6 takes for far from the past what is only unknown, and rewards its volume.
+    eq. 6 treats what is only unknown as far from the past, and rewards its volume.
     """
     away = np.array([[body.difference(mode.q, x) for mode in prior.modes] for x in q])  # (L, K, nv)
     squares, widening = _apart(away / std, std, prior, covariance)
@@ -67,9 +67,9 @@ def _apart(
 
 
 def diffusion_std(speed: np.ndarray, seconds: float, floor: np.ndarray) -> np.ndarray:
-    """Standard deviations (nv,) of C_eta, `seconds` after the last frame that was seen.
+    """Standard deviations (nv,) of C_eta, `seconds` after the last observed frame.
 
-    speed (nv,) [per second], floor (nv,): what a frame may change at least, however short: modes are found anew in
-    every frame and do not lie where the last one's would have moved.
+    speed (nv,) [per second], floor (nv,): least change in a frame, however short: modes are found again in every frame
+    and do not lie where the last one's would have moved.
     """
     return np.asarray(np.hypot(speed * seconds, floor))

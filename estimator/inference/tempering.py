@@ -22,9 +22,9 @@ _BISECTIONS = 30
 
 @dataclass(frozen=True)
 class TemperingSettings(CheckedSettings):
-    """How a likelihood is let in. powers: at most so many, 1 for all of it at once. survival: effective samples that
-    are left by each, as a share of all. moves: of every sample at each power, 0 for none.
-    Raises InputError where a value cannot be."""
+    """How a likelihood is let in. powers: largest number of powers, 1 for all of it at once. survival: effective
+    samples left by each, as a share of all. moves: of every sample at each power, 0 for none.
+    Raises InputError where a value is outside its range."""
 
     powers: int = setting(12, at_least=1)
     survival: float = setting(0.15, above=0, below=1)
@@ -106,6 +106,6 @@ def _next_step(
 
 
 def _added(log_weight: np.ndarray, power: float, log_likelihood: np.ndarray) -> np.ndarray:
-    """Log weights (N,) with a power of the likelihood; what cannot be stays so."""
+    """Log weights (N,) with a power of the likelihood; minus infinity is kept."""
     possible = np.isfinite(log_weight) & np.isfinite(log_likelihood)
     return np.where(possible, log_weight + power * np.where(possible, log_likelihood, 0.0), -np.inf)

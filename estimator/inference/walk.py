@@ -25,8 +25,8 @@ class Prepared(Protocol):
 
 
 class SampleTarget(Protocol[P]):
-    """A density of samples x (N, D), as logarithms: what is expected of each group of dimensions by itself, what
-    messages say of whole samples, which counts from the start, and the likelihood that is let in by powers."""
+    """A density of samples x (N, D), as logarithms: the prediction of each group of dimensions by itself, the messages
+    about whole samples, which count from the start, and the likelihood that is let in by powers."""
 
     def prepared(self, x: np.ndarray) -> P:
         """What the last two use."""
@@ -37,7 +37,7 @@ class SampleTarget(Protocol[P]):
         ...
 
     def log_message(self, samples: P) -> np.ndarray:
-        """What messages say of them (N,), as logarithms."""
+        """Log-densities (N,) of the messages at them."""
         ...
 
     def likelihood(self, samples: P) -> np.ndarray:
@@ -57,7 +57,7 @@ class SampleBox:
 
 
 class Samples(NamedTuple):
-    """x (N, D), and what a target says of them: by_group (N, G), log_message (N,), likelihood (N,)."""
+    """x (N, D), and their values by a target: by_group (N, G), log_message (N,), likelihood (N,)."""
 
     x: np.ndarray
     by_group: np.ndarray

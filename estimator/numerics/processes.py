@@ -22,8 +22,8 @@ def processors() -> int:
 
 
 def checked_count(processes: int) -> int:
-    """A number of processes as it was given. Raises InputError where it cannot be, or where a spawned process runs the
-    script that spawned it once more, for want of a guard."""
+    """The given number of processes, checked. Raises InputError where it is not positive, or where a spawned process
+    runs its parent's script once more because a guard is missing."""
     if not 1 <= processes <= MOST:
         raise InputError("workers", f"{processes} processes cannot share the work", remedy=f"1 to {MOST}")
     if getattr(multiprocessing.current_process(), "_inheriting", False):
@@ -32,7 +32,7 @@ def checked_count(processes: int) -> int:
 
 
 def begin_as_worker() -> None:
-    """What a process does first: Ctrl-C is the leader's to see, and without a leader there is nobody to work for."""
+    """Setup of a worker process: Ctrl-C is handled by the leader, and the worker ends with its leader."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     leader = multiprocessing.parent_process()
 

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 
 PRIOR_DATA = 60.0
-"""Numbers that say as much of a detector's noise as is known beforehand: 60 draws tell a standard deviation to a tenth,
-and by no less do the errors of one detector differ between two people."""
+"""Samples that represent the prior knowledge of a detector's noise: 60 draws determine a standard deviation to a tenth,
+and the errors of one detector differ between two people by no less."""
 _MEDIAN = np.sqrt(np.log(2.0))  # over the root mean square, of distances in a plane of a normal distribution
 
 

@@ -21,7 +21,7 @@ _UNITS = (1e-6, 1e3)  # metres in one unit
 _FARTHEST = 1e4  # m from where a person moves to where the person began
 _SHORTEST = 1e-3  # of thigh and shank: a bone shorter than this share of them has no direction
 _SKELETON = "a skeleton with all bones is needed"
-_ADULT_LEG = 0.83  # thigh and shank of an adult [m], for files that do not tell their unit
+_ADULT_LEG = 0.83  # thigh and shank of an adult [m], for files that do not declare their unit
 _CMU_FOREARM = 1.4
 
 # landmark: joint names without the side, in order of preference
@@ -65,14 +65,14 @@ class Mocap:
 def load_mocap(path: str | Path, *, unit: float | None = None, up: str | None = None) -> Mocap:
     """Read a BVH file of a person: the joints of MotionBuilder's names, which most converters use.
 
-    unit: metres in one unit of the file. Unless given, it is 0.0564 for skeletons of the CMU database and otherwise
-    makes thigh and shank together 0.83 m. up: the file's axis that points up, one of `UPS`; unless given it is found
-    from the rest pose, if that stands, and the frames.
+    unit: metres in one unit of the file. By default it is 0.0564 for skeletons of the CMU database and otherwise makes
+    thigh and shank together 0.83 m. up: the file's axis that points up, one of `UPS`; unless given it is found from the
+    rest pose, if that stands, and the frames.
 
     Raises
     ------
-    InputError: see `read_bvh`; a joint is missing, a bone has no length, the unit or the axis cannot be, or nobody can
-        know which way is up.
+    InputError: see `read_bvh`; a joint is missing, a bone has no length, the unit or the axis is invalid, or the upward
+        axis is undetermined.
     """
     if up is not None and up not in UPS:
         raise InputError("up", f"is {shown(up)}", remedy=f"one of {', '.join(UPS)}")
@@ -151,7 +151,7 @@ def _axes(names: tuple[str, ...], rest: np.ndarray, points: np.ndarray, up: str 
 
     Of a rest pose (L, 3) that stands it is the axis along which head and feet are farthest apart; of another, as in
     skeletons whose bones lie along their joints' own axes, that along which they are so in the frames (T, L, 3) on
-    average. Where the two are at odds, or a person does not stand in most frames either, nobody can know.
+    average. Where the two disagree, or a person does not stand in most frames either, it is undetermined.
     """
     if up is None:
         of_rest, of_frames = _rise(names, rest), _rise(names, points).mean(axis=0)

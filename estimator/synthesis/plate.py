@@ -121,7 +121,7 @@ def _across(flat: np.ndarray, towards: np.ndarray) -> np.ndarray:
 
 
 def azimuth_of(camera: Camera, place: MotionArea) -> float:
-    """Where a camera looks at a place from [rad], seen from above."""
+    """Direction [rad] from which a camera sees a place, from above."""
     x, y = -camera.R_camera_world[2, :2] if camera.parallel else camera.centre_world[:2] - place.centre
     return float(np.arctan2(y, x))
 

@@ -8,7 +8,7 @@ from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_V, Body
 
 _KEY = 0.8  # [s] from one key pose to the next
-_STEP = 1.0 / 120.0  # [s] between the poses that are looked at for overlaps
+_STEP = 1.0 / 120.0  # [s] between the poses that are checked for overlaps
 _FASTEST = 3.0  # rad/s, or a third of it in m/s
 _PEAK = 1.875  # highest speed of a way of least jerk over its mean
 _WANDER = 1.2  # [rad] to either side, of a joint without limits
@@ -19,10 +19,10 @@ _TRIES, _WHOLE = 24, 12  # of a key: how many at all, and with the whole way
 def random_motion(body: Body, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Configurations (T, nq) at rising times (T,) [s] from 0 on.
 
-    From the rest pose every 0.8 s towards another pose drawn within the limits, by ways of least jerk (T. Flash and
-    N. Hogan, The coordination of arm movements, Journal of Neuroscience 5, 1985), no faster than 3 rad/s and the limits
-    of the URDF. A way on which parts would overlap, or deeper than any do at rest (a robot's hulls may touch there),
-    is drawn anew, then shortened. A free root stays near where it began.
+    From the rest pose every 0.8 s towards another pose drawn within the limits, by ways of least jerk (T. Flash and N.
+    Hogan, The coordination of arm movements, Journal of Neuroscience 5, 1985), no faster than 3 rad/s and the limits of
+    the URDF. A way on which parts would overlap, or deeper than any do at rest (a robot's hulls may touch there), is
+    drawn again, then shortened. A free root stays near where it began.
     """
     collision = SelfCollision(body)
     deepest = collision.penetration(body.at(body.neutral))

@@ -24,7 +24,7 @@ def _box(pixels, face, height, width):  # type: ignore[no-untyped-def]
 @jit
 def _twice_area(pixels, depth, face):  # type: ignore[no-untyped-def]
     """Twice the signed area [px^2], negative where the corners run counter-clockwise as seen (y points down); 0 where
-    the triangle cannot be drawn: a corner is not in front of the camera, or it has no extent. pixels (V, 2), depth (V,)
+    the triangle is not drawn: a corner is not in front of the camera, or it has no extent. pixels (V, 2), depth (V,)
     [m], face (3,) int."""
     if not (depth[face[0]] > _NEAREST and depth[face[1]] > _NEAREST and depth[face[2]] > _NEAREST):
         return 0.0

@@ -122,11 +122,11 @@ class DetectorSettings:
 class ViewSettings:
     """Where the cameras stand, see `estimator.synthesis.views.framing_cameras`; raises InputError outside its ranges.
 
-    count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the
-    left; None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that
-    the person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, so far to
-    its right and parallel to it, NAME_right; 0 for none. parallel: whether the cameras are parallel (orthographic),
-    which no baseline tells a depth.
+    count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the left;
+    None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that the
+    person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, so far to its
+    right and parallel to it, NAME_right; 0 for none. parallel: whether the cameras are parallel (orthographic), for
+    which a baseline gives no depth.
     """
 
     count: int = 1
@@ -160,7 +160,7 @@ def in_range(name: str, value: float, low: float, high: float) -> None:
 
 
 def _span(given: Sequence[float] | str) -> tuple[float, float]:
-    """From when until when [s]; raises InputError where that cannot be."""
+    """First and last time [s]; raises InputError for an impossible range."""
     parts = given.split(":") if isinstance(given, str) else list(given)
     try:
         begin, end = map(float, parts)

@@ -33,7 +33,7 @@ def scene_cameras() -> tuple[Camera, ...]:
 def framing_cameras(points: np.ndarray, settings: ViewSettings | None = None) -> tuple[Camera, ...]:
     """Cameras "cam01", ... that see all of the points (T, N, 3) [m] at all times, world z up.
 
-    They look at the middle of the points from a distance at which the tallest picture of one instant takes up
+    They face the middle of the points from a distance at which the tallest picture of one instant takes up
     `settings.fill` of the height, or farther where the points would else come too near to the picture's border.
     Neighbouring cameras are 80 degrees apart, less where more than four share the circle. Where `settings.baseline` is
     not zero each is followed by "cam01_right", ..., the other one of a stereo pair. With `settings.parallel` they are

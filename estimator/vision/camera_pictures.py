@@ -21,32 +21,32 @@ _SAME_STEP = 0.1  # share of the usual step from one picture to the next that a 
 
 
 class PersonMasks(Protocol):
-    """Where the person is in a camera's pictures, as one cue tells the others."""
+    """Where the person is in a camera's pictures, as passed from one cue to the others."""
 
     def mask(self, instant: int) -> np.ndarray | None:
-        """(H, W) bool, about, at an instant; None where nobody is seen."""
+        """Approximate mask (H, W) bool at an instant; None where no person is seen."""
         ...
 
 
 class CameraPictures:
     """One camera's clip, with masks of the person and a picture of the empty scene where these are given.
 
-    camera: at the working resolution. notes: what a user should know; readers of cues add theirs with `note`.
+    camera: at the working resolution. notes: messages to the user; readers of cues add theirs with `note`.
     right: the pictures of the camera that makes a stereo pair with this one, standing to its right, None where there is
-    none. person_masks: where the person is, None where no cue tells it.
+    none. person_masks: where the person is, None where no cue provides it.
 
     Parameters
     ----------
-    clip: an open clip or its path. camera: of the clip's own size. working_size: longest side of the pictures that are
-        handed out [px]; larger frames are reduced to it.
+    clip: an open clip or its path. camera: of the clip's own size. working_size: longest side of the returned pictures
+        [px]; larger frames are reduced to it.
     masks: a folder of images or a video, white on the person, or None. plate: a picture of the empty scene, or None.
     frames: the number of the clip's frame at each instant (T,), or None where that is the instant's.
-    person: where keypoints say that the person is, or None.
+    person: where the person is by the keypoints, or None.
     depth: a folder of depth pictures, one for every frame of the clip (`estimator.data.media.depth_folder`), or None.
 
     Raises
     ------
-    InputError: a file cannot be read, or its size is not the camera's.
+    InputError: a file is not readable, or its size is not the camera's.
     """
 
     def __init__(
@@ -150,8 +150,8 @@ class CameraPictures:
         return [self._reduced(self._clip.frame(i)) for i in chosen], [known.get(i) for i in chosen]
 
     def body(self, instant: int, width: float) -> np.ndarray:
-        """Mask (H, W) bool of where keypoints say that the body is, at `width` times its own width; of instants of
-        which `spread` says that they are known."""
+        """Mask (H, W) bool of the body by the keypoints, at `width` times its own width; for instants that are known by
+        `spread`."""
         assert self._person is not None
         return self._person.mask(instant, self.camera.image_size, width)
 

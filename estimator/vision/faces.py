@@ -75,12 +75,12 @@ def skin_points(names: Sequence[str | None], pixels: np.ndarray) -> tuple[np.nda
 
 
 class FaceDetector:
-    """OpenCV's YuNet detector (Wu, Peng and Yu 2023, `cv2.FaceDetectorYN`), which nobody downloads: model is its ONNX
+    """OpenCV's YuNet detector (Wu, Peng and Yu 2023, `cv2.FaceDetectorYN`), which is not downloaded: model is its ONNX
     file.
 
     Raises
     ------
-    InputError: the file is missing or no such model, or this OpenCV has no such detector.
+    InputError: the file is missing or not such a model, or this OpenCV has no such detector.
     """
 
     def __init__(self, model: Path) -> None:

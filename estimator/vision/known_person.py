@@ -1,4 +1,4 @@
-"""Where keypoints say beforehand that a person is in the pictures of a clip."""
+"""Where a person is in the pictures of a clip, from keypoints."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from estimator.vision.limbs import Limbs, limbs_of
 from estimator.vision.resolution import resized_pixels
 from humanoid.kinematics.body import Body
 
-_FEWEST = 3  # keypoints; fewer do not tell where a body is
+_FEWEST = 3  # keypoints; fewer do not locate a body
 
 
 @dataclass(frozen=True, eq=False)
 class KnownPerson:
-    """What the keypoints of one camera say of where a person is.
+    """Where a person is, from the keypoints of one camera.
 
     limbs: of the body. pixels (T, L, 2) [px], seen (T, L) bool: its landmarks at every instant. image_size: of the
     pictures that the keypoints are of.
@@ -31,7 +31,7 @@ class KnownPerson:
 
     @cached_property
     def instants(self) -> np.ndarray:
-        """The instants (K,) with enough keypoints to tell."""
+        """The instants (K,) with enough keypoints."""
         sufficient = [
             seen.sum() >= _FEWEST and self.limbs.scale(pixels, seen) > 0.0
             for pixels, seen in zip(self.pixels, self.seen, strict=True)
@@ -47,7 +47,7 @@ class KnownPerson:
 def known_persons(
     body: Body, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray
 ) -> list[KnownPerson]:
-    """What keypoints say of where the person is, for every camera.
+    """Where the person is by the keypoints, for every camera.
 
     body: of any proportions; only the widths of its parts beside their lengths count. pixels (T, C, L, 2) [px],
     confidence (T, C, L): of its landmarks, 0 where they are missing.

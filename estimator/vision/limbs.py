@@ -13,8 +13,8 @@ from estimator.data.media.threads import one_thread
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 
-_AT_JOINT = 0.075  # m: a landmark this close to a joint tells where it is
-_APART = 0.08  # m: landmarks closer than this do not tell the scale
+_AT_JOINT = 0.075  # m: a landmark this close to a joint gives its place
+_APART = 0.08  # m: landmarks closer than this do not determine the scale
 _NEARLY_ALL = 0.97  # of a part's nodes lie within its width: single ones stand out
 _SCALE = 0.8  # quantile of the scales that pairs of landmarks show: who points at the camera looks short
 _FARTHEST, _THICKEST = 1e5, 32767  # px: what can be drawn
@@ -32,7 +32,7 @@ class FleshPart(NamedTuple):
 class Limbs:
     """A body as parts between landmarks.
 
-    parts: every landmark belongs to one or more. ends (L,) [m]: how far flesh goes on around and beyond each landmark.
+    parts: every landmark belongs to one or more. ends (L,) [m]: how far flesh extends around and beyond each landmark.
     lengths (L, L) [m]: between the landmarks of a part, NaN for others.
     """
 
@@ -61,7 +61,7 @@ class Limbs:
         return mask > 0
 
     def scale(self, pixels: np.ndarray, seen: np.ndarray) -> float:
-        """Pixels a metre of a body whose landmarks (L, 2) are seen (L,); 0 where they do not tell."""
+        """Pixels per metre of a body whose landmarks (L, 2) are seen (L,); 0 where they do not determine it."""
         i, j = np.nonzero(np.tril(self.lengths > _APART) & seen[:, None] & seen)
         if not len(i):
             return 0.0

@@ -1,4 +1,4 @@
-"""The part of a picture that a mask is in, so that the rest need not be looked at."""
+"""The part of a picture that contains a mask, so that the rest is not processed."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from humanoid.support.errors import InputError
 Size = tuple[int, int]
 """Width, height [px]."""
 
-SURE = 0.5  # confidence from which a keypoint's place says something of the picture's size
+SURE = 0.5  # confidence from which a keypoint's place is used to check the picture's size
 _FEWEST = 20
 _MANY_OUTSIDE, _MOST_OUTSIDE = 0.1, 0.5
 _CORNER = 0.51  # share of both sides that keypoints of half the size stay within
@@ -59,7 +59,7 @@ def resized_track(track: KeypointTrack, old: Size, new: Size) -> KeypointTrack:
 
 
 def declared_size(track: KeypointTrack, given: Size | None) -> Size | None:
-    """Size of the pictures that the detector saw, None where neither the file nor the user says.
+    """Size of the pictures that the detector saw, None where neither the file nor the user gives it.
 
     Raises InputError where they contradict each other.
     """
@@ -107,7 +107,7 @@ def fitted_camera(camera: Camera, picture: Size, source: str) -> tuple[Camera, t
 def doubts(name: str, track: KeypointTrack, picture: Size, *, declared: bool) -> tuple[str, ...]:
     """Notes where keypoints look like those of pictures of another size.
 
-    declared: whether the user says that the size is right. Raises InputError where not, and most are outside.
+    declared: whether the user has confirmed the size. Raises InputError where not, and most are outside.
     """
     points = track.pixels[(track.confidence >= SURE) & np.isfinite(track.pixels).all(axis=-1)]
     if len(points) < _FEWEST:

@@ -16,7 +16,7 @@ from humanoid.support.compiled import jit
 def see_points(  # type: ignore[no-untyped-def]
     placements, joints, local, normals, intrinsics, distortion, R, t, world, pixels, depth, facing, image_normals
 ):
-    """Look at points of the body with one camera: intrinsics (5,), distortion, the lens, (5,), (1, 22) or (1, 1, 22), R
+    """Project points of the body with one camera: intrinsics (5,), distortion, the lens, (5,), (1, 22) or (1, 1, 22), R
     (3, 3), t (3,).
 
     placements (njoints, 12); joints (N,), local, normals (N, 3): points, and their outward normals, on joints.

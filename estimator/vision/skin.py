@@ -32,7 +32,7 @@ class SkinSettings(CheckedSettings):
     least: area of a blob, as a share of the squared size of the person. most: share of the picture that skin may take
     up in the frame that it is learned in. merged: times a hand's area from which a blob may be of several. largest:
     times the area of a face and two hands, above which a blob is of none of them.
-    Raises InputError where a value cannot be.
+    Raises InputError where a value is outside its range.
     """
 
     radius: float = setting(0.06, above=0, at_most=1)
@@ -63,7 +63,7 @@ class SkinModel:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray]) -> SkinModel:
-        """The model with these arrays. Raises InputError where they cannot be one's."""
+        """The model with these arrays. Raises InputError where they are invalid."""
         names = [field.name for field in fields(SkinModel)]
         right = all(n in arrays and np.shape(arrays[n]) == ((_BINS, _BINS) if n == "log_ratio" else ()) for n in names)
         if not (right and all(np.isfinite(arrays[n]).all() for n in names)):
@@ -176,8 +176,8 @@ def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
 
 
 def _usual(skin: np.ndarray) -> np.ndarray:
-    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them tell skin from all
-    else is no measure of a picture that is full of them: none does."""
+    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them distinguish skin from
+    the rest is not a measure for a picture that is full of them, where none does."""
     order = np.argsort(-skin, axis=None)
     usual = np.zeros(skin.size, dtype=bool)
     usual[order[: np.searchsorted(np.cumsum(skin.ravel()[order]), _MOST) + 1]] = True

@@ -1,4 +1,4 @@
-"""Where somebody stands of whom only the silhouette is known: as far away as their height says."""
+"""Where a person stands of whom only the silhouette is known: at the distance given by their height."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 
-LEAST_SHARE = 0.2  # of the picture's height, of a person who is told from a part of one: an arm that alone has moved
+LEAST_SHARE = (
+    0.2  # of the height of the picture; a smaller silhouette may be a part, such as an arm that alone has moved
+)
 _HEAD = 0.06  # of the height, to either side of the middle: where the head is, and no raised arm
 _FEET = 0.04  # of the height: what depth takes for the floor
 _FRONT = 0.06  # of the height: by how much what is seen of a trunk is nearer than its middle

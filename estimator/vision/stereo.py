@@ -14,7 +14,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 LEAST_BASELINE = 1e-3  # m
 WIDEST_ANGLE = 40.0  # degrees between the optical axes, beyond which the two hardly see the same
-MOST_ALONG = 0.7  # of the baseline along the optical axis; more, and the pictures cannot be turned side by side
+MOST_ALONG = 0.7  # of the baseline along the optical axis; beyond that the pictures are not rectified
 _SUBPIXEL = 16.0  # OpenCV's disparities are whole numbers of sixteenths
 _BLOCKS = 16  # and their range a multiple of this
 

@@ -1,4 +1,4 @@
-"""One camera's view of a surface in one compiled call: what the kernels beside this file say, one after the other."""
+"""One camera's view of a surface in one compiled call: the kernels beside this file, one after the other."""
 
 from __future__ import annotations
 

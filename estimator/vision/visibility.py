@@ -1,7 +1,7 @@
 """Which nodes of a surface a camera sees, and where the surface's occluding contours lie: compiled kernels.
 
-Depth is compared in a buffer of cells, a few pixels wide, over the body's rectangle in the image: fine enough to tell
-parts apart, small enough to be filled for every hypothesis.
+Depth is compared in a buffer of cells, a few pixels wide, over the body's rectangle in the image: fine enough to
+separate parts, small enough to be filled for every hypothesis.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner):  
             w = (bx * (y - ay) - by * (x0 - ax)) / area
             for x in range(x0, x1 + 1):
                 near = na + v * (nb - na) + w * (nc - na)
-                # one branch instead of four: which way it goes cannot be predicted, and that costs most
+                # one branch instead of four: its direction is unpredictable, and that costs most
                 if (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (near > nearness[y, x]):
                     nearness[y, x] = near
                     owner[y, x] = part[a]

@@ -11,7 +11,7 @@ from humanoid.collision.self_collision import SolidArrays
 from humanoid.collision.witness import gradients
 from humanoid.support.compiled import jit
 
-_DEEPEST = 3.0  # exponent beyond which the potential goes on as a parabola: for power 1, from three scales inside
+_DEEPEST = 3.0  # exponent beyond which the potential continues as a parabola: for power 1, from three scales inside
 
 
 @jit

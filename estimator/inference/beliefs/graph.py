@@ -22,10 +22,10 @@ OK, UNEXPLAINED, APART = "ok", "unexplained", "apart"
 
 @dataclass(frozen=True)
 class Belief:
-    """What is believed of a node: points (N, size) and weights (N,) that sum to 1.
+    """The belief of a node: points (N, size) and weights (N,) that sum to 1.
 
     status: "ok"; "unexplained" where the likelihood gives no point any weight, so that the belief is that of the
-    messages alone; "apart" where the messages have no common ground, and it is what any of them says.
+    messages alone; "apart" where the messages do not overlap, and the belief is their union.
     """
 
     space: Space

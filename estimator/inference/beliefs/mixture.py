@@ -110,7 +110,7 @@ class KernelMixture:
         )
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Points (count, size) in no order: as many of every kernel as its weight says, to within one."""
+        """Points (count, size) in no order: of every kernel as many as its weight gives, to within one."""
         if self.background is not None:
             behind = int(rng.binomial(count, self.share))
             points = np.concatenate([self.background.sample(rng, behind), self._of_kernels(rng, count - behind)])

@@ -17,9 +17,8 @@ from humanoid.support.errors import InputError
 class Potential:
     """psi_ij(X_i, X_j) as a density of X_j (eq. 1): kernels at X_i X_ij,m and an outlier process that ignores X_i.
 
-    relative: the M kernels of X_ij = X_i^-1 X_j (eq. 3). Their covariances are in the frame of what they say of X_j, so
-    that they are those of X_j too, wherever X_i is. outlier, share: the outlier process and lambda0; None and 0
-    without.
+    relative: the M kernels of X_ij = X_i^-1 X_j (eq. 3). Their covariances are in the frame of X_j's mean, so that they
+    are those of X_j too, wherever X_i is. outlier, share: the outlier process and lambda0; None and 0 without.
     """
 
     relative: KernelMixture
@@ -36,7 +35,7 @@ class Potential:
         return self.space.composed(points, self.relative.mean)
 
     def message(self, points: np.ndarray, log_weight: np.ndarray) -> KernelMixture:
-        """What weighted points X_i (N, size) say of X_j: N M kernels and the outlier process.
+        """The message of weighted points X_i (N, size) about X_j: N M kernels and the outlier process.
 
         log_weight (N,): their exponentials sum to 1. An outlier process of kernels joins them, first; any other is the
         mixture's background.

@@ -55,7 +55,7 @@ class ProductSettings(CheckedSettings):
 @dataclass(frozen=True)
 class Candidates:
     """Points (P, size) of a known density, log_density (P,), and the logarithms of each of D mixtures there,
-    log_factors (D, P). log_phi (P,): of the likelihood, 0 where it is not looked at."""
+    log_factors (D, P). log_phi (P,): of the likelihood, 0 where it is not used."""
 
     points: np.ndarray
     log_density: np.ndarray
@@ -99,8 +99,8 @@ def draw_products(
 ) -> list[ProductSamples]:
     """Draws from products of some of several mixtures, for each target: the indices of its mixtures, at least one.
 
-    counts: how many, of each. proposal: where candidates may come from besides, log_likelihood: what they are weighed
-    by, too, if the settings say so; both for "importance".
+    counts: how many, of each. proposal: a further source of candidates. log_likelihood: a further weight of theirs,
+    depending on the settings. Both are for "importance".
     """
     pool = None
     draws = []

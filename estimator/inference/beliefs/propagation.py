@@ -63,11 +63,11 @@ def propagate_batch(
     watch: Watch | None = None,
     each: Each = map,
 ) -> Propagated:
-    """All messages anew from those of the iteration before, several times (Sigal et al. 2004, section 4).
+    """All messages computed from those of the iteration before, several times (Sigal et al. 2004, section 4).
 
-    A node that received no message and has no proposal sends nothing yet. messages: what was said before. watch: takes
-    the number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that
-    shares the work of nodes; every node has random numbers of its own, so that the order changes no bit.
+    A node that received no message and has no proposal sends nothing yet. messages: the initial ones. watch: takes the
+    number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that shares
+    the work of nodes; every node has random numbers of its own, so that the order changes no bit.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def proposal_weight(
 
 
 def _over(logarithm: np.ndarray, divisor: np.ndarray) -> np.ndarray:
-    """Their difference; minus infinity where the divisor, which a sample was drawn from, says that it cannot be."""
+    """Their difference; minus infinity where the divisor, from which a sample was drawn, is minus infinity."""
     with np.errstate(invalid="ignore"):
         return np.where(divisor > -np.inf, logarithm - divisor, -np.inf)
 

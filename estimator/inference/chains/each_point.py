@@ -22,7 +22,7 @@ class Normals(NamedTuple):
 
 class PointMessages(NamedTuple):
     """What the chain of each of M points receives: K kernels with log_weight (M, K), known (M, K) bool, whether a
-    kernel says anything, and if so what."""
+    kernel is informative, and its mean and covariance."""
 
     log_weight: np.ndarray
     known: np.ndarray

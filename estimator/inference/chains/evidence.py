@@ -1,4 +1,4 @@
-"""phi(O, F), what an image says of features: detections that are of a feature, of two, or of nothing."""
+"""phi(O, F), the likelihood of features by an image: detections that are of a feature, of two, or of none."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from scipy.optimize import linear_sum_assignment
 from estimator.inference.chains.feature_density import FeatureDensity, heaviest
 from humanoid.support.settings import CheckedSettings, setting
 
-_WAYS = 600  # that are looked at
-_CLOSER = 4  # times as many as are kept are looked at closer
-_NEVER = -1e12  # score of what cannot be
+_WAYS = 600  # that are considered
+_CLOSER = 4  # times as many as are kept are examined more closely
+_NEVER = -1e12  # score of what is impossible
 
 
 @dataclass(frozen=True)
 class EvidenceSettings(CheckedSettings):
-    """How detections become evidence.
+    """Settings of the evidence of detections.
 
-    detected: probability that a feature that can be seen is detected; hidden: that one is which a limb hides.
+    detected: probability that a visible feature is detected; hidden: that a feature hidden by a limb is detected.
     clutter: false detections, per million pixels. shared: weight of a feature in a detection that is another's too, as
     a hand before the face, beside the 1 - detected of one that is missed elsewhere. most: associations that are kept.
-    Raises InputError where a value cannot be.
+    Raises InputError where a value is outside its range.
     """
 
     detected: float = setting(0.9, above=0, below=1)
@@ -45,9 +45,9 @@ class Detections:
     """Of one image: D places in which some of the features F may be.
 
     names (F,). mean (D, 2) [px], covariance (D, 2, 2) [px^2]: of the feature, if it is this detection. suits (D, F):
-    probability that a detection of the feature looks like this, 0 where it cannot be. merged (D,) bool: it may well be
-    of several features at once, which are then anywhere in it. together (D, 2, 2) [px^2]: covariance of a feature that
-    is in it with another; None where that is the same.
+    probability that a detection of the feature looks like this, 0 where that is impossible. merged (D,) bool: it may
+    well be of several features at once, which are then anywhere in it. together (D, 2, 2) [px^2]: covariance of a
+    feature that is in it with another; None where that is the same.
     """
 
     names: tuple[str, ...]
@@ -105,7 +105,7 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
     log_weight, roughly = pairs.summed(ways)
     likely = np.isfinite(log_weight)
     if prior is not None and likely.sum() > _CLOSER * settings.most:
-        # features are only looked at together where each by itself may be so
+        # features are only combined where each of them alone is possible
         likely[np.argsort(-roughly, kind="stable")[_CLOSER * settings.most :]] = False
     ways, log_weight = ways[likely], log_weight[likely]
     density = _density(detections, ways, log_weight)
@@ -118,9 +118,9 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """What a feature and a detection weigh together, as logarithms (F, D + 1), the last for none; -inf where they
-    cannot be. first: where no feature before has the same, second: where one has. expected: of the detection by what is
-    expected of the feature, 0 where nothing is."""
+    """Log-weights (F, D + 1) of a feature and a detection together, the last for none; -inf where impossible. first:
+    where no feature before has the same detection, second: where one has. expected: of the detection under the
+    prediction of the feature, 0 without one."""
 
     first: np.ndarray
     second: np.ndarray

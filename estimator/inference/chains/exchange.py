@@ -1,4 +1,4 @@
-"""One frame of several chains that estimate the same image: what they tell each other through its features.
+"""One frame of several chains that estimate the same image: their messages to each other about its features.
 
 Taycher, Fisher and Darrell 2004: eqs. 1 and 2, the product of experts; eq. 5, marginals of the frame before in place of
 their joint; the four steps of section 3.
@@ -27,8 +27,8 @@ MOST = 40  # kernels of a message
 class Message:
     """mu_F->S, what a chain receives of the features.
 
-    evidence: what its states are weighed by. guide: where the features may be, by all that the other chains expect; it
-    says where to look, and is no evidence.
+    evidence: by which its states are weighted. guide: where the features may be by the predictions of all other chains;
+    it guides proposals, and is not evidence.
     """
 
     evidence: FeatureDensity
@@ -39,7 +39,7 @@ class FeatureChain(Protocol[S, P]):
     """A hidden Markov chain that predicts image features. Equal random generators give equal states."""
 
     def predict(self, state: S, dt: float) -> P:
-        """mu_St-1->St: what is expected `dt` seconds after a state, before the image is looked at (step 1)."""
+        """mu_St-1->St: the prediction `dt` seconds after a state, before the image is used (step 1)."""
         ...
 
     def features(self, prior: P) -> FeatureDensity:
@@ -54,13 +54,13 @@ class FeatureChain(Protocol[S, P]):
 def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: str = GATED) -> list[Message]:
     """mu_F->Si for each of n >= 2 chains, from mu_Si->F of all of them and phi(O, F) (step 3).
 
-    A chain never receives its own message: what goes to i is phi(O, F) times what all others expect.
+    A chain never receives its own message: i receives phi(O, F) times the predictions of all others.
 
-    exchange: "printed" is that and nothing else. While nothing is seen chains then go on confirming what they have from
-    each other, and are sure of it. "gated": where no detection is a feature's, what the others expect of it is no
-    evidence, only a guide; it still counts in how much an association weighs. "which": it counts in that alone, and
-    where a detection is, the chain receives nothing but it: two chains that know the past from the same images do not
-    count it twice. "one-way": as gated, and nobody but the first receives anything. "apart": nobody does.
+    exchange: "printed" is that and nothing else. Without detections the chains then keep confirming each other's
+    predictions, and become sure of them. "gated": where a feature has no detection, the others' prediction of it is not
+    evidence, only a guide; it still counts in the weight of an association. "which": it counts in that alone, and where
+    there is a detection, the chain receives only the detection: two chains that know the past from the same images do
+    not count it twice. "one-way": as gated, and only the first receives anything. "apart": none does.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity,
 
 def _log_mean_heights(density: FeatureDensity, features: np.ndarray) -> np.ndarray:
     """Logarithms (K,) of the means of the kernels' densities of some features (F,) bool under themselves, 0 where they
-    say nothing."""
+    are uninformative."""
     heights = np.zeros(len(density.known))
     for rows, dims in kinds(density.known & features):
         heights[rows] = -0.5 * np.linalg.slogdet(4.0 * np.pi * density.covariance[np.ix_(rows, dims, dims)])[1]

@@ -1,4 +1,4 @@
-"""Mixtures of normal densities over named points of an image, of which a kernel may say nothing of some."""
+"""Mixtures of normal densities over named points of an image, in which a kernel may leave some points out."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from humanoid.support.errors import InputError
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _LEAST = 1e-300  # of a share of a mixture
-_DOUBT = 30.0  # times as far off as is likely may be what is looked at
-_ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that say the same
+_DOUBT = 30.0  # factor on the likely distance within which detections are considered
+_ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that count as equal
 _NOTHING = 40.0  # so far below the highest a kernel adds nothing
 
 
@@ -23,12 +23,13 @@ _NOTHING = 40.0  # so far below the highest a kernel adds nothing
 class FeatureDensity:
     """sum_k w_k N_k(F) over features F, each a point of the image [px].
 
-    names (F,): of the features. log_weight (K,). known (K, F) bool: which features a kernel speaks of; it is 1 over all
-    others, as a chain is of features that it does not predict (Taycher et al. 2004, section 3). mean (K, F, 2) [px].
-    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest. sharers (K, F) int: of
-    how many features the detection is that a kernel has a feature in, itself included, 0 where in none; None for none.
+    names (F,): of the features. log_weight (K,). known (K, F) bool: which features a kernel has; it is 1 over all
+    others, like a chain over features that it does not predict (Taycher et al. 2004, section 3). mean (K, F, 2) [px].
+    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest. sharers (K, F) int:
+    number of features that share the detection in which a kernel has a feature, itself included, 0 where in none; None
+    for none.
 
-    The weights need not sum to one: a product keeps its constant, which says how well its factors agree.
+    The weights need not sum to one: a product keeps its constant, which measures how well its factors agree.
     """
 
     names: tuple[str, ...]
@@ -74,7 +75,7 @@ class FeatureDensity:
     @cached_property
     def _whitening(self) -> tuple[np.ndarray, np.ndarray]:
         """Of each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
-        normal, zero where it says nothing, and the logarithm (K,) of its height."""
+        normal, zero where it is uninformative, and the logarithm (K,) of its height."""
         inverse, height = np.zeros_like(self.covariance), self.log_weight.astype(np.float64)
         for rows, dims in kinds(self.known):
             block = np.ix_(rows, dims, dims)
@@ -84,8 +85,8 @@ class FeatureDensity:
         return inverse, height
 
     def precisions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of each kernel the precision (K, 2F, 2F) [1/px^2], zero where it says nothing, and the logarithm (K,) of how
-        high it would be at its mean with a weight of 1."""
+        """The precision (K, 2F, 2F) [1/px^2] of each kernel, zero where it is uninformative, and the logarithm (K,) of
+        its height at its mean with a weight of 1."""
         white, height = self._whitening
         return np.swapaxes(white, 1, 2) @ white, height - self.log_weight
 
@@ -100,7 +101,7 @@ class FeatureDensity:
         )
 
     def over(self, names: Sequence[str]) -> FeatureDensity:
-        """The same over these features, of which it says nothing where it had none."""
+        """The same over these features, uninformative about those that it did not have."""
         if self.names == tuple(names):
             return self
         missing = [name for name in names if name not in self.names]
@@ -131,8 +132,8 @@ class FeatureDensity:
         return FeatureDensity(names, log_weight, known, mean, covariance, sharers)
 
     def if_hidden(self, hidden: np.ndarray, seen: float, missed: float) -> FeatureDensity:
-        """The same for states that hide features (F,) bool: a kernel weighs `seen` more, as a logarithm, for each of
-        these that it takes for seen alone, and `missed` more for each that it says nothing of."""
+        """The same for states that hide features (F,) bool: the log-weight of a kernel grows by `seen` for each of
+        these with a detection of its own, and by `missed` for each that it leaves out."""
         alone = np.zeros_like(self.known) if self.sharers is None else self.sharers == 1
         more = seen * (alone & hidden).sum(axis=1) + missed * (~self.known & hidden).sum(axis=1)
         return replace(self, log_weight=self.log_weight + more)
@@ -169,7 +170,8 @@ class FeatureDensity:
         """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
         prior = expected.collapsed()
         both = np.repeat(self.known & prior.known[0], 2, axis=1)
-        # all at once: what one of them says nothing of is as far off as is expected, with a variance that adds nothing
+        # all at once: a feature that one of them leaves out gets the expected distance, with a variance that adds
+        # nothing
         off = np.where(both, (self.mean - prior.mean).reshape(both.shape), 0.0)
         pair = both[:, :, None] & both[:, None, :]
         covariance = np.where(pair, prior.covariance + self.covariance, np.eye(both.shape[1]))
@@ -177,8 +179,8 @@ class FeatureDensity:
         return np.asarray(self.log_weight + (_log_normals(off, covariance) + 0.5 * _LOG_2PI * silent))
 
     def doubted(self) -> FeatureDensity:
-        """The same with larger deviations, by which to choose what else is looked at: a chain that is wrong of what it
-        expects must not be deaf to what would tell it so."""
+        """The same with larger deviations, by which further detections are chosen: a chain with a wrong prediction must
+        not ignore the evidence against it."""
         return self._doubted
 
     @cached_property
@@ -186,8 +188,8 @@ class FeatureDensity:
         return replace(self, covariance=_DOUBT**2 * self.covariance)
 
     def merged(self) -> FeatureDensity:
-        """The heaviest of all kernels that say about the same, with the weight of all of them: those left over by
-        features that were integrated out."""
+        """The heaviest of each group of nearly equal kernels, with the weight of the group. Such groups remain after
+        features were integrated out."""
         distinct: list[int] = []
         weight = np.full(len(self.log_weight), -np.inf)
         for k in np.argsort(-self.log_weight, kind="stable"):
@@ -210,9 +212,9 @@ class FeatureDensity:
         return bool(near and (np.abs(np.log(spread[0] / spread[1])) <= _ALIKE).all())
 
     def collapsed(self) -> FeatureDensity:
-        """One kernel with the mean and covariance of the kernels that speak of each feature, and all the weight.
+        """One kernel with the mean and covariance of the kernels that have each feature, and all the weight.
 
-        A feature of which kernels with more than half of the weight say nothing is not spoken of.
+        A feature that kernels with more than half of the weight leave out is left out.
         """
         return self._collapsed
 
@@ -256,7 +258,7 @@ def gaussian(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray) -> 
 
 
 def uniform(names: Sequence[str]) -> FeatureDensity:
-    """What says nothing of any of the features."""
+    """A density that is uninformative about all features."""
     size = len(names)
     return FeatureDensity(
         tuple(names), np.zeros(1), np.zeros((1, size), dtype=bool), np.zeros((1, size, 2)), np.eye(2 * size)[None]

@@ -11,7 +11,7 @@ from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import CheckedSettings, setting
 
-_NEWS = 0.1  # share of what a shared detection tells of a point that the frame before did not tell
+_NEWS = 0.1  # share of a shared detection's information on a point that is new since the frame before
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class PointSettings(CheckedSettings):
 
     keep: share of its velocity that a point keeps in a second. noise: standard deviation of the random acceleration, as
     a change of velocity in one second, in sizes of the person per second. speed: of velocities at first, in sizes per
-    second. loose: standard deviation [sizes] to which a point is lost at most. mistaken: probability that two points
-    which look alike have been taken for each other.
-    Raises InputError where a value cannot be.
+    second. loose: largest standard deviation [sizes] of a lost point. mistaken: probability that two points which look
+    alike have been confused.
+    Raises InputError where a value is outside its range.
     """
 
     keep: float = setting(0.02, at_least=0, at_most=1)
@@ -54,17 +54,17 @@ class PointStates:
 
 @dataclass(frozen=True, eq=False)
 class PointChain:
-    """A chain of points that go on with a velocity that fades, each with noise of its own.
+    """A chain of points with decaying velocities, each with noise of its own.
 
     names (F,). size [px]: the person's in the image, by which noise is measured. settings. alike: pairs of points, by
-    number, that detections do not tell apart, as both hands: what is expected of them is also that the one is where the
-    other was thought to be, or somewhere else altogether. A chain that took them for each other, as they met, or one
-    for a piece of the face, would else be as sure of it as of anything, and no other chain could tell it better.
+    number, that detections do not distinguish, such as both hands. Their prediction includes that one is where the
+    other was believed to be, or somewhere else altogether. Otherwise a chain that confused them as they met, or one of
+    them with a part of the face, would stay sure of it, and no other chain could correct it.
 
-    An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
-    with their mean and covariance. So clutter moves points in proportion to how likely it is one of them. A detection
-    of several points, as of a hand before the face, tells of each little more than that it is in there, however
-    often (`_as_news`).
+    An update is by a mixture: every association moves the points by Kalman's rule, and the result is one normal density
+    with their mean and covariance. So clutter moves points in proportion to the probability that it is one of them. A
+    detection of several points, such as a hand before the face, shows of each little more than that it is inside,
+    however often it is repeated (`_as_news`).
     """
 
     names: tuple[str, ...]
@@ -156,15 +156,15 @@ class PointChain:
         return mean + gain @ off, C - gain @ C[place], float(weight)
 
     def _as_news(self, prior: np.ndarray, received: FeatureDensity, k: int) -> np.ndarray:
-        """Covariance (2F, 2F) [px^2] of a kernel of a message as measurements that are independent of the past; prior
-        (4F, 4F).
+        """Covariance (2F, 2F) [px^2] of a kernel of a message, as a measurement independent of the past; prior (4F,
+        4F).
 
-        Where in a detection of several points one of them is stays much the same from frame to frame, and is not
-        measured anew: a chain that took it so would after half a second be sure that a hand is in the middle of the
-        face. So of what a kernel says of such a point that counts which is not known, in each direction, and beyond
-        that a tenth, as the point moves about in there. Without the tenth the point comes out as certain as the more
-        certain of the two, which along one direction is covariance intersection (Julier and Uhlmann 1997), for what
-        depends on each other in unknown ways.
+        The place of a point inside a detection of several points hardly changes from frame to frame, and is not
+        measured independently each time: otherwise a chain would be sure after half a second that a hand is in the
+        middle of the face. So of a kernel's information on such a point only what is not yet known counts, in each
+        direction, and beyond that a tenth, as the point moves around inside. Without the tenth the point becomes as
+        certain as the more certain of the two, which along one direction is covariance intersection (Julier and Uhlmann
+        1997), for estimates with unknown dependence.
         """
         covariance = received.covariance[k].copy()
         for f in () if received.sharers is None else np.flatnonzero(received.sharers[k] > 1):
@@ -201,8 +201,8 @@ class PointChain:
         return A, np.block([[xx * eye, xv * eye], [xv * eye, vv * eye]])
 
     def bounded(self, covariance: np.ndarray) -> np.ndarray:
-        """Covariances (..., 4P, 4P) of P points, symmetric, and no position less certain than `loose`: nobody who was
-        lost for long is nowhere."""
+        """Covariances (..., 4P, 4P) of P points, symmetric, and no position less certain than `loose`: a point that was
+        lost for long is still somewhere near."""
         covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
         most = (self.settings.loose * self.size) ** 2
         place = np.tile([True, True, False, False], covariance.shape[-1] // 4)

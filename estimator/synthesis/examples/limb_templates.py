@@ -25,14 +25,14 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 
 SIZE = 2.0
-"""Side of a patch by the limb's length, or half the length of the body's longest limb where that is more: what is
-beside a short limb tells it from others."""
+"""Side of a patch by the limb's length, or half the length of the body's longest limb where that is more: the
+surroundings of a short limb distinguish it from others."""
 SIDE = 8  # samples along it
-CONTRAST = 0.45  # of the grey values beside the share of the person: clothes say less than outlines
+CONTRAST = 0.45  # of the grey values beside the share of the person: clothes are less informative than outlines
 FEWEST = 20  # poses
 
 _VARIANTS = 16
-_JITTER = 0.02  # m, standard deviation: places that are looked at are never the middle of a limb
+_JITTER = 0.02  # m, standard deviation: examined places are never exactly the middle of a limb
 _BACKGROUND, _SPACING = 6, 0.06  # other places of the person for each pose, drawn from a grid of so many metres
 _AWAY = 0.12  # m from the middle of a limb: beyond what counts as found
 _REACH = 0.4  # m about the limbs' joints

@@ -144,7 +144,7 @@ def _background(rng: np.random.Generator) -> np.ndarray:
 
 
 def _as_seen(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A mask (H, W) bool as depth tells it: wider than the person by some pixels, on each side by others."""
+    """A mask (H, W) bool as if from depth: wider than the person by some pixels, different on each side."""
     left, right, above, below = (int(px) for px in rng.integers(0, _WIDER + 1, 4))
     block = np.ones((above + below + 1, left + right + 1), np.uint8)
     return cv2.dilate(mask.astype(np.uint8), block, anchor=(left, above)) > 0

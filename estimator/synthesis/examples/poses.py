@@ -22,10 +22,10 @@ _TWO_FLOORS = 0.1  # of the body's size: limbs whose roots differ less in height
 class PoseSampler:
     """Draws poses q (nq,) of a body without overlaps, upright, the root at the origin.
 
-    Limbs that begin high on the body have any angles within their limits (ELMO section 4: "constrained
-    only by anatomical feasibility"); other joints are drawn from their stabilisers, within limits too, and those
-    without one stay at rest. A free root has any heading within `headings` [degrees] about facing against x, to which
-    `estimator.vision.person_view` looks. legs: whether they move as far as their stabilisers say, or only a little.
+    Limbs that begin high on the body have any angles within their limits (ELMO section 4: "constrained only by
+    anatomical feasibility"); other joints are drawn from their stabilisers, within limits too, and those without one
+    stay at rest. A free root has any heading within `headings` [degrees] about facing against x, to which
+    `estimator.vision.person_view` looks. legs: whether they move as far as their stabilisers allow, or only a little.
     """
 
     def __init__(self, body: Body, *, headings: float = 360.0, legs: bool = False) -> None:

@@ -108,8 +108,7 @@ class RigPainter:
 
 
 def _with_background_errors(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A mask (H, W) bool as a background tells it: the outline moved by up to a pixel, some pieces missing or too
-    many."""
+    """A mask (H, W) bool as if from a background: the outline moved by up to a pixel, with pieces missing or added."""
     noisy = mask.astype(np.uint8)
     block = np.ones((1 + int(rng.integers(2)), 1 + int(rng.integers(2))), np.uint8)
     noisy = np.asarray(cv2.dilate(noisy, block) if rng.random() < 0.5 else cv2.erode(noisy, block), np.uint8)

@@ -43,10 +43,10 @@ def train_index(
     processes: int = 1,
     progress: Report | None = None,
 ) -> ExampleIndex:
-    """An index of a subject with flesh, the same with any number of processes.
+    """An index of a subject with flesh, identical for any number of processes.
 
-    parts: a folder in which what is done is kept, so that the same call goes on where one was interrupted. progress: is
-    told how many pieces of how many are done.
+    parts: a folder for finished pieces, so that the same call continues where one was interrupted. progress: called
+    with the number of finished pieces and of all.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class _PieceStore:
     def of(self, kind: str, piece: int) -> dict[str, np.ndarray] | None:
         if self.folder is None or not (path := self._path(kind, piece)).is_file():
             return None
-        with suppress(InputError):  # one that cannot be read is done again
+        with suppress(InputError):  # an unreadable one is done again
             arrays = read_npz(path)
             if str(arrays.pop("what", "")) == self.what:
                 return arrays

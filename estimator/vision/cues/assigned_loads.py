@@ -115,8 +115,8 @@ def group_by_point(point, count):  # type: ignore[no-untyped-def]
 def value_here(  # type: ignore[no-untyped-def]
     placements, joints, local, intrinsics, distortion, R, t, point, target, precision, weight, kind, nu
 ):
-    """The value of `assigned_values` for placements (njoints, 12) and assignments in any order: point (A,) tells whose
-    each is, target (A, 2), precision (A, 3), weight, kind, nu (A,); joints (N,), local (N, 3)."""
+    """The value of `assigned_values` for placements (njoints, 12) and assignments in any order: point (A,) is the index
+    of each one's point, target (A, 2), precision (A, 3), weight, kind, nu (A,); joints (N,), local (N, 3)."""
     used, first, order = group_by_point(point, joints.shape[0])
     p = np.empty(3)
     value = 0.0

@@ -1,8 +1,8 @@
-"""What a cue of the pictures is: how it is read from them, matched to a predicted pose, and shown to people.
+"""Image cues: how a cue is read from pictures, matched to a predicted pose, and drawn.
 
-A cue is one room: a `Cue` says what it is called, what its settings are and how it is read; the `Matcher` that it makes
-for one camera at one instant turns what was read into parts of the energy around a pose. `register` in
-`estimator.vision.likelihood.registry` makes it known; nothing else names it.
+A cue is one module. A `Cue` has its name, its settings and its reader. The `Matcher` that it makes for one camera at
+one instant turns what was read into terms of the energy around a pose. `register` in
+`estimator.vision.likelihood.registry` makes it available; nothing else refers to it.
 """
 
 from __future__ import annotations
@@ -108,21 +108,21 @@ class Matcher:
         return []
 
     def follow(self, pasts: Sequence[PastPose]) -> list[Any]:
-        """What the image says of each past, for a cue that `follows`: small, picklable, taken by `since`."""
+        """The image evidence of each past, for a cue that `follows`: small, picklable, the argument of `since`."""
         return [None for _ in pasts]
 
     def since(self, followed: Any) -> list[Term]:
-        """Terms that tie a pose to a past, from what `follow` has said of it."""
+        """Terms that tie a pose to a past, from the result of `follow` for it."""
         return []
 
     def leading(self, followed: Any) -> list[Term]:
-        """Terms by which a hypothesis is moved from a past to where the image is looked at around it: those of `since`,
-        unless the cue leads more firmly than it weighs."""
+        """Terms by which a hypothesis is moved from a past to the pose around which the image is used: those of
+        `since`, unless the cue moves it with another weight."""
         return self.since(followed)
 
     def agreement(self, prediction: Prediction) -> float | None:
-        """Share, 0 to 1, of what can be seen of a pose that the image agrees with; below half a frame is "hard". None
-        where the cue cannot tell."""
+        """Share, 0 to 1, of the visible part of a pose that the image agrees with; below half a frame is "hard". None
+        where the cue does not determine it."""
         return None
 
     def pictures(self, shown: ExplainedPose) -> Iterable[CuePicture]:
@@ -131,14 +131,13 @@ class Matcher:
 
 
 class Cue:
-    """A kind of thing that pictures show of a body. One object, without a state, stands for it everywhere.
+    """A kind of image evidence of a body. One stateless object represents it everywhere.
 
     name: as in `--cues` and in the settings' group `cues.NAME`. summary: in one sentence. settings: a frozen dataclass
-    of numbers, texts and truth values, with its defaults and what they mean in its docstring.
+    of numbers, texts and truth values, with its defaults, documented in its docstring.
     follows: whether it ties a pose to where the body was in the frame before. on_contours: whether its features lie on
     the body's contours, to which the shape of a body can be fitted. uses_masks: whether it takes given masks of the
-    person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
-    pictures are given.
+    person, or pictures of the empty scene. needs_depth: whether it needs a stereo pair or depth pictures.
     """
 
     name: ClassVar[str]
@@ -154,8 +153,8 @@ class Cue:
         return None
 
     def read(self, pictures: CameraPictures, instant: int, settings: Any, prepared: Any) -> Any:
-        """What one camera's picture says at an instant, None for nothing: a picklable thing of arrays, the same
-        regardless of what was read before. InputError past the clip's end."""
+        """The evidence of one camera's picture at an instant, None for nothing: a picklable object of arrays,
+        independent of what was read before. InputError past the clip's end."""
         raise NotImplementedError
 
     def person_masks(self, prepared: Any) -> PersonMasks | None:
@@ -168,5 +167,6 @@ class Cue:
         raise NotImplementedError
 
     def doubt(self, cues: ImageCues, keypoints: np.ndarray, instant: int) -> str:
-        """Why what was read cannot be of the person whose keypoints (N, 2) [px] are these, empty where it can."""
+        """Why the evidence read is inconsistent with the person's keypoints (N, 2) [px], empty where it is
+        consistent."""
         return ""

@@ -46,7 +46,7 @@ class Dots(NamedTuple):
 
 
 class CuePicture(NamedTuple):
-    """A picture of what a cue says of a pose; all pixels are those of the cues.
+    """A picture of a cue's evidence for a pose; all pixels are those of the cues.
 
     name: ends the file's. title: what is shown. base (H, W) or (H, W, 3) uint8 BGR: what is drawn on. layers: from
     below. legend: what the colours mean.

@@ -9,18 +9,18 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """How a body's surface is seen in the pictures, whatever the cue.
+    """How a body's surface is compared with the pictures, whatever the cue.
 
     Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as its `evidence` of independent
     measurements however fine the mesh is. The extent, of which noises are fractions, is the root mean square distance
     of the subject's landmarks from their centre in the image; noises are never below half a pixel.
 
     nodes: surface nodes, about. fineness: cells of the depth buffer.
-    beside_keypoints: factor of the image likelihood where keypoints see the whole person too: both come from the
-        same pixels, and what is wrong with the body's shape or the background is wrong for every node at once.
+    beside_keypoints: factor of the image likelihood where there are keypoints of the whole person too: both come from
+        the same pixels, and errors of the body's shape or the background affect every node at once.
     visibility_evidence: of the visibility penalties (CSS eqs. 5 to 7). back_facing: energy of a back-facing node, nu of
         the equations. occluded: k, how many times that an occluded one costs.
-    rounds: how often features are assigned anew during a search.
+    rounds: how often features are assigned again during a search.
     """
 
     nodes: int = setting(1000, at_least=1)

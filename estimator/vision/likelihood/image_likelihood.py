@@ -1,4 +1,4 @@
-"""What the pictures of one instant say of a pose: the parts of all cues, as terms of the energy."""
+"""The likelihood of a pose by the pictures of one instant: the parts of all cues, as terms of the energy."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from estimator.vision.prediction import Prediction, Predictor
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface, surface_of
 
-BRIEF = 2  # a first search looks at one in so many points of the contours
+BRIEF = 2  # a first search uses one in so many points of the contours
 Followed = dict[str, Any]
-"""What each cue of one camera that follows the surface says of one past."""
+"""The evidence of each cue of one camera that follows the surface, for one past."""
 
 
 class ImageModel:
@@ -49,7 +49,7 @@ class ImageModel:
 
 
 class ImageLikelihood:
-    """The image likelihood of one instant, in every camera; without cameras it says nothing of any pose."""
+    """The image likelihood of one instant, in every camera; constant without cameras."""
 
     def __init__(self, cameras: tuple[CameraLikelihood, ...] = ()) -> None:
         self.cameras = cameras
@@ -89,22 +89,22 @@ class ImageLikelihood:
         return [self.terms_since(followed) for followed in self.follow(pasts)]
 
     def follow(self, pasts: Sequence[PastPose]) -> list[list[Followed]]:
-        """What each camera says of each past; `terms_since` makes terms of it."""
+        """The evidence of each camera for each past; `terms_since` makes terms of it."""
         by_camera = [camera.follow(pasts) for camera in self.cameras]
         return [[said[k] for said in by_camera] for k in range(len(pasts))]
 
     def terms_since(self, followed: Sequence[Followed]) -> list[Term]:
-        """The terms of one past, from what the cameras say of it."""
+        """The terms of one past, from the cameras' evidence for it."""
         pairs = zip(self.cameras, followed, strict=True)
         return [term for camera, said in pairs for term in camera.since(said)]
 
     def leading(self, followed: Sequence[Followed]) -> list[Term]:
-        """The terms by which a hypothesis is moved from a past to where the pictures are looked at around it."""
+        """The terms by which a hypothesis is moved from a past to the pose around which the pictures are used."""
         pairs = zip(self.cameras, followed, strict=True)
         return [term for camera, said in pairs for term in camera.leading(said)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
-        """For every camera and every cue that can tell, the share of the pose that the image agrees with."""
+        """The share of the pose that the image agrees with, for every camera and every cue that determines it."""
         return [share for camera in self.cameras for share in camera.agreement(posed)]
 
 

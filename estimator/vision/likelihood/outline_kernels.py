@@ -11,7 +11,7 @@ from estimator.data.cameras.projection import in_camera, parallel_pixel, project
 from humanoid.support.compiled import jit
 
 INNER, OUTER = 0.55, 1.6  # in half-widths from the axis: where a limb is asked for, and where it should end
-CAP = 0.9  # how far a limb goes on beyond its ends, in half-widths there: ends are round
+CAP = 0.9  # how far a limb extends beyond its ends, in half-widths there: ends are round
 
 
 @jit
@@ -65,7 +65,7 @@ def lower_depths(xs, ys, limb, nearest):  # type: ignore[no-untyped-def]
     """Lower nearest (P,), depths [m], to that of the axis of a limb at those of points xs, ys (P,) [px] that are inside
     of it.
 
-    limb (S, 5): of `project_limb`. Without branches, and coordinates apart, so that several points are looked at
+    limb (S, 5): of `project_limb`. Without branches, and with separate coordinates, so that several points are computed
     together.
     """
     last = limb.shape[0] - 1
@@ -112,14 +112,14 @@ def outline_values(  # type: ignore[no-untyped-def]
     t, R, z, axes, intrinsics, lens, Rc, tc, edges, mask, ratios, cells, wanted, weights, points, owner,
     values, cover, hidden,
 ):  # fmt: skip
-    """Fill values (N, L), what each limb says, and cover (N,), what the foreground that limbs explain says [nats], and
-    hidden (N, F) bool: points behind the axis of a limb and inside of it in the image.
+    """Fill values (N, L) with the log ratio of each limb [nats], cover (N,) with that of the foreground explained by
+    limbs [nats], and hidden (N, F) bool: points behind the axis of a limb and inside of it in the image.
 
     t (N, L, 3), R (N, L, 3, 3): T_world_limb. z (L, S), axes (L, S, 2): stations of the limbs. intrinsics (5,), lens,
     Rc (3, 3), tc (3,): the camera, see `project_limb`. edges (B, H, W): log ratios by orientation from 0 to pi; B is 0
-    without. mask (H, W): 1 on the foreground, 0 on the background, -1 where nothing is known. ratios (2, 2): log ratios
-    on the body and beside it, where the mask is 0 and 1. cells (2, G): x, y of pixels of the foreground, none where its
-    share is not looked at. wanted (L,) bool: which limbs. weights (3,): of edges, mask and cells, in all.
+    without. mask (H, W): 1 on the foreground, 0 on the background, -1 where unknown. ratios (2, 2): log ratios on the
+    body and beside it, where the mask is 0 and 1. cells (2, G): x, y of pixels of the foreground, none where its share
+    is not used. wanted (L,) bool: which limbs. weights (3,): of edges, mask and cells, in all.
     points (N, F, 3) [m] in the world, owner (F,): the limb of each, which does not hide it.
     """
     count, stations = z.shape

@@ -26,14 +26,14 @@ _NONE = 255  # the orientation of what is no edge
 
 @dataclass(frozen=True)
 class OutlineSettings(CheckedSettings):
-    """How pictures weigh poses.
+    """Weights of image evidence for poses.
 
     edge_evidence, silhouette_evidence, cover_evidence: how many independent measurements all outlines, all insides and
-    the whole foreground count as, however many points are looked at; 0 leaves it out.
+    the whole foreground count as, however many points are used; 0 leaves it out.
     edge_noise: standard deviation of an edge from the outline, as a share of the body's size in the image.
     edge_missing: probability that an outline has no edge. strength: of an edge that counts, 0 to 1. orientations: kinds
     of edges that are distinguished. mask_error: share of the silhouette that is wrong. stations: points along each side
-    of a limb. cells: points of the foreground. Raises InputError where a value cannot be.
+    of a limb. cells: points of the foreground. Raises InputError where a value is outside its range.
     """
 
     edge_evidence: float = setting(25.0, at_least=0)
@@ -52,13 +52,13 @@ class OutlineLikelihood:
     """The likelihood of poses by one camera's picture, as a log ratio to a picture without the body.
 
     A limb whose outline has an edge of its direction near it, whose inside is foreground and whose outside is not, is
-    likelier than one anywhere. What a nearer limb hides counts for nothing, and so does what is outside of the picture:
-    neither good nor bad, so that nothing is gained by hiding.
+    likelier than one anywhere. What a nearer limb hides, or what is outside of the picture, is neutral, so that nothing
+    is gained by hiding.
 
     Parameters
     ----------
-    body: whose poses. graph: its limbs. cues: of the picture, of which edges and silhouette are looked at; without
-    either every pose is as likely. extent: the body's size in the image [px].
+    body: whose poses. graph: its limbs. cues: of the picture, of which edges and silhouette are used; without either
+    every pose is equally likely. extent: the body's size in the image [px].
     """
 
     def __init__(
@@ -80,10 +80,10 @@ class OutlineLikelihood:
         self._camera = cues.camera.arrays
 
     def values(self, placed: PlacedBodies, limbs: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """What each limb says, (N, L), and the foreground that limbs explain, (N,) [nats], of N configurations; their
-        sum is the log likelihood.
+        """Log ratios of each limb, (N, L), and of the foreground that limbs explain, (N,) [nats], for N configurations;
+        their sum is the log likelihood.
 
-        limbs (L,) bool: those that are looked at; the others are 0, but still hide and explain.
+        limbs (L,) bool: those to compute; the others are 0, but still hide and explain.
         """
         nothing = np.zeros((len(placed.q), 0, 3))
         return self._values(placed, limbs, nothing, np.zeros(0, dtype=np.int64))[:2]
@@ -118,8 +118,8 @@ def edge_ratios(edges: EdgeMap, sigma: float, settings: OutlineSettings) -> np.n
     """Log ratio (B, H, W) float32 of an outline's point being there, by the orientation of its normal in B steps of pi.
 
     An outline has an edge of about its direction at a distance that is normal with `sigma` [px], or none; elsewhere the
-    distance is distributed as it is all over the picture, so that crowded pictures say little. Its mean over a picture
-    in which the body is nowhere is not above 0 (Jensen's inequality).
+    distance is distributed as it is all over the picture, so that crowded pictures give little evidence. Its mean over
+    a picture in which the body is nowhere is not above 0 (Jensen's inequality).
     """
     count, reach = settings.orientations, 4.0 * sigma
     strong = edges.strength > settings.strength

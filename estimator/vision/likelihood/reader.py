@@ -1,4 +1,4 @@
-"""Reads the cues of clips: what every cue that is used says of every camera's picture at an instant."""
+"""Reads the cues of clips: the evidence of every cue used in every camera's picture at an instant."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CueReader:
     masks: for each camera a folder of images or a video, white on the person, or None; they replace the background.
     plates: for each camera a picture of the empty scene, or None.
     frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
-    persons: for each camera where keypoints say that the person is, or None (`estimator.vision.known_person`).
+    persons: for each camera where the person is by the keypoints, or None (`estimator.vision.known_person`).
     rights: for each camera the number of the one to its right that makes a stereo pair with it, or None.
     depths: for each camera a folder of depth pictures (`estimator.data.media.depth_folder`), or None.
 
@@ -37,7 +37,7 @@ class CueReader:
 
     Raises
     ------
-    InputError: a file cannot be read, or its size is not the camera's.
+    InputError: a file is not readable, or its size is not the camera's.
     """
 
     def __init__(
@@ -98,10 +98,10 @@ class _View:
 def persons_before(
     subject: Subject, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray, chosen: CueSettings
 ) -> Sequence[KnownPerson] | None:
-    """What keypoints (T, C, L, 2), confidence (T, C, L), say beforehand of where the person is, for every camera; None
-    where no cue asks.
+    """Where the person is by the keypoints (T, C, L, 2), confidence (T, C, L), for every camera; None where no cue
+    needs it.
 
-    The body is a built-in subject as it was shipped, so that a run's own, which was fitted later, gives the same.
+    The body is the unmodified built-in subject, so that a run's own, which was fitted later, gives the same.
     """
     if not any(CUES[name].uses_masks for name in chosen.used):
         return None

@@ -61,7 +61,7 @@ def cue_settings(names: Iterable[str] | None = None, *, working_size: int = CueS
 
 
 def unused_rules() -> tuple[UnusedRule, ...]:
-    """The settings of a cue that is not looked at have no effect."""
+    """The settings of an unused cue have no effect."""
     return tuple(UnusedRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES)
 
 

@@ -11,7 +11,7 @@ LEAST_AREA, LEAST_HEIGHT = 0.08, 0.35  # m^2 and m of a person that can be seen,
 LEAST_MOVING_AREA = 0.04  # m^2, of a person seen from the side, in pieces, where scenery is out of the question
 MOVING = 0.15  # share of a thing that has moved, from which it does not belong to the scene
 LARGEST = 2.7  # m, of anything that is one person, arms spread
-FILLS = 0.6  # share of the picture that nobody takes up: what does is a wall or a screen, however near
+FILLS = 0.6  # share of the picture that no person takes up: what does is a wall or a screen, however near
 _TOUCHING = np.ones((3, 3, 3), bool)
 
 
@@ -26,13 +26,13 @@ def nearest_thing(
 ) -> np.ndarray:
     """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
 
-    points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2].
-    up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
+    points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2]. up
+    (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
     belongs to it, and one that moves within four, as a leg below a raised one that hides the hip. between (N,) bool:
     points at jumps of the depth, which may lie between two things: they connect none, and belong to the thing that they
     touch. moved (N,) bool: points where the clip shows something farther away at other times: a thing with many of them
-    goes before others, and may be smaller. pixels: how many are looked at in the picture, those without a point too;
-    None where that is not known.
+    goes before others, and may be smaller. pixels: number of pixels of the picture that were sampled, including those
+    without a point; None where unknown.
     """
     mine = np.zeros(len(points), dtype=bool)
     if not len(points):

@@ -18,15 +18,15 @@ from estimator.vision.cues.depth.settings import DepthSettings
 from estimator.vision.depth_map import DepthMap, DepthPoints
 from estimator.vision.stereo import StereoPair
 
-_ON_GRID = 20_000  # pixels that are looked at, about
+_ON_GRID = 20_000  # pixels sampled, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
 _ASIDE = 0.25  # of a jump that just counts: what is farther behind its near side does not lie on that
-_LEAST = 20  # points that say something
+_LEAST = 20  # fewest informative points
 _SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
 
 
 class Grid(NamedTuple):
-    """Pixels (P,) of a depth picture that are looked at, every `step`-th, with the directions (P, 3) of their rays."""
+    """Sampled pixels (P,) of a depth picture, every `step`-th, with the directions (P, 3) of their rays."""
 
     rows: np.ndarray
     columns: np.ndarray
@@ -35,8 +35,8 @@ class Grid(NamedTuple):
 
 
 class DepthScene(NamedTuple):
-    """What is known of a clip: where its depth is from, the pixels that are looked at, up (3,), the floor, and the
-    farthest that is seen at each of the pixels at some instants (P,) [m], NaN where nothing is."""
+    """Constants of a clip: the source of its depth, the sampled pixels, up (3,), the floor, and the largest depth of
+    each pixel over some instants (P,) [m], NaN without any."""
 
     source: DepthSource
     grid: Grid
@@ -82,7 +82,7 @@ class DepthReading:
         return None if source is None else DepthReading(pictures, settings, _scene(pictures, settings, source))
 
     def at(self, instant: int) -> PersonPoints | None:
-        """The person at an instant; None where nobody is seen."""
+        """The person at an instant; None where no person is seen."""
         if self._last is None or self._last[0] != instant:
             self._last = instant, _person(self._pictures, instant, self._settings, self._scene)
         return self._last[1]

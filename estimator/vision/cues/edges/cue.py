@@ -59,8 +59,8 @@ class Edges(Cue):
 
 
 class EdgeMatcher(Matcher):
-    """Edges of one image. Motion boundaries of the flow and the silhouette's outline, where there are any, tell which
-    of them can be the body's."""
+    """Edges of one image. Motion boundaries of the flow and the silhouette's outline, where there are any, select those
+    that can be the body's."""
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)

@@ -42,7 +42,7 @@ def search_edges(  # type: ignore[no-untyped-def]
     height, width = strength.shape
     reach = int(window)
     profile = np.zeros(2 * reach + 3)
-    step = np.uint32(1)  # indices without a sign need no look at whether they count from the end
+    step = np.uint32(1)  # unsigned indices need no check whether they count from the end
     for i in range(pixels.shape[0]):
         share[i] = 0.0
         if state[i] != OUTER and state[i] != INNER:

@@ -46,7 +46,7 @@ class FlowCueSettings(FlowSettings):
     nu: float = setting(4.0, above=0)
 
 
-FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough
+FLOW_NODES = 200  # more give nothing new; beside keypoints flow has less weight, and fewer are enough
 _FEWEST = 0.4  # share of them that is always followed
 
 

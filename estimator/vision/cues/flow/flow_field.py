@@ -14,7 +14,7 @@ from humanoid.support.settings import CheckedSettings, setting
 _BLOCK = 8  # px across of the blocks that are compared to see where two images differ
 _NOISE_RATIO, _LEAST_CHANGE = 1.5, 0.5  # a block has changed by more than so many times the usual and [grey values]
 _MOVING_CAMERA = 4.0  # usual change of a block [grey values] from which all is taken to move
-_MARGIN, _LEAST_BOX = 24, 96  # px around what changed, for the search's patches; no smaller rectangle is looked at
+_MARGIN, _LEAST_BOX = 24, 96  # px around what changed, for the search's patches; and the smallest rectangle used
 _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window is motion boundary
 
 
@@ -23,12 +23,12 @@ class FlowSettings(CheckedSettings):
     """How flow is found and checked.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
-        Half leads the points that are refined (`estimator.vision.cues.flow.point_flow`) well; at a quarter limbs are
-        lost.
+        Half is accurate enough to start the refined points (`estimator.vision.cues.flow.point_flow`); at a quarter
+        limbs are lost.
     tolerance: disagreement of the flows there and back that makes a pixel half an outlier [px].
     relative_tolerance: the same as a share of the flow's length; both are added.
     boundary_reach: standard deviation of the smoothing of the motion boundaries [px].
-    Raises InputError where a value cannot be.
+    Raises InputError where a value is outside its range.
     """
 
     finest_scale: int = setting(1, at_least=0, at_most=2)

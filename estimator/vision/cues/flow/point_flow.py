@@ -17,13 +17,13 @@ DOUBTFUL = 0.8  # sureness below which a second try is worth its time: it came b
 def follow_points(
     flow: FlowField, pixels: np.ndarray, guess: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the previous frame, pixels (N, 2), are in this one, (N, 2), and how sure that is, (N,) 0 to 1.
+    """Places (N, 2) in this frame of points of the previous one, pixels (N, 2), and their confidence (N,), 0 to 1.
 
-    The dense field leads; Lucas and Kanade's iteration (pyramidal, Bouguet 2000) refines each point, there and back:
-    the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) leads a second try for points
-    that the first one leaves in doubt or has found elsewhere; whichever comes back nearer to where it started is taken.
-    Points of one pixel move alike, so that each pixel is looked at once, however many points there are. Where the two
-    images do not differ nothing moves, which is sure.
+    The dense field is the start. Lucas and Kanade's iteration (pyramidal, Bouguet 2000) refines each point, forwards
+    and backwards: the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) starts a second
+    try for points that the first one leaves in doubt or has found elsewhere; the one that returns nearer to its start
+    is used. Points of one pixel move alike, so each pixel is computed once, however many points there are. Where the
+    two images do not differ nothing moves, with full confidence.
     """
     points = np.clip(pixels, 0.0, np.array(flow.size) - 1.0)
     height, width = flow.outlier.shape

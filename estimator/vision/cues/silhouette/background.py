@@ -22,9 +22,9 @@ _BESIDE = 0.015  # of the picture's longer side: by which a mask may miss the pe
 
 
 class KnownBody(NamedTuple):
-    """Where keypoints say that the body is in a picture, masks (H, W) bool.
+    """Where the body is in a picture by its keypoints, masks (H, W) bool.
 
-    core: surely on it. body: about its own outline. reach: surely nothing of it is beyond.
+    core: surely on the body. body: about its own outline. reach: nothing of the body is beyond it.
     """
 
     core: np.ndarray
@@ -38,12 +38,12 @@ def learn_background(
 ) -> Background | None:
     """Background from frames (H, W, 3) uint8 in order, spread over the clip; None if the camera moves or they are few.
 
-    At first each pixel takes the colour that shows in most frames while the place stands still: a person who stands
-    about still moves a little. Then people who move are cut out of every frame by colour and outline, and what is left
-    makes the background. Places that are occupied in every frame stay unknown.
+    At first each pixel takes the colour seen in most frames while the place does not move: a person who stands around
+    still moves a little. Then people who move are cut out of every frame by colour and outline, and the rest makes the
+    background. Places that are occupied in every frame stay unknown.
 
-    bodies: where the body is known to be in each frame, None where it is not. There it says nothing of the scene, nor
-    in frames before and after in which it has not gone from there; what is seen beside it counts more.
+    bodies: where the body is known to be in each frame, None where it is not. There a frame does not show the scene,
+    nor do frames before and after in which the body has not left. What is seen beside it counts more.
     """
     pictures = [smoothed(frame) for frame in frames]
     known: list[KnownBody | None] = [None for _ in pictures] if bodies is None else list(bodies)
@@ -65,10 +65,10 @@ def learn_background(
 @one_thread()
 def background_beside(frames: Iterable[np.ndarray], persons: Sequence[np.ndarray | None]) -> Background | None:
     """Background from frames (H, W, 3) uint8 in which it is known about where the person is: masks (H, W) bool, None
-    where nobody is seen. None if the camera moves or they are few.
+    where no person is seen. None if the camera moves or there are too few frames.
 
-    Each pixel takes the colour that shows most often while nobody is at it or near it. Places at which somebody is in
-    nearly every frame stay unknown.
+    Each pixel takes the colour seen most often while no person is at it or near it. Places occupied in nearly every
+    frame stay unknown.
     """
     pictures = [smoothed(frame) for frame in frames]
     if len(pictures) < FEWEST_FRAMES or camera_moves(pictures):
@@ -88,7 +88,7 @@ def widened(mask: np.ndarray, share: float) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """What each picture may say of the scene: where, masks (H, W) uint8, 0 or 255, and with how many votes a pixel."""
+    """Where each picture shows the scene, masks (H, W) uint8, 0 or 255, and its number of votes per pixel."""
 
     free: list[np.ndarray]
     weight: list[int]
@@ -126,7 +126,7 @@ class _Votes(NamedTuple):
 
 
 def _cut(picture: np.ndarray, of: KnownBody) -> np.ndarray:
-    """The person in a picture (H, W) uint8, 0 or 255, from where keypoints say that the body is."""
+    """The person in a picture, (H, W) uint8, 0 or 255, from the place of the body by its keypoints."""
     size = small_size(picture.shape)
     label = np.full(size[::-1], cv2.GC_PR_BGD, np.uint8)
     label[_reduced(of.body, size) > 0.5] = cv2.GC_PR_FGD
@@ -136,7 +136,7 @@ def _cut(picture: np.ndarray, of: KnownBody) -> np.ndarray:
 
 
 def _instruct(label: np.ndarray, of: KnownBody) -> None:
-    """Change GrabCut's labels (h, w) to what keypoints say."""
+    """Change GrabCut's labels (h, w) to agree with the keypoints."""
     size = label.shape[::-1]
     label[_reduced(of.reach, size) < 0.5] = cv2.GC_BGD
     label[_reduced(of.core, size) > 0.5] = cv2.GC_FGD

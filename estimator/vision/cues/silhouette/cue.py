@@ -58,14 +58,15 @@ _NEAR = 3.0  # px around it, at the cues' resolution
 
 
 class BesidePerson(NamedTuple):
-    """What is known where another cue tells about where the person is: the background beside them, None without one."""
+    """Constants of a clip where another cue shows about where the person is: the background beside them, None without
+    one."""
 
     background: Background | None
 
 
 class Outline(Cue):
-    """The outline of what differs from the background; where another cue tells about where the person is, as depth
-    does, only there."""
+    """The outline of what differs from the background, only about the person where another cue, such as depth, locates
+    them."""
 
     name = "silhouette"
     summary = "the outline of what differs from the background, which is learned, given, or given as masks"
@@ -94,7 +95,7 @@ class Outline(Cue):
         settings: SilhouetteSettings,
         prepared: Background | BesidePerson | None,
     ) -> Silhouette | None:
-        """See `Cue.read`; None without a background, or where it is known that nobody is there."""
+        """See `Cue.read`; None without a background, or where it is known that no person is there."""
         mask = pictures.mask(instant)
         if mask is not None:
             return silhouette_of(mask)
@@ -134,7 +135,7 @@ def _beside(pictures: CameraPictures, persons: PersonMasks, settings: Silhouette
 
 
 def _noted(pictures: CameraPictures, background: Background | None, frames: int, so: str = "") -> Background | None:
-    """The same; a message says why there is none, and what follows from it."""
+    """The same, with a message why there is none and what follows from it."""
     if background is None:
         why = "the camera moves" if frames >= FEWEST_FRAMES else "the clip is too short"
         pictures.note(f"{why}, no background model{so}")
@@ -142,7 +143,7 @@ def _noted(pictures: CameraPictures, background: Background | None, frames: int,
 
 
 class OutlineMatcher(Matcher):
-    """The silhouette of one image. Edges of the picture, where they are known, tell which of its outline is real."""
+    """The silhouette of one image. Edges of the picture, where known, show which parts of its outline are real."""
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)

@@ -71,8 +71,8 @@ def foreground_mask(image: np.ndarray, background: Background, settings: Silhoue
 def person_mask(
     image: np.ndarray, person: np.ndarray, background: Background | None, settings: SilhouetteSettings
 ) -> np.ndarray:
-    """Mask (H, W) bool of the person in an image (H, W, 3) uint8, of whom it is known about where they are: person
-    (H, W) bool. There and nearby it is what does not belong to the background; where this is not known, `person`."""
+    """Mask (H, W) bool of a person in an image (H, W, 3) uint8 whose place is known approximately: person (H, W) bool.
+    There and nearby it is what does not belong to the background; where the background is unknown, `person`."""
     if background is None:
         return _tidy(person, settings.smallest * person.size)
     near = widened(person, _REACH)

@@ -23,14 +23,14 @@ _UNEXPLAINED = 0.35  # share of the texture's variance that may differ where the
 class SilhouetteSettings(CheckedSettings):
     """How the background is learned and the person separated from it.
 
-    frames: so many of a clip's frames are looked at; each costs about 0.1 s once.
+    frames: number of a clip's frames that are used; each costs about 0.1 s once.
     still: motion from one to the next up to which a place counts as still [px, of a picture of 320 px].
-    seen: share of the frames a still colour must show in to be background at first.
+    seen: share of the frames that must show a still colour for it to be background at first.
     rounds: how often persons are cut out of the frames and the background is learned again without them.
     threshold: difference from the background that makes foreground, in its standard deviations.
     shadow: darkest shadow, as a share of the background's brightness.
     smallest: foreground or holes below this share of the picture are specks.
-    Raises InputError where a value cannot be.
+    Raises InputError where a value is outside its range.
     """
 
     frames: int = setting(40, at_least=1)
@@ -67,7 +67,7 @@ class Background:
 
 @dataclass(frozen=True)
 class Departure:
-    """How an image differs from a background; both say nothing where the background is unknown.
+    """How an image differs from a background; both arrays are neutral where the background is unknown.
 
     squared (H, W) float32: squared difference over the squared threshold; above 1 is foreground.
     shaded (H, W) bool: the background's own texture shows there, but brighter or darker.
