@@ -1,1 +1,1 @@
-"""What people look at: the browser preview, the image overlay and the contact sheet of a run."""
+"""Visualisation: the browser preview, the image overlay and the contact sheet of a run."""

@@ -1,4 +1,4 @@
-"""What a camera's picture says of a pose: cues, the features assigned to the body, keypoints, visibility."""
+"""The image evidence of a camera for a pose: cues, the features assigned to the body, keypoints, visibility."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class CueView:
 
     camera: its name. image (H, W, 3) uint8 BGR. names (L): of the landmarks. keypoints (L, 2), NaN where missing;
     landmarks (L, 2): of the pose.
-    prediction: what the image should show of the pose, None where only keypoints were used. pictures: what the cues
-    say of it.
+    prediction: what the image should show of the pose, None where only keypoints were used. pictures: the cues'
+    evidence for it.
     """
 
     camera: str
@@ -62,7 +62,7 @@ class CueView:
 
 
 def write_cue_pictures(views: Sequence[CueView], folder: str | Path) -> list[Path]:
-    """Write PNGs for every camera, `CAMERA_edges.png` and so on, of what there is; the folder is made if need be.
+    """Write PNGs for every camera, `CAMERA_edges.png` and so on, of what is available; the folder is made if needed.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def cue_pictures(view: CueView) -> Iterator[tuple[str, np.ndarray]]:
 
 
 class _Sheet:
-    """The part of a picture around the body, enlarged, with a header that says what the colours mean."""
+    """The part of a picture around the body, enlarged, with a header that explains the colours."""
 
     def __init__(self, view: CueView, background: np.ndarray, title: str, legend: Legend) -> None:
         corner, size, self._zoom = _window(view)
@@ -180,7 +180,7 @@ def _visibility(view: CueView, prediction: Prediction) -> np.ndarray:
 
 
 def _drawn(view: CueView, picture: CuePicture) -> np.ndarray:
-    """What a cue says, in the colours of the palette."""
+    """A cue's evidence, in the colours of the palette."""
     base = picture.base
     for layer in picture.layers:
         if isinstance(layer, Area):

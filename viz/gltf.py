@@ -94,7 +94,7 @@ def _accessor(buffers: Any, tree: dict[str, Any], name: str, values: np.ndarray,
     entry: dict[str, Any] = {
         "bufferView": len(buffers) - 1, "componentType": _FLOAT, "type": kind, "count": len(single),
     }  # fmt: skip
-    if kind == "SCALAR":  # which times need to say
+    if kind == "SCALAR":  # which is required for times
         entry |= {"min": [float(single.min())], "max": [float(single.max())]}
     tree["accessors"][key] = entry
     return len(tree["accessors"]) - 1

@@ -30,8 +30,8 @@ class LocalServer(ThreadingHTTPServer):
 
     Attributes
     ----------
-    address: where the page is. hosts: the names it may be asked under. token: the secret part of the address.
-    silence: a connection that says nothing for so long is closed, so that it keeps no thread busy [s].
+    address: where the page is. hosts: the host names it accepts. token: the secret part of the address.
+    silence: time [s] after which an idle connection is closed, so that it keeps no thread busy.
     """
 
     daemon_threads = True
@@ -58,7 +58,7 @@ class LocalServer(ThreadingHTTPServer):
 
 
 class LocalHandler(BaseHTTPRequestHandler):
-    """Answers those who know the address; `get` says with what."""
+    """Answers requests with the secret address; `get` has the contents."""
 
     server: LocalServer
 
@@ -109,7 +109,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         self.send(status, "application/json", json.dumps(value, allow_nan=False).encode("utf-8"))
 
     def start_stream(self, kind: str) -> None:
-        """Begin an answer of a content type that goes on until this connection is closed; `wfile` takes it."""
+        """Begin an answer of a content type that continues until this connection is closed; write it to `wfile`."""
         self.send_response(HTTPStatus.OK)
         for name, value in {"Content-Type": kind, **_HEADERS}.items():
             self.send_header(name, value)

@@ -68,7 +68,7 @@ def shade(image: np.ndarray, top: int, bottom: int, strength: float = 0.6) -> No
 
 
 def tint(image: np.ndarray, mask: np.ndarray, colour: Rgb) -> None:
-    """Blend a colour into the image in place, as strongly as mask (H, W) uint8 says."""
+    """Blend a colour into the image in place, with the strength of mask (H, W) uint8."""
     x, y, w, h = cv2.boundingRect(mask)
     if w == 0:
         return

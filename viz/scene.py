@@ -1,4 +1,4 @@
-"""What there is to look at: a run's arrays and its pictures, without the run file."""
+"""A run's arrays and pictures for drawing, without the run file."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Scene:
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
-    None where it is not known. contact: tells when the feet stand, and on what floor, if it is asked; None where nobody
-    does. source: whom the body follows, beside it; None where it was tracked.
+    None where it is not known. contact: gives when the feet stand, and on what floor; None without it. source: the
+    motion that the body follows, drawn beside it; None where it was tracked.
     """
 
     body: Body
@@ -144,7 +144,7 @@ def _own_frames(run: Run, camera: str) -> np.ndarray | None:
 
 
 def _opener(clip: str | None) -> Frames | None:
-    """Opens a clip's frames anew each time; None where the clip is not there (any more)."""
+    """Opens a clip's frames each time; None where the clip is missing."""
     if clip is None or not Path(clip).exists():
         return None
 

@@ -19,8 +19,8 @@ _FRAMES = 200  # that the camera is to hold
 
 
 def pictured_scene(source: Scene | Run) -> Scene:
-    """`as_scene`; where no camera saw the body, as one would that looks at it from the front and a little from the
-    side, without a picture.
+    """`as_scene`; where no camera saw the body, as seen by one from the front and a little from the side, without a
+    picture.
 
     Raises InputError for a run without a single tracked frame.
     """

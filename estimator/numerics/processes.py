@@ -22,8 +22,8 @@ def processors() -> int:
 
 
 def checked_count(processes: int) -> int:
-    """The given number of processes, checked. Raises InputError where it is not positive, or where a spawned process
-    runs its parent's script once more because a guard is missing."""
+    """The given number of processes, checked. Raises InputError where it is outside its range, or where a spawned
+    process runs its parent's script once more because a guard is missing."""
     if not 1 <= processes <= MOST:
         raise InputError("workers", f"{processes} processes cannot share the work", remedy=f"1 to {MOST}")
     if getattr(multiprocessing.current_process(), "_inheriting", False):

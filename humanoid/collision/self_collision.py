@@ -23,7 +23,7 @@ _Query = tuple[int, int, Any, Any]
 """The two solids, coal's query of their distance and how it is to be answered."""
 
 REST_OVERLAP = 0.003  # [m] pairs that overlap by more at the neutral configuration are drawn so, and left out
-MOST_PAIRS = 100_000  # every pair is looked at in every pose
+MOST_PAIRS = 100_000  # every pair is checked in every pose
 _ITERATIONS = 500
 _HULL_TOLERANCES = 1e-8, 1e-6  # of GJK and EPA
 # On ellipsoids EPA takes long, and at 1e-8 fails, or answers wrongly, in some of a thousand deep overlaps; from here
@@ -93,19 +93,19 @@ class SelfCollision:
     A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
     contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
 
-    One object serves one thread: it reuses buffers and coal's queries. Answers own their arrays and depend on nothing
-    asked before, but for distances of hulls, by less than 1e-8 m.
+    One object serves one thread: it reuses buffers and coal's queries. Results own their arrays and do not depend on
+    earlier calls, except for distances of hulls, by less than 1e-8 m.
 
     Parameters
     ----------
     margin: distance [m] below which a pair counts as near.
-    exclude, include: pairs of links to take from, and to add to, what these rules leave; `exclude` has the last word.
+    exclude, include: pairs of links to remove from, and to add to, those of these rules; `exclude` takes precedence.
     geometry: which solids, see `humanoid.shape.solids.solids_of`.
 
     Attributes
     ----------
     solids: see `humanoid.shape.solids`.
-    pairs: links (a, b) of every pair of solids looked at; a link with several solids occurs several times.
+    pairs: links (a, b) of every checked pair of solids; a link with several solids occurs several times.
     arrays: solids and pairs for compiled code that calls `compiled_contacts.find_contacts` itself.
     overlapping_at_rest: pairs of links left out because they overlap at `body.neutral`, with their depth [m].
 

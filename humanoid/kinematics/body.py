@@ -138,17 +138,17 @@ class Body(Summarised):
     ----------
     subject, model: where it comes from.
     nq, nv: sizes of configuration and tangent.
-    has_free_root: whether a root leads q and the tangent, as `ROOT_Q` and `ROOT_V` have it. first_joint_dof: the first
-    degree of freedom that is no root's.
+    has_free_root: whether q and the tangent begin with a root, see `ROOT_Q` and `ROOT_V`. first_joint_dof: the first
+    degree of freedom after the root's.
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     landmark_support (L, nv) bool: which degrees of freedom move each landmark.
-    keypoint_local (L, 3), keypoint_std (L,): where in the same frames detectors mark the landmarks, and how unsure that
-    is [m], NaN where nobody knows, see `humanoid.subject.urdf_elements.Landmark`.
-    marker_names (M), marker_joint (M,), marker_local (M, 3), marker_std (M,): the same of markers, and how unsure
-    their places are [m].
-    zero_std (nv,): by how much each degree of freedom may be off in all frames alike [rad, m], NaN where the subject
-    does not say it (`humanoid.subject.urdf_elements.Zero`).
+    keypoint_local (L, 3), keypoint_std (L,): where in the same frames detectors mark the landmarks, and the standard
+    deviation of that [m], NaN where unknown, see `humanoid.subject.urdf_elements.Landmark`.
+    marker_names (M), marker_joint (M,), marker_local (M, 3), marker_std (M,): the same of markers, and the standard
+    deviations of their places [m].
+    zero_std (nv,): standard deviation of each degree of freedom's common error in all frames [rad, m], NaN where the
+    subject does not give it (`humanoid.subject.urdf_elements.Zero`).
     column_support (njoints, nc) bool: which columns of the spatial Jacobian move each joint. follows: whether joints
     follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
@@ -226,7 +226,7 @@ class Body(Summarised):
 
     def placed(self, q: np.ndarray) -> PlacedBodies:
         """Forward kinematics alone at q (N, nq): the placements of `at`, to the last bit."""
-        q = np.require(q, requirements="W")  # kernels are compiled once more for arrays that cannot be written to
+        q = np.require(q, requirements="W")  # kernels are compiled once more for read-only arrays
         return PlacedBodies(q, self._kinematics.placed(q))
 
     def spatial_jacobians(self, q: np.ndarray) -> np.ndarray:
@@ -335,7 +335,7 @@ class Body(Summarised):
         return posed.spatial_jacobian[self.tree.dof_column] if self.follows else posed.spatial_jacobian
 
     def drives_several(self, dof: int) -> bool:
-        """Whether other joints follow a degree of freedom, so that no single axis says what it moves."""
+        """Whether other joints follow a degree of freedom, so that no single axis describes its motion."""
         return int(np.count_nonzero(self.tree.column_dof == dof)) > 1
 
     def last_columns(self, joints: np.ndarray) -> np.ndarray:
@@ -348,7 +348,7 @@ class Body(Summarised):
         return self._support[joint].copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Made anew when it is sent to another process: its views look into this process' memory."""
+        """Rebuilt when it is sent to another process: its views refer to this process' memory."""
         if not self.follows:
             return Body, (self.subject, self.model)
         model = self.model  # Pinocchio cannot send it; it differs from the subject's by lengths and limits alone

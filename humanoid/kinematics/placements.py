@@ -9,7 +9,7 @@ import pinocchio as pin
 
 MOST_DOF_WITH_DATA = 150
 """Degrees of freedom up to which `pin.Data` is used. It holds four derivatives of the dynamics, nv x nv x nv numbers
-each, that kinematics never looks at: 108 MB here, 2 GB at 400."""
+each, that kinematics never uses: 108 MB here, 2 GB at 400."""
 _SE3_DOUBLES = 12  # Pinocchio keeps an SE3 as its rotation, column by column, then its translation
 
 

@@ -56,7 +56,7 @@ class ProportionedBody:
         moved = np.einsum("p,plk->lk", change, self.landmark_slope)
         body.landmark_local = self.base.landmark_local + moved
         body.keypoint_local = self.base.keypoint_local + moved
-        body.extent = self.base.extent  # how unsure a keypoint is does not say how large a person is
+        body.extent = self.base.extent  # the uncertainty of keypoints does not depend on the person's size
         body.marker_local = self.base.marker_local + np.einsum("p,pmk->mk", change, self.marker_slope)
         return body
 

@@ -54,7 +54,7 @@ def limb_graph(
 
     subject: or a body, whose lengths count then; flesh is always the subject's, so for other lengths give
     `subject.scaled`. overrides: a TOML file or what `read_overrides` made of it. like: a graph of a body with the same
-    links, whose limbs are kept whatever the rule says, as for one person's lengths; detail has no effect then.
+    links, whose limbs are kept instead of the rule's, as for one person's lengths; detail has no effect then.
 
     Raises
     ------

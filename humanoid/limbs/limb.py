@@ -18,12 +18,12 @@ class Limb:
     """A tapered cone with elliptic section on a link.
 
     Its frame has its origin at the proximal joint, z towards the distal joint or the end, x and y along the main axes
-    of the section. What is merged into a limb is rigid with `link`, which alone says where the limb is.
+    of the section. What is merged into a limb is rigid with `link`, which alone determines the limb's placement.
 
     name: that of the link with the most surface. links: the links merged into it. link: the link that carries it.
     t_link_limb (3,) [m], R_link_limb (3, 3): the limb's frame in that link's.
     length: from the proximal joint to the distal joint or end [m].
-    start, end: where along z the cone begins and ends [m]; flesh goes beyond joints, so that start is mostly below 0.
+    start, end: where along z the cone begins and ends [m]; flesh extends beyond joints, so start is mostly below 0.
     proximal, distal (2,): semi-axes along x and y at start and at end [m].
     """
 

@@ -97,8 +97,9 @@ class Groups:
 def merged(bodies: Bodies, rule: Rule, fixed: Sequence[Group] = ()) -> list[Group]:
     """The limbs of a body, inner ones first; `fixed` ones are as they are, but for bodies without surface.
 
-    Bodies without surface go first, then what is shorter than the rule asks for, the shortest first and the root last,
-    into the neighbour with the most neighbours (of equals, the one that it hangs on); each time lengths are taken anew.
+    Bodies without surface go first, then what is shorter than the rule's limit, the shortest first and the root last,
+    into the neighbour with the most neighbours (of equals, the one that it hangs on). Lengths are measured again each
+    time.
     """
     groups = Groups(bodies, fixed)
     while (bare := _bare(groups)) is not None:

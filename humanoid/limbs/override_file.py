@@ -1,4 +1,4 @@
-"""Limbs as somebody wants them, where the rule makes others: a small TOML.
+"""Limbs given by the user in place of those of the rule: a small TOML.
 
     [limbs.left_leg]                          # a new limb, or with the name of one that the rule makes
     links = ["left_thigh", "left_shank"]      # merged into it; what stands between them belongs to it too
@@ -10,7 +10,7 @@
     proximal_radii = [0.09, 0.08]             # semi-axes along x and y there [m]
     distal_radii = [0.05, 0.05]
 
-All entries may be left out. What `links` leaves over is merged by the rule; without `links` the limb is the rule's.
+All entries may be left out. Links not in `links` are merged by the rule; without `links` the limb is the rule's.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class Change:
-    """What is said of one limb; see the module. None where nothing is said. path: the file, for errors."""
+    """The entries of one limb, see the module; None where not given. path: the file, for errors."""
 
     path: str = ""
     links: tuple[str, ...] | None = None
@@ -87,7 +87,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Overrides:
-    """What a file says of limbs, by their names."""
+    """The overrides of a file, by limb names."""
 
     path: str = ""
     limbs: dict[str, Change] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class Overrides:
 
 
 def read_overrides(path: str | Path) -> Overrides:
-    """Read a file of limbs; whether it fits a body is looked at when the graph is made.
+    """Read a file of limbs; whether it fits a body is checked when the graph is made.
 
     Raises
     ------

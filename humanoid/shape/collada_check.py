@@ -1,7 +1,7 @@
-"""What a COLLADA file must be before coal's mesh loader sees it, and the unit that the loader does not look at.
+"""Checks of a COLLADA file before coal's mesh loader reads it, and its unit, which the loader ignores.
 
-The loader, Assimp, believes the numbers it finds: a word among them makes it fill the memory, a count or an index
-beyond what is there makes it read what is not its own.
+The loader, Assimp, trusts the numbers it finds: a word among them makes it fill the memory, a count or an index beyond
+the data makes it read out of bounds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _COUNTED = ("triangles", "polylist", "polygons", "lines", "linestrips", "trifans
 
 
 def check_collada(path: Path) -> None:
-    """Check lists of numbers, and what is counted and pointed at in them.
+    """Check lists of numbers, and their counts and indices.
 
     Raises
     ------
@@ -48,11 +48,11 @@ def check_collada(path: Path) -> None:
 
 
 def collada_unit(path: Path) -> float:
-    """How many metres a COLLADA file's numbers count: its <unit meter="...">, 1 where it has none.
+    """The length unit of a COLLADA file [m]: its <unit meter="...">, 1 where it has none.
 
     Raises
     ------
-    InputError: the file cannot be read, or its unit is no length.
+    InputError: the file cannot be read, or its unit is not a length.
     """
     content = read_bytes(path, most=MOST_BYTES)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
@@ -115,7 +115,7 @@ def _check_primitives(path: Path, element: ET.Element, longest: int) -> None:
 
 
 def _corners(path: Path, element: ET.Element) -> int:
-    """How many corners a set of primitives says it has; 0 where it does not say."""
+    """Declared number of corners of a set of primitives; 0 where it declares none."""
     count = _whole(path, element, "count", 0)
     if element.tag == "triangles":
         return 3 * count

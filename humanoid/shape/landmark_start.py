@@ -1,8 +1,8 @@
 """A landmark file to start from, for a URDF without landmarks: every joint, the ends of its chains, rests to fill in.
 
-Links whose names, or whose joints' names, say a side and a joint of the body ("l_elbow_flex_link", "LHipPitch",
-"left_knee") are given COCO's names. Several joints at one part of the body, as the three of a hip, share one landmark,
-at the middle one.
+Links whose names, or whose joints' names, contain a side and a joint of the body ("l_elbow_flex_link", "LHipPitch",
+"left_knee") are given COCO's names. Several joints at one part of the body, such as the three of a hip, share one
+landmark, at the middle one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from humanoid.subject.urdf_document import elements, read_document
 from humanoid.support.errors import InputError
 
 FEWEST_NAMED = 4
-"""COCO names below which the links keep their own names: a body of which so little is told is no person's."""
+"""COCO names below which the links keep their own names: a body with so few of them is not a person's."""
 _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
@@ -109,7 +109,7 @@ def _moving_links(body: Body) -> Iterator[tuple[str, str]]:
 
 
 def _of_a_person(links: list[tuple[str, str]]) -> dict[str, str]:
-    """The link of each of COCO's names that is told, in COCO's order."""
+    """The link of each of COCO's names that is found, in COCO's order."""
     groups: dict[str, list[str]] = {}
     for link, joint in links:
         name = body_part(link) or body_part(joint)
@@ -120,7 +120,8 @@ def _of_a_person(links: list[tuple[str, str]]) -> dict[str, str]:
 
 def _soles(body: Body, named: dict[str, str]) -> Iterator[LandmarkCandidate]:
     """Heels and toes of a person whose ankles are named: on the middle line of what hangs on an ankle's joint, as low
-    as that reaches with all joints at zero, z up, a tenth of its length from its ends; ahead is as left and right say.
+    as that reaches with all joints at zero, z up, a tenth of its length from its ends; ahead follows from left and
+    right.
     """
     model, posed = body.model, body.at(pin.neutral(body.model))
     R_front_world = _front(body, named)
@@ -148,7 +149,7 @@ def _soles(body: Body, named: dict[str, str]) -> Iterator[LandmarkCandidate]:
 
 def _front(body: Body, named: dict[str, str]) -> np.ndarray:
     """R_front_world (3, 3), whose rows are ahead, left and up [z] with all joints at zero: left is where most of a
-    person's left parts are beside the right ones, x is ahead where nobody can know."""
+    person's left parts are beside the right ones, x is ahead where that is unknown."""
     posed, across = body.at(pin.neutral(body.model)), np.zeros(3)
     for part in _PARTS:
         ends = [named.get(f"{side}_{part}") for side in ("left", "right")]
@@ -174,7 +175,7 @@ def _place(body: Body, posed: PosedBody, link: str) -> np.ndarray:
 
 
 def body_part(name: str) -> str | None:
-    """COCO's name for what a link's or joint's name says, None where it says no side or no joint of the body."""
+    """COCO's name for a link's or joint's name, None where it contains no side or no joint of the body."""
     words = [word.lower() for word in _WORDS.findall(name)]
     sides = {_SIDES[word] for word in words if word in _SIDES}
     parts = [part for part in _PARTS if part in words or part + "s" in words]
@@ -197,7 +198,7 @@ def _ends(body: Body, links: dict[str, str], *, active: bool) -> Iterator[Landma
 
 
 def _geometry(subject: Subject, joints: set[int]) -> tuple[list[tuple[ConvexSolid, ...]], str]:
-    """What is seen of some joints' links, and their collision shapes; what is wrong with those that cannot be read."""
+    """Visual and collision shapes of some joints' links, and problems of those that cannot be read."""
     body, trouble = Body(_with_shapes_on(subject, joints)), ""
     shapes = []
     kinds: tuple[Geometry, ...] = ("visual", "collision")

@@ -1,4 +1,4 @@
-"""What the segments of a body weigh: by the URDF where it says so, else as those of an adult."""
+"""Masses of a body's segments: those of the URDF where it has them, else those of an adult."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SHARES = {
 """Of the body's mass, by link without its side: P. de Leva, J. Biomech. 29 (1996), table 4, mean of women and men; the
 lower, middle and upper parts of the trunk are `pelvis`, `lumbar_flexion_link` and `torso`."""
 LEAST = 1e-3
-"""[kg] of a segment of which nothing is known: OpenSim wants every mass to be positive."""
-_UNKNOWN = 1.0  # kg of each segment, where neither file nor names tell anything
+"""[kg] of a segment of unknown mass: OpenSim requires positive masses."""
+_UNKNOWN = 1.0  # kg of each segment, where neither file nor names determine it
 _BALL = 0.05  # m, radius of a segment without flesh
 
 
@@ -63,9 +63,9 @@ class MassPoints(NamedTuple):
 
 @per_object
 def mass_points(body: Body) -> MassPoints | None:
-    """The centres of mass of all segments: with an adult's shares and the flesh's centres that of the whole body is
-    11 mm from the centre of pressure of a person who stands still, and 7 +- 15 mm in squats (force plates of OpenCap's
-    subject 4). None of a body whose segments nobody knows the masses of."""
+    """The centres of mass of all segments: with an adult's shares and the flesh's centres that of the whole body is 11
+    mm from the centre of pressure of a person who stands still, and 7 +- 15 mm in squats (force plates of OpenCap's
+    subject 4). None for a body with segments of unknown mass."""
     from_urdf = has_own_masses(body)
     if not from_urdf and not any(without_side(name) in SHARES for names in links_of(body).values() for name in names):
         return None
@@ -76,7 +76,7 @@ def mass_points(body: Body) -> MassPoints | None:
 
 
 def has_own_masses(body: Body) -> bool:
-    """Whether the URDF says what the body weighs."""
+    """Whether the URDF has the body's masses."""
     return bool(sum(inertia.mass for inertia in body.model.inertias) > 0.0)
 
 

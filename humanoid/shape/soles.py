@@ -12,9 +12,9 @@ from humanoid.shape.solids import farthest, solids_of
 
 
 def heights_above_soles(body: Body, landmarks: Sequence[int], up: np.ndarray | None = None) -> np.ndarray:
-    """How far landmarks (P,) are above the lowest point of what their own joint moves [m], (P,), where the foot is
-    level: with all joints at zero, along the root's upright axis, or another unit vector up (3,). 0 where that
-    joint has no solids, or nobody says which way is up."""
+    """Heights (P,) [m] of landmarks (P,) above the lowest point of what their own joint moves, where the foot is level:
+    with all joints at zero, along the root's upright axis, or another unit vector up (3,). 0 where that joint has no
+    solids, or the upright axis is unknown."""
     upright, heights = body.subject.upright, np.zeros(len(landmarks))
     if up is None:
         if upright is None:

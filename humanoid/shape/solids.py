@@ -123,7 +123,7 @@ def collada_meshes(urdf: str, tag: str) -> list[Path]:
 
 
 def _unreadable(source: str, report: str) -> InputError:
-    """What coal's mesh loader says, without where in its own code it says so."""
+    """The error message of coal's mesh loader, without the place in its own code."""
     said = [line.strip() for line in report.split("message:")[-1].splitlines()]
     said = [line for line in said if line and not line.startswith("Hint")]
     problem = ": ".join(said).replace("Could not load resource", "the mesh cannot be read") or "a mesh cannot be read"

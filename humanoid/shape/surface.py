@@ -43,7 +43,7 @@ def surface_of(body: Body, nodes: int = 1000, geometry: Geometry = "auto") -> Su
 
     geometry: "flesh"; "visual" or "collision", the URDF's own shapes, each as its convex hull, which is covered with
     nodes of its own (`humanoid.shape.surface_hulls`); "auto": flesh, else visual, else collision. Every part has 17
-    nodes at least, so that a body of many small parts has more nodes than asked for.
+    nodes at least, so a body of many small parts has more nodes than requested.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def surface_of(body: Body, nodes: int = 1000, geometry: Geometry = "auto") -> Su
 
 
 def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> tuple[Nodes, ...]:
-    """Nodes of every part, about `nodes` of them together, at one spacing; their arrays cannot be written to."""
+    """Nodes of every part, about `nodes` of them together, at one spacing; their arrays are read-only."""
     return _spread_nodes(tuple(flesh), nodes)
 
 

@@ -1,8 +1,8 @@
-"""Nodes on the visual or collision geometry of a URDF: the convex hull of every shape, covered anew.
+"""Nodes on the visual or collision geometry of a URDF: the convex hull of every shape, with new nodes.
 
-The triangles of such meshes say nothing about where nodes are wanted: they are large on flat sides and small on screw
-heads. Each hull is therefore covered by the even nodes of a squarish superquadric of its own proportions, moved along
-the rays from its middle onto the hull, by which the triangulation stays closed.
+The triangles of such meshes are not suitable as nodes: they are large on flat sides and small on screw heads. Each hull
+is therefore covered by the even nodes of a squarish superquadric of its own proportions, moved along the rays from its
+middle onto the hull, which keeps the triangulation closed.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class SurfaceShape:
         self._R_joint_link = [np.array(frame.placement.rotation) for frame in frames]
 
     def at(self, parameters: np.ndarray | None = None, scales: np.ndarray | None = None) -> Surface:
-        """The surface of given parameters and scales; which parts are convex is judged anew."""
+        """The surface of given parameters and scales; which parts are convex is determined again."""
         scales = self._scales(scales)
         grown = []
         for flesh in self._flesh(parameters):

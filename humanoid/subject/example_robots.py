@@ -34,7 +34,7 @@ ROBOTS = {
 def share_folder() -> Path | None:
     """The folder its package:// names start in, None where example-robot-data is not installed.
 
-    The distribution has no Python module; its list of files tells where it put its data.
+    The distribution has no Python module; its list of files contains the place of its data.
     """
     try:
         files = metadata.distribution("example-robot-data").files or []

@@ -30,8 +30,8 @@ MIRROR_Y = np.array([1.0, -1.0, 1.0])
 
 
 def with_layout_places(subject: Subject, layout: str) -> Subject:
-    """A built-in subject with the places of a layout's keypoints, at the landmarks where nothing is known of them, with
-    a note that says so; as it is where it has places already. An empty layout is of several, or of none."""
+    """A built-in subject with the places of a layout's keypoints. Unknown ones are at the landmarks, with a note.
+    Unchanged where it has places already. An empty layout is of several, or of none."""
     if not is_built_in(subject) or any(landmark.keypoint_std is not None for landmark in subject.landmarks):
         return subject
     places, of_landmarks = _places(layout, subject.name), {}

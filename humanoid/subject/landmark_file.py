@@ -46,7 +46,7 @@ def merge_landmark_file(document: Document, path: Path) -> None:
 
     Raises
     ------
-    InputError: the file cannot be read, is not TOML, or has an entry that is unknown, misshapen or names no joint.
+    InputError: the file cannot be read, is not TOML, or has an entry that is unknown, misshapen or of an unknown joint.
     """
     content = read_toml(path, remedy='entries look like nose = {link = "head"}')
     for table, entries in content.items():

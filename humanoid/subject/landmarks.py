@@ -53,8 +53,8 @@ FORMATS: dict[str, tuple[str | None, ...]] = {
         "right_heel",
     ),
 }  # fmt: skip
-"""Landmark of each keypoint of a format, in file order; None where no landmark corresponds. Of two formats of one count
-the first is taken where nobody says which it is.
+"""Landmark of each keypoint of a format, in file order; None where no landmark corresponds. Of two formats with the
+same number of keypoints the first is used unless one is named.
 
 mediapipe33: MediaPipe Pose. coco17: COCO. coco18, body25: OpenPose. halpe26, halpe136: Halpe full body, whose first 26
 are the body. wholebody133: COCO-WholeBody, whose first 23 are body and feet. h36m17: Human3.6M, as VideoPose3D has it.

@@ -19,8 +19,8 @@ _OWN = "start a set of your own with kinemode subjects --markers FILE"
 def matching_set(names: Sequence[str], subject: Subject | None = None) -> MarkerSet:
     """The built-in set that knows most of a file's names, with the names as the file spells them.
 
-    Case, dots, spaces, hyphens and underscores do not count. What the set does not know is said in a note. subject: see
-    `marker_set`.
+    Case, dots, spaces, hyphens and underscores do not count. A note lists the names that the set does not know.
+    subject: see `marker_set`.
 
     Raises
     ------

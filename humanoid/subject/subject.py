@@ -100,7 +100,7 @@ class Subject(Summarised):
         return [*facts, ("parts of flesh", len(self.flesh)), ("source", self.source)]
 
     def __reduce_ex__(self, protocol: Any) -> str | tuple[Any, ...]:
-        """Made anew from its text in another process where joints follow others: Pinocchio cannot send such models."""
+        """Rebuilt from its text in another process where joints follow others: Pinocchio cannot pickle such models."""
         if not self.mimics:
             return super().__reduce_ex__(protocol)
         return _remade, (self.urdf, self.source, self.base, self.notes)
@@ -169,7 +169,7 @@ def subject_names() -> tuple[SubjectName, ...]:
 
 
 def subject_from_text(text: str, *, source: str, base: Base = "auto", notes: tuple[str, ...] = ()) -> Subject:
-    """Build a Subject from URDF text; `source` names it in errors. Meshes are not looked at.
+    """Build a Subject from URDF text; `source` names it in errors. Meshes are not read.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def load_subject(
 
     Raises
     ------
-    InputError: anything is wrong with the file; it says where, and what to do.
+    InputError: anything is wrong with the file, with the place and a remedy.
     """
     if not isinstance(source, (str, Path)):
         raise misplaced("subject", source, "a built-in name, or the path of a URDF")
@@ -301,7 +301,7 @@ def _loaded(
         packages = [*packages, share]
     document = read_document(read_bytes(path, remedy=_known_names(name)), name)
     check_urdf(document)
-    read = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed
+    read = urdf_elements.read_elements(document)  # faults are reported with the file's lines, before it is changed
     if name not in BUILT_IN:
         check_with_yourdfpy(read.plain_urdf, name)
     landmark_file = landmark_file or own_landmarks or _beside(document, path)

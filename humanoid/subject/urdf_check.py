@@ -145,7 +145,7 @@ def _check_joint(
 
 
 def _check_plane(document: Document, joint: ET.Element, axis: ET.Element | None) -> None:
-    """Refuse planes that Pinocchio does not pose: it has those of x and y alone, and never looks at the axis."""
+    """Refuse planes that Pinocchio does not support: it has only that of x and y, and ignores the axis."""
     x, y, z = (1.0, 0.0, 0.0) if axis is None else document.triple(axis, "xyz", None)
     if math.hypot(x, y) > 1e-6 * z:
         problem = f"the normal of its plane is {x:g} {y:g} {z:g}" + (", as it has no <axis>" if axis is None else "")

@@ -20,7 +20,7 @@ from humanoid.support.near_names import nearest
 
 Meshes = Literal["ignore", "require"]
 NO_LANDMARKS = "no landmarks are given: the origin of every moving link is one"
-"""The note on a subject that nobody has given landmarks."""
+"""The note on a subject without landmarks of its own."""
 
 
 def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], meshes: Meshes) -> tuple[str, ...]:
@@ -28,7 +28,7 @@ def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], m
 
     folder: where the URDF lies; relative names start there. package://name/... is looked for in `packages`, in the
     folders above the URDF and in ROS_PACKAGE_PATH. With "ignore" the shapes whose mesh is missing are left out, and a
-    note says how many, and which links collide with nothing for that.
+    note gives their number, and the links that therefore collide with nothing.
 
     Raises
     ------

@@ -73,8 +73,8 @@ class Landmark:
     """A named point: `xyz` [m] in the frame of `link`.
 
     keypoint [m]: how far from there a detector marks it, in the same frame: a keypoint is a marker, whose place on the
-    body is the same in all frames. keypoint_std [m]: how far from that place it may be, as one standard deviation along
-    each axis; None where nobody knows, and then `estimator.search.cost_settings` has what is assumed.
+    body is the same in all frames. keypoint_std [m]: standard deviation from that place along each axis; None where
+    unknown, and then the value of `estimator.search.cost_settings` is assumed.
     """
 
     name: str

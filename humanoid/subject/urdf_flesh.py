@@ -7,8 +7,8 @@
 Parameters and deformations of a superquadric are those of `humanoid.subject.superquadric`; exponents are 1 1, taper and
 bend 0 0 where they are not given.
 
-clearance says what other parts keep away from: "on", the default, the flesh itself; "off", nothing, for a part that
-only fills a joint; "a b c", a solid with these half-axes [m] on the flesh's axes and centre. Flesh is as wide as a
+clearance is the solid that other parts keep away from: "on", the default, the flesh itself; "off", nothing, for a part
+that only fills a joint; "a b c", a solid with these half-axes [m] on the flesh's axes and centre. Flesh is as wide as a
 person looks; a solid is slimmer, because soft parts give way, and arms rest against the trunk. A change of the
 half-axes of the flesh, by a fit or a segment's length, changes those of its solid in proportion.
 """

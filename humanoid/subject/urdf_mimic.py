@@ -22,12 +22,12 @@ class Mimic:
 
 
 def check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints: dict[str, ET.Element]) -> None:
-    """Check a <mimic>; that of a fixed joint says nothing, but has to name a joint.
+    """Check a <mimic>; that of a fixed joint has no effect, but has to name a joint.
 
     Raises
     ------
-    InputError: its master is no joint, is the joint itself, follows it in turn, or has no single value; a number is
-        none.
+    InputError: its master is not a joint, is the joint itself, follows it in turn, or has no single value; or a number
+        is invalid.
     """
     name = mimic.get("joint", "")
     if name not in joints:
@@ -46,7 +46,7 @@ def check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints
     chain, master = [joint], joints.get(name)
     while master is not None and (of_master := mimic_of(master)) is not None:
         chain.append(master)
-        master = joints.get(of_master.get("joint", ""))  # one that there is not is told where it is named
+        master = joints.get(of_master.get("joint", ""))  # a missing one is reported where it is named
         if master in chain:
             circle = ", ".join(str(each.get("name")) for each in chain)
             raise document.fault(mimic, f"joints follow each other in a circle: {circle}", "remove one <mimic>")

@@ -34,8 +34,8 @@ def jit(function: Function) -> Function:
     """Compile for plain arrays and numbers, `@jit` without brackets; compiled code is kept between runs.
 
     It is kept in the user's cache folder, or where that cannot be written to (an installation by root, a container
-    without a home) among the temporary files; where that is closed too every process compiles anew. KINEMODE_CACHE
-    names another folder.
+    without a home) among the temporary files; where that is not writable either, every process compiles again.
+    KINEMODE_CACHE names another folder.
     """
     compiled = numba.njit(nogil=True, error_model="numpy")(function)
     if isinstance(compiled, Dispatcher):  # not with NUMBA_DISABLE_JIT
@@ -54,7 +54,7 @@ def is_compiled(function: Callable[..., Any]) -> bool:
 
 
 def _cache(function: Callable[..., Any]) -> FunctionCache | None:
-    """Where a function's code is kept; None where it cannot be."""
+    """Where a function's code is cached; None without a folder."""
     try:
         digest = _digest(function)
     except (OSError, TypeError):  # typed in at a prompt
@@ -89,7 +89,7 @@ class _SharedCache(FunctionCache):
             super().__init__(function)
         finally:
             settings.CACHE_DIR = users
-        # numba adds the place of the source file and when it was written: the folder's name says enough, and every
+        # numba adds the place of the source file and its time of writing: the folder's name is enough, and every
         # checkout and environment with these sources shares it
         shared._cache_path = str(folder)
         shared._cache_file = IndexDataCacheFile(str(folder), shared._impl.filename_base, source_stamp="")
@@ -97,7 +97,7 @@ class _SharedCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature, None where there is none or it cannot be read."""
         try:
-            os.utime(self.cache_path)  # in use: a process may live longer than folders that nobody uses
+            os.utime(self.cache_path)  # marks it as in use: a process may live longer than the folders of others
             return super().load_overload(sig, target_context)
         except Exception:  # a file that a crash of the machine left empty can raise anything
             with suppress(OSError):

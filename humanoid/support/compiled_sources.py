@@ -10,7 +10,7 @@ from pathlib import Path
 
 PACKAGES = ("humanoid", "estimator", "viz", "kinemode")
 
-# ten times faster than parsing; what only looks like an import, in a docstring say, does no harm
+# ten times faster than parsing; what only looks like an import, such as in a docstring, does no harm
 _IMPORT = re.compile(r"\bfrom\s+([\w.]+)\s+import\s*(\([^)]*\)|[^\n;]*)|\bimport\s+([^\n;]*)")
 
 

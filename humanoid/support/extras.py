@@ -13,7 +13,7 @@ def optional(module: str, extra: str, purpose: str) -> ModuleType:
 
     Raises
     ------
-    InputError: it is not installed, or cannot be loaded; says for what it is needed (`purpose`), and the remedy.
+    InputError: it is not installed, or cannot be loaded; with what it is needed for (`purpose`), and the remedy.
     """
     try:
         return importlib.import_module(module)

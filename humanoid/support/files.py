@@ -22,7 +22,7 @@ def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes
 
     Raises
     ------
-    InputError: there is no such file (`remedy` is then told), it is a folder, too large, or cannot be read.
+    InputError: there is no such file (with `remedy`), it is a folder, too large, or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -51,7 +51,7 @@ def read_toml(path: Path, *, remedy: str) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: it cannot be read, or is not TOML (`remedy` is then told).
+    InputError: it cannot be read, or is not TOML (with `remedy`).
     """
     try:
         return tomllib.loads(read_bytes(path).decode("utf-8"))

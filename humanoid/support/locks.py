@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextmanager
 def locked(file: Path) -> Iterator[None]:
-    """Alone among all processes, and threads, that come here with the same file; OSError where that cannot be had."""
+    """Exclusive lock among all processes and threads that use the same file; OSError where locking fails."""
     handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -22,7 +22,7 @@ def locked(file: Path) -> Iterator[None]:
 
 @contextmanager
 def held(file: Path) -> Iterator[bool]:
-    """Whether the file is ours until the block ends, or another's already; OSError where that cannot be told."""
+    """Whether the lock is ours until the block ends, or already held by another; OSError where that is unknown."""
     handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         try:

@@ -15,7 +15,7 @@ Answer = TypeVar("Answer")
 def per_object(function: Callable[Concatenate[Thing, More], Answer]) -> Callable[Concatenate[Thing, More], Answer]:
     """A function of one object that never changes, and of hashable arguments, which is called once for each of them.
 
-    Its answers are everybody's, so nobody changes them; an answer that holds the object keeps it alive.
+    Its results are shared and must not be changed; a result that refers to the object keeps it alive.
     """
     kept: WeakKeyDictionary[Any, dict[Any, Answer]] = WeakKeyDictionary()
 

@@ -63,7 +63,7 @@ class Registry(Mapping[str, Member]):
 
     @contextmanager
     def restored(self) -> Iterator[None]:
-        """What is registered within it is gone at its end: for tests of a member that nobody else is to know of."""
+        """What is registered within it is removed at its end: for tests of a member that must not stay registered."""
         load_plugins()
         before = dict(self._members)
         try:
@@ -91,7 +91,7 @@ class Registry(Mapping[str, Member]):
 
 
 class _Plugins:
-    """Imported once in a process; what went wrong is said at every look-up."""
+    """Imported once in a process; failures are reported at every look-up."""
 
     def __init__(self) -> None:
         self._begun = False

@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 _Key = tuple[int, int]
 _PROTOCOL = 5  # arrays are not copied on the way
-_REFUSED = (OSError, pickle.PicklingError, TypeError, AttributeError)  # a full disk, or what cannot be pickled
+_REFUSED = (OSError, pickle.PicklingError, TypeError, AttributeError)  # a full disk, or an unpicklable object
 
 
 class Spill:
@@ -22,7 +22,7 @@ class Spill:
 
     The file has no name, and is gone with this object or its process; it is made when there are more items. One that
     cannot be written stays in memory. shared: objects that items refer to without having them for themselves; so are
-    all of the types `shared_types`. What an item becomes after it was put into a list may be forgotten.
+    all of the types `shared_types`. Changes of an item after it was put into a list may be lost.
     """
 
     def __init__(self, kept: int, shared: Iterable[object] = (), shared_types: tuple[type, ...] = ()) -> None:

@@ -1,4 +1,4 @@
-"""What an object says of itself at a prompt, and as a small table in a notebook."""
+"""The representation of an object at a prompt, and as a small table in a notebook."""
 
 from __future__ import annotations
 

@@ -1,1 +1,2 @@
-"""A batch of clips as people look at it: one table and one page that say which clips to look at, a thumbnail a clip."""
+"""Overview of a batch of clips: one table and one page with the clips to look at first, and a thumbnail for each
+clip."""

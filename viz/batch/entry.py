@@ -54,10 +54,10 @@ def known(value: float | None) -> bool:
 
 
 def look_ranks(entries: Sequence[BatchEntry]) -> tuple[int | None, ...]:
-    """Which clip to look at first, 1, second, ...; None for those that nothing speaks against.
+    """Rank of each clip to be reviewed: 1, 2, ...; None for those without a problem.
 
-    Failed ones first, then by the share of frames not to be trusted, by the share of hard ones, and of equal ones those
-    with a finding; else as they are given.
+    Failed ones come first, then by the share of untrustworthy frames, by the share of hard ones, and among equal ones
+    those with a finding; otherwise in the given order.
     """
     doubted = [i for i, entry in enumerate(entries) if _is_doubted(entry)]
     ranks = {i: rank for rank, i in enumerate(sorted(doubted, key=lambda i: _sureness(entries[i])), 1)}
@@ -71,7 +71,7 @@ def _is_doubted(entry: BatchEntry) -> bool:
 
 
 def _sureness(entry: BatchEntry) -> tuple[bool, float, float, bool]:
-    """Rises from what is to be looked at first."""
+    """Sort key that rises from the clip to be reviewed first."""
     if entry.status == FAILED:
         return False, 0.0, 0.0, False
     hard = _number(entry.hard) / max(1.0, _number(entry.frames))

@@ -1,4 +1,4 @@
-"""What a batch shows of a run, by what the run says of itself."""
+"""What a batch shows of a run, from the run file."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from estimator.trackers.statuses import HARD, TRACKED
 
 
 class RunFacts(NamedTuple):
-    """What a run says of itself, by the names of `BatchEntry`'s fields.
+    """Facts of a run, by the names of `BatchEntry`'s fields.
 
     frames: those that are tracked so far. hard, unobserved: how many have that status (`Run.status`, where frames that
-    the findings speak against are hard; what the statuses mean: `STATUS_MEANINGS`). doubtful: the share of frames, 0 to
-    1, that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message:
-    the first of the findings that were stored when it was finished, "" where it has none.
+    contradict the findings are hard; for the meanings see `STATUS_MEANINGS`). doubtful: the share of frames, 0 to 1,
+    that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message: the
+    first of the findings that were stored when it was finished, "" where it has none.
     """
 
     subject: str

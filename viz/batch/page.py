@@ -64,8 +64,8 @@ def write_batch_page(path: str | Path, entries: Sequence[BatchEntry], title: str
 
 
 def batch_page(entries: Sequence[BatchEntry], title: str) -> str:
-    """The text of the page, see `write_batch_page`. Clips to be looked at stand first, see `look_ranks`, then those
-    that are done, then those that wait."""
+    """The text of the page, see `write_batch_page`. Clips to be reviewed come first, see `look_ranks`, then finished
+    ones, then waiting ones."""
     ranks = look_ranks(entries)
     ranked = sorted(
         zip(entries, ranks, strict=True), key=lambda pair: (pair[1] or len(entries) + 1, pair[0].status == WAITING)

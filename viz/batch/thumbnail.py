@@ -36,7 +36,7 @@ def write_thumbnail(run: Run | Scene, path: str | Path, pictures: Mapping[str, F
     """Write a JPEG of `WIDTH` x `HEIGHT` px and at most `BYTES`, and return its path.
 
     It shows the middle one of the tracked frames (of all with a pose where none is), by the first camera whose clip is
-    there and shows the person; without a clip the skeleton on a plain ground, as the first camera has it.
+    available and shows the person; without a clip the skeleton on a plain ground, as seen by the first camera.
 
     pictures: opens the frames of cameras, by their names, in place of the clips that the run names.
     Raises InputError for a run without a tracked frame, or a file that cannot be written.

@@ -54,11 +54,11 @@ def draw_beliefs(
 
 
 def limb_layer(run: Run) -> LimbLayer:
-    """What a run believes of limbs; their graph is made again as the run's settings have it.
+    """A run's beliefs of limbs; their graph is made again from the run's settings.
 
     Raises
     ------
-    InputError: the run's tracker has no limb estimates, or what it tells is not of the limbs of its subject.
+    InputError: the run's tracker has no limb estimates, or they are not of the limbs of its subject.
     """
     told = [run.result(k).extra for k in range(len(run))]
     if not any(set(_ARRAYS) <= set(extra) for extra in told):

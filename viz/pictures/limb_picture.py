@@ -69,7 +69,7 @@ def draw_limbs(
 
 
 def _outline(limb: Limb, view: ImageProjection, t: np.ndarray, R: np.ndarray) -> list[np.ndarray] | None:
-    """The cone's outline and its two ends in the image, as OpenCV takes polygons; None where it cannot be seen."""
+    """The cone's outline and its two ends in the image, as OpenCV takes polygons; None where it is not visible."""
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rings = np.array(

@@ -37,9 +37,8 @@ def write_overlay(
     """Write the overlay as .mp4, .webm or .gif; several cameras stand side by side.
 
     camera: draw only this one. hypotheses: draw the others as thin skeletons, fainter the smaller their weight.
-    limbs: in place of all bodies draw what a run believes of each limb. progress: called with (frames done, frames in
-    all).
-    Raises InputError where the camera does not exist, nothing is told of limbs, or the file cannot be written.
+    limbs: in place of all bodies draw a run's beliefs of each limb. progress: called with (frames done, frames in all).
+    Raises InputError where the camera does not exist, there are no limb estimates, or the file cannot be written.
     """
     check_film_name(Path(path))
     layer = limb_layer(run) if limbs and isinstance(run, Run) else None

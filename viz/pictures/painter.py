@@ -98,7 +98,7 @@ class BodyPainter:
     Attributes
     ----------
     local (V, 3) [m], normal (V, 3), joint (V,): vertices in the frames of their joints. faces (F, 3).
-    colour (V, 3): BGR. sides: the sides that are told apart by colour. notes: see
+    colour (V, 3): BGR. sides: the sides that are distinguished by colour. notes: see
     `viz.solids.body_solids.drawing_notes`.
     """
 

@@ -1,7 +1,7 @@
-"""One figure of several trackers over time.
+"""A figure of several trackers over time.
 
-The colours are those of Okabe and Ito (Color Universal Design, 2008), which stay apart under every common kind of
-colour blindness; line styles and marks tell the trackers apart without them.
+The colours are those of Okabe and Ito (Color Universal Design, 2008), which stay distinct under every common kind of
+colour blindness; line styles and marks distinguish the trackers without them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Plot:
 
 
 def write_plot(plot: Plot, path: str | Path) -> None:
-    """Write the figure as a PNG; raises OSError where that cannot be done."""
+    """Write the figure as a PNG; raises OSError where that fails."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -21,8 +21,7 @@ _ALONG = np.array([0.0, 1.0, 0.0])  # the axis of three's cylinders
 
 
 def add_source(root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int]) -> None:
-    """The figure at the instants `rows`, with discs under its soles and under the body's; nothing where nobody is
-    followed."""
+    """The figure at the instants `rows`, with discs under its soles and under the body's; nothing without a source."""
     source = scene.source
     if source is None:
         return

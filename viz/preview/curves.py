@@ -1,4 +1,4 @@
-"""What the page's panel of curves shows: every joint angle over time, its interval, and what the hypotheses say."""
+"""Content of the page's panel of curves: every joint angle over time, its interval, and the hypotheses' angles."""
 
 from __future__ import annotations
 

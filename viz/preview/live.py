@@ -31,7 +31,7 @@ class _Handler(LocalHandler):
             return self.refuse(HTTPStatus.NOT_FOUND, "there is no such page")
         try:
             body = self.server.make_page()
-        except InputError as error:  # the run file was moved away, say
+        except InputError as error:  # for example, the run file was moved away
             return self.refuse(HTTPStatus.INTERNAL_SERVER_ERROR, str(error))
         self.send(HTTPStatus.OK, "text/html; charset=utf-8", body)
 
@@ -45,9 +45,9 @@ def serve(
 ) -> None:
     """Serve the preview on 127.0.0.1 until Ctrl-C; all of it in this process, so nothing outlives it.
 
-    A run that is still being written is read again for every load of the page: reload to see what it holds by then.
-    port: 0 takes a free one. ready: called with the server and its address before serving; the address is printed
-    unless it is given.
+    A run that is still being written is read again for every load of the page: reload to see its latest content. port:
+    0 takes a free one. ready: called with the server and its address before serving; the address is printed unless it
+    is given.
 
     Raises
     ------
@@ -76,5 +76,5 @@ def _pages(run: Run | Scene) -> Callable[[], bytes]:
                 kept[:] = [(complete, len(current), page(current).encode("utf-8"))]
             return kept[-1][2]
 
-    make()  # what is wrong with a run is said before a server is up
+    make()  # errors of a run are reported before a server is up
     return make

@@ -53,8 +53,8 @@ class MovingPreview:
     """Serves the page on 127.0.0.1 from `__enter__` to `__exit__`, in threads of its own.
 
     hypotheses: how many there are at most. port: 0 takes a free one. patience [s]: how long a page waits for a frame
-    before it is asked whether it is still there. farewell [s]: how long open pages are given to hear of the end. Raises
-    InputError where the port cannot be used.
+    before it is asked whether it is still connected. farewell [s]: how long open pages are given to receive the end.
+    Raises InputError where the port cannot be used.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class MovingPreview:
             self._news.notify_all()
 
     def end(self, note: str) -> None:
-        """Tell open pages that no frame follows; they stay as they are."""
+        """Notify open pages that no frame follows; they stay as they are."""
         with self._news:
             self._end = note
             self._news.notify_all()

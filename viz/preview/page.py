@@ -1,7 +1,7 @@
-"""The browser preview: a run as a page to turn, play and scrub, drawn by meshcat's viewer.
+"""The browser preview: a run as a page to rotate, play and scrub, drawn by meshcat's viewer.
 
-What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and what
-`viz.preview.cameras` says of pictures.
+What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and
+pictures as in `viz.preview.cameras`.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _front(scene: Scene) -> np.ndarray:
 
 
 def _key_rate(scene: Scene, rows: list[int]) -> float:
-    """Keys are evenly spaced in the animation; the player's own table says when each of them was."""
+    """Keys are evenly spaced in the animation; the player's own table has their times."""
     return max(1.0, scene.rate * (len(rows) - 1) / max(1, len(scene) - 1))
 
 
@@ -228,7 +228,7 @@ def _player_data(
 
 
 def _legend(scene: Scene, parts: tuple[DrawnMesh, ...]) -> list[tuple[str, str | None]]:
-    """Names and colours: of the sides that are told apart by colour, else one name for the body."""
+    """Names and colours: of the sides that are distinguished by colour, else one name for the body."""
     sides = sides_among(part.side for part in parts if part.colour is None)
     legend: list[tuple[str, str | None]] = [(side, _css(palette.SIDES[side])) for side in sides]
     if not legend:

@@ -1,4 +1,4 @@
-"""What a report says of a run beside its motion."""
+"""Facts of a run in a report, beside its motion."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is told beside the motion.
+    """What is reported beside the motion.
 
-    findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
+    findings: what contradicts the subject or the input. assumed: what was not measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
     motion: name and value of each figure of a motion that was made from another, none of one that was tracked.
-    errors: how far each camera's keypoints are from the body, by the camera's name [px]. keypoints, markers: how far
-    both were measured from the body, None of a run without. settings: name, value and default of those that differ.
-    files: what each file is to the run, its path, and its digest or why there is none. versions: of programs, name and
+    errors: distance of each camera's keypoints from the body, by the camera's name [px]. keypoints, markers: measured
+    distances of both from the body, None for a run without. settings: name, value and default of those that differ.
+    files: each file's role in the run, its path, and its digest or why there is none. versions: of programs, name and
     number.
     """
 

@@ -60,7 +60,7 @@ def write_report(
 ) -> Path:
     """Write the page and return its path. The file is there whole or not at all.
 
-    facts: what is told beside the motion. figures: the joint angles over time, those of `angle_figures` unless given.
+    facts: what is reported beside the motion. figures: the joint angles over time, by default those of `angle_figures`.
     progress: called with (frames of the film drawn, frames in all).
     Raises InputError for a run without a tracked frame, or a file that cannot be written.
     """

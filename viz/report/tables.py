@@ -106,7 +106,7 @@ def _known(value: float) -> str:
 
 
 def gait_part(gait: Gait) -> str:
-    """Strides, one row each, and what they are told by; or why there are none."""
+    """Strides, one row each, and the source of their events; or why there are none."""
     parts = ["<h3>Strides</h3>"]
     rows = [
         (
@@ -219,11 +219,11 @@ def motion_part(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def assumed_part(facts: Facts) -> str:
-    """What contradicts subject or input, what nobody measured, and the lengths that were fitted."""
+    """What contradicts subject or input, what was not measured, and the fitted lengths."""
     parts = []
     if facts.findings:
         parts += ["<h3>What contradicts the subject or the input</h3>", listed(facts.findings)]
-        parts.append("<h3>What nobody measured</h3>")
+        parts.append("<h3>Not measured</h3>")
     parts.append(listed(facts.assumed) if facts.assumed else "<p>Nothing that the run knows of.</p>")
     if facts.lengths:
         rows = [(name, f"{scale:.3f}") for name, scale in facts.lengths]

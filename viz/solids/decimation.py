@@ -15,12 +15,13 @@ _RIM = 3.0  # weight of the rims of holes and of colours beside that of the surf
 _SHORT = 1e-4  # prefers short edges where all is flat
 _TURNED = 0.2  # cosine; a face may not turn by more
 _DETERMINED = 1e-6  # planes whose matrix has a smaller determinant have no single best place
-_SHARES = (0.3, 0.6, 1.0)  # of the faces, the cheaper ones, that a pass looks at; more where fewer bring nothing
+_SHARES = (0.3, 0.6, 1.0)  # of the faces, the cheaper ones, that a pass tries; more where fewer bring nothing
 _FEWEST = 0.01  # of the faces that a pass has to remove
 
 
 def simplified(mesh: Triangles, most: int) -> Triangles:
-    """The mesh with about `most` triangles, or more where they cannot be had; labels keep their borders."""
+    """The mesh with about `most` triangles, or more where it cannot be simplified further; labels keep their
+    borders."""
     vertices, faces, label = mesh.vertices.copy(), mesh.faces, mesh.label
     quadrics, share = _quadrics(mesh), 0
     while len(faces) > most and share < len(_SHARES):

@@ -28,8 +28,8 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its complaints
 
 
 class ColouredMesh(NamedTuple):
-    """triangles in metres if the file says its unit (COLLADA), else in its own; their labels are places in `colours`,
-    where None stands for no colour."""
+    """triangles in metres if the file declares its unit (COLLADA), else in its own; their labels are places in
+    `colours`, where None stands for no colour."""
 
     triangles: Triangles
     colours: tuple[Rgb | None, ...]
@@ -68,7 +68,7 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
 
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # what is wrong with a file is said below, once
+            warnings.simplefilter("ignore")  # errors of a file are reported below, once
             loaded = trimesh.load(file.path, process=False)
         pieces = [piece for piece in _pieces(loaded) if len(piece[0])]
     except Exception as error:  # each of trimesh's readers raises what its parsing meets

@@ -55,8 +55,8 @@ class _Piece(NamedTuple):
 def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
     """A body's visual shapes, or where it has none its collision shapes, on their joints.
 
-    A link whose visual mesh is not where the URDF says gets its collision shapes instead. A URDF's material goes before
-    the colours of a mesh; a body without any colours is coloured by its sides. coarse: fewer triangles, enough for a
+    A link whose visual mesh is missing gets its collision shapes instead. A URDF's material takes precedence over the
+    colours of a mesh; a body without any colours is coloured by its sides. coarse: fewer triangles, enough for a
     translucent hypothesis.
 
     Raises
@@ -78,7 +78,7 @@ def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
 
 
 def missing_meshes(body: Body) -> tuple[VisualShape, ...]:
-    """The visual meshes that are not, or not any more, where the URDF says."""
+    """The visual meshes that are missing."""
     return tuple(shape for shape in shapes_of(body.subject, "visual") if _missing(shape))
 
 
