@@ -12,17 +12,18 @@ from estimator.data.lags import Lags
 
 _LONGEST = 1.0  # offsets looked for [s]
 _STEP = 1.0 / 60.0  # finer instants are thinned out to this [s]
-_MOST = 1200  # instants looked at
+_MOST = 1200  # instants used
 _STILL = 0.7  # share of the points, the slower ones, that are left out
 _FEWEST_LAGS, _SHORTEST = 2, 0.06  # instants, and seconds, that an offset has: less may be a fault of the calibration
 _BETTER = 0.85  # what is left of the distance where other clocks are believed
 
 
 def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndarray) -> tuple[float, ...]:
-    """Seconds (C,) that the cameras started later than most, where their keypoints then fit much better; else none.
+    """Delays (C,) [s] of cameras that started later than most, where these make their keypoints fit much better; else
+    none.
 
-    pixels (T, C, L, 2) [px], NaN where missing, taken at the same times (T,) [s] as far as is known. The offsets
-    are whole steps between instants. What hardly moves tells nothing, and then there are none.
+    pixels (T, C, L, 2) [px], NaN where missing, assumed at the same times (T,) [s]. The offsets are whole steps between
+    instants. Points that hardly move determine no offsets, and then there are none.
     """
     if len(times) < 3:
         return ()
@@ -57,7 +58,7 @@ def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> 
 
 
 def _moving(seen: np.ndarray) -> np.ndarray:
-    """Directions (T, L, 3) without the slower ones: what stands still tells nothing of a clock."""
+    """Directions (T, L, 3) without the slower ones: what does not move contains no information on a clock."""
     speed = np.full(seen.shape[:2], np.nan)
     speed[2:-2] = np.linalg.norm(seen[4:] - seen[:-4], axis=-1)
     if not np.isfinite(speed).any():

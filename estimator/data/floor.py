@@ -1,4 +1,4 @@
-"""What is known of the floor before a clip is looked at."""
+"""Prior knowledge of the floor, before a clip is used."""
 
 from __future__ import annotations
 

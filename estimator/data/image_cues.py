@@ -13,13 +13,13 @@ from estimator.data.cameras.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class ImageCues(Mapping[str, Any]):
-    """What one camera's image says at one instant: what each cue has read, by the cue's name.
+    """The evidence of one camera's image at one instant: the reading of each cue, by the cue's name.
 
-    A cue that is not used, or that has nothing to say of this image, is not in it: there is no flow at the first
-    frame, no silhouette without a background.
+    A cue that is not used, or has no reading for this image, is not in it: there is no flow at the first frame, no
+    silhouette without a background.
 
     camera: at the working resolution, that of all maps. by_name: what was read. picture (H, W, 3) uint8 BGR: the frame
-        at that resolution, not to be written to; None where it is not known.
+        at that resolution, read-only; None where it is unknown.
     """
 
     camera: Camera
@@ -36,7 +36,7 @@ class ImageCues(Mapping[str, Any]):
         return len(self.by_name)
 
     def __bool__(self) -> bool:
-        """True: an image that was looked at, also where no cue has anything to say of it."""
+        """True: an image was used, even where no cue has a reading for it."""
         return True
 
     def changed(self, **read: Any) -> ImageCues:

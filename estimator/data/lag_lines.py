@@ -12,7 +12,7 @@ _ROUNDS = 10
 _SIDE = 2  # pieces before a jump, and after it, at least
 _MUCH_BETTER, _CLEAR = 0.5, 6.0  # share of a line's squares that a jump leaves; of its standard error
 _FINEST = 0.1  # of a step between lags: no lag is better than this
-_FLAT = 0.01  # rise of what speaks against lags beside the best, below which a piece tells nothing of a clock
+_FLAT = 0.01  # rise of the misfit of lags beside the best, below which a piece does not determine a clock
 
 
 @dataclass(frozen=True)

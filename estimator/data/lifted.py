@@ -1,4 +1,4 @@
-"""Which poses that a network has lifted from pictures say something new."""
+"""Which poses lifted from pictures by a network are new measurements."""
 
 from __future__ import annotations
 

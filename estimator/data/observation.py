@@ -1,4 +1,4 @@
-"""What the cues of one instant say, in the order of the body's landmarks."""
+"""The observation of one instant, in the order of the body's landmarks."""
 
 from __future__ import annotations
 
@@ -31,26 +31,25 @@ class LiftedPose(NamedTuple):
 
 @dataclass(frozen=True)
 class Observation:
-    """What every camera shows of one instant.
+    """The observation of one instant by every camera.
 
     index: number of the instant among those observed.
     time: seconds since the clip's start, or since that of the cameras' common clock.
     cameras (C): the cameras, in the order of the arrays.
     pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
     confidence (C, L): 0 to 1; 0 where missing.
-    jitter (C,): how much the keypoints of the whole clip tremble from frame to frame, as a standard deviation [px].
-    noise (C,): by how much a detector's expected noise is multiplied for each camera, as a fit has measured it; empty
-        where nobody has.
-    given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
-    cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
-    estimate: what a fit of the person knows of the pose, None where there was none.
-    spread (C, L): standard deviation [px] of keypoints that were not detected but come from elsewhere, beside what a
-        detector's have, 0 for all others; None where all are as detected.
+    jitter (C,): standard deviation of the frame-to-frame jitter of the whole clip's keypoints [px].
+    noise (C,): factor on a detector's expected noise for each camera, as measured by a fit; empty without one.
+    given: whether a person gave the keypoints, who does not confuse left and right as detectors do.
+    cues (C): image cues, in the order of the cameras; empty where pictures are not used.
+    estimate: a fit's estimate of the pose, None where there was none.
+    spread (C, L): standard deviation [px] of keypoints that were not detected but come from elsewhere, beside that of a
+        detector, 0 for all others; None where all are as detected.
     standing (L,): probability that a landmark has not moved in the last moments (`estimator.data.standing`); None where
-        that was not asked.
+        that was not computed.
     seated: probability that the hips rest on something: they are low and have not moved for a while, see there.
     lifted: the pose in space that the keypoint file has beside the keypoints of the only camera; None without.
-    markers (M, 3): where the body's markers were measured, in the world [m], NaN where missing; None where none are
+    markers (M, 3): measured places of the body's markers in the world [m], NaN where missing; None where none are
         given.
     """
 

@@ -18,7 +18,7 @@ from estimator.data.sequence import GIVEN
 from estimator.numerics.stretches import stretches
 from humanoid.support.errors import first_of
 
-_FEWEST = 4  # points of a frame that say that all of it is repeated
+_FEWEST = 4  # fewest repeated points of a frame that count as a repeated frame
 _LEAST = 3  # frames of a place that was filled in; two alike may be chance where places are whole pixels
 _ABRUPT = 1.0
 """Extents of the body a second (root mean square distance of its points from their middle, some 0.5 m) from which a
@@ -113,8 +113,8 @@ def stuck_points(places: np.ndarray) -> np.ndarray:
 
 
 def frames_elsewhere(places: np.ndarray, times: np.ndarray) -> int:
-    """How many of the first frames of places (T, N, D) at times (T,) [s] lie where nobody gets from in time: exporters
-    write a rest pose at the origin before the motion. 0 to 3."""
+    """How many of the first frames of places (T, N, D) at times (T,) [s] lie too far away to be reached in time:
+    exporters write a rest pose at the origin before the motion. 0 to 3."""
     step = np.linalg.norm(np.diff(places[: _FIRST + 2], axis=0), axis=2)
     known = np.isfinite(step).sum(axis=1) >= _FEWEST
     moved = np.array([np.median(s[np.isfinite(s)]) if k else 0.0 for s, k in zip(step, known, strict=True)])

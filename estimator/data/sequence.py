@@ -33,9 +33,9 @@ def assemble(
     """Observations (T) of all cameras with keypoints, in the order of `tracks`.
 
     A landmark whose keypoint a layout lacks stays missing; a track without any names is one without keypoints. A track
-    shorter than `times` (T,) [s] is missing at its end, a longer one is cut; `timing.length_notes` says so.
+    shorter than `times` (T,) [s] is missing at its end, a longer one is cut; with a note by `timing.length_notes`.
     detected: the keypoints frame by frame as the detector gave them, of tracks that were brought to other instants:
-    interpolation hides how much they tremble. What a track has of the pose in space counts where it is the only one.
+    interpolation hides their jitter. A track's pose in space counts where it is the only one.
 
     Raises
     ------

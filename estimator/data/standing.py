@@ -26,9 +26,9 @@ _TINY = 1e-9  # s
 
 
 class StandingPoints:
-    """Tells from the keypoints of the last moments which points of the feet stand, and whether the hips may rest.
+    """Infers from recent keypoints which points of the feet stand, and whether the hips may rest.
 
-    names (L): of the body's landmarks. Heels and toes are looked at, or the ankle of a foot of which neither is seen. A
+    names (L): of the body's landmarks. Heels and toes are used, or the ankle of a foot of which neither is seen. A
     point's speed in a picture is the slope of its last `SPAN` seconds, in sizes of the person; that it stands is
     inferred from two normal densities of the speed, of what stands and of what does not, and two of its height in the
     picture above the lowest of them, with even odds beforehand. Cameras count as independent, and are held upright.

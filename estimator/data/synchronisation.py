@@ -1,10 +1,10 @@
-"""When each of several cameras started, from what moves in them: their keypoints' rays and speeds.
+"""Start times of several cameras, from their keypoints' rays and speeds.
 
 At the right clocks rays of one point meet, and what is fast in one camera is fast in the others. The first is Sampson's
 distance (Hartley and Zisserman, Multiple View Geometry, 2nd edition, 11.4.3), weighted by how fast both points are,
-because what stands still tells nothing of a clock. The second is the correlation of the logarithms of the speeds, which
-hardly depends on where a camera stands. They are the negative log-likelihoods of an observation whose error has heavy
-tails, and of one that is normal, each with its variance at its best; they add up.
+because what does not move contains no information on a clock. The second is the correlation of the logarithms of the
+speeds, which hardly depends on where a camera stands. They are the negative log-likelihoods of an observation whose
+error has heavy tails, and of one that is normal, each with its variance at its best; they add up.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MOST_AT_THE_END = 1200  # near the best one
 _PARTS = 4  # a step between instants is divided so finely at the end
 _NEAR = 3  # steps around the best lag in which the end is looked for
 _SHORTEST = 0.15  # time that two cameras must have in common at a lag [s]
-_TRUSTED = 0.5  # time in common at which half of what a lag says is believed [s]
+_TRUSTED = 0.5  # time in common at which a lag's evidence counts half [s]
 PEAK = 0.15  # other clocks are those that are further off [s]
 _BLOCKS = 8  # parts of the clip, and of the body, that are left out in turn
 _INDEPENDENT = 30.0  # observations in a second whose errors have nothing to do with each other
@@ -41,12 +41,12 @@ SURE_ERROR = 0.5  # frames of the slowest camera: standard error
 class Synchrony:
     """Clocks of C cameras.
 
-    offsets (C,): seconds to add to the times that each was given; NaN where nothing can be found out. sure (C,):
-    whether that can be relied on. errors (C,): standard errors [s], from leaving out parts of the clip in turn. margin
-    (C,): how much better they are than any other clock: the logarithm of the ratio of squared distances, of the weakest
-    link between a camera and those that are held. distance: how far the moving rays of a pair pass each other at these
-    clocks [px], the geometric mean. rates: how fast each runs; offsets are of times that are scaled by them about each
-    camera's first. None where nobody was seen.
+    offsets (C,): seconds to add to the times that each was given; NaN where undetermined. sure (C,): whether they are
+    reliable. errors (C,): standard errors [s], from leaving out parts of the clip in turn. margin (C,): how much better
+    they are than any other clock: the logarithm of the ratio of squared distances, of the weakest link between a camera
+    and those that are held. distance: how far the moving rays of a pair pass each other at these clocks [px], the
+    geometric mean. rates: of each clock; offsets are of times scaled by them about each camera's first. None where no
+    person was seen.
     """
 
     offsets: np.ndarray
@@ -60,13 +60,13 @@ class Synchrony:
 def synchronised(
     cameras: Sequence[Camera], pixels: Sequence[np.ndarray], times: Sequence[np.ndarray], held: Sequence[int] = (0,)
 ) -> Synchrony:
-    """When each camera's clock began, up to 10 s from the times given, and how fast it runs where that differs.
+    """When each camera's clock began, up to 10 s from the times given, and its rate where that differs.
 
     pixels (C): of each camera (N, L, 2) [px], NaN where missing, the same landmarks in all. times (C): of its frames
     (N,) [s], rising. held: cameras whose times are right as they are, at least one.
 
-    Nothing is sure where nobody moves, where two moments look alike, where cameras have too little in common, or where
-    parts of the clip tell different offsets and no one rate explains them.
+    Nothing is sure without movement, where two moments are similar, where cameras have too little in common, or where
+    parts of the clip give different offsets that no single rate explains.
     """
     rates = clock_rates(cameras, pixels, times, held, LONGEST)
     scaled = times
@@ -156,7 +156,7 @@ def _coarse(courses: Sequence[PairCourse]) -> _Coarse | None:
 
 
 def _at_lag(course: PairCourse, lag: int, stride: int) -> tuple[float, float, float]:
-    """What rays and speeds say against a lag, and the time in common [s]."""
+    """Misfit of rays and speeds at a lag, and the time in common [s]."""
     i = course.instants(lag, stride)
     sums, weights = course.rays(lag, i)
     seen = weights > 0.0
@@ -170,8 +170,8 @@ def _refined(courses: Sequence[PairCourse], count: int, held: Sequence[int]) -> 
     """Lags (C,) near 0 at which rays meet best, in steps before these were divided, and their standard errors.
 
     The errors are the largest of three: from the lags without each part of the clip, and without each part of the body
-    (the jackknife, Efron 1982), and from how sharp the least distance is. What a detector gets wrong of one joint it
-    gets wrong for long, so that in short clips the first tells too little.
+    (the jackknife, Efron 1982), and from how sharp the least distance is. A detector's error of a joint lasts for long,
+    so that in short clips the first is too small.
     """
     by_time, by_joint = _parts_of_sums(courses)
     pairs = np.array([(course.pair.a, course.pair.b) for course in courses])

@@ -25,8 +25,8 @@ class CostSettings:
         determining the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     pose_prior_weight: share of the rest-position priors, 0 to 1, that is replaced by a mixture learned from captured
-    motion (`estimator.energy.pose_prior`); pose_prior_file: its file. By default it is the shipped one, of human34, and
-    a body that it does not suit (`estimator.energy.pose_prior.misfit`) has the rest positions alone.
+        motion (`estimator.energy.pose_prior`); pose_prior_file: its file. By default it is the shipped one, of human34,
+        and a body that it does not suit (`estimator.energy.pose_prior.misfit`) has the rest positions alone.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     hands_apart: whether hands that a subject holds stiffly on the forearms keep clear of each other; those of a person

@@ -25,14 +25,15 @@ class ModeSearchSettings(CheckedSettings):
     differ if some landmark is further apart than this fraction of the body's size. exchange: also search every frame
     with left and right of its keypoints exchanged (detectors do confuse them). readings: keep a mode of either reading
     of a trunk that one camera sees, leading towards it or away from it, however small its weight, and search for the
-    missing one. readings_rest: share of the rest-position priors that counts between them. start_samples: of the first
-    frame, drawn by the covariance of its pose and searched too: by that of the fit where the person is fitted, else by
-    those of the first modes (CSS section 5). contact: how modes whose parts overlap are treated. flow_in_covariance: a
-    mode's covariance includes the flow, like all image terms (CSS eq. 12). step_solver: solver of the steps of all
-    searches within limits and clearance: "proxqp", ProxQP wherever the free minimum lies outside; "active-set", a
-    compiled active set, whose steps are the same; "proxqp-always", ProxQP for every convex step, for checking. weigh:
-    how a mode is weighted: "height", its probability density (CSS Figure 6, step 3); "volume", its probability by the
-    second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS section 8).
+    missing one. readings_rest: share of the rest-position priors that counts between them.
+    start_samples: of the first frame, drawn by the covariance of its pose and searched too: by that of the fit where
+    the person is fitted, else by those of the first modes (CSS section 5). contact: how modes whose parts overlap are
+    treated. flow_in_covariance: a mode's covariance includes the flow, like all image terms (CSS eq. 12). step_solver:
+    solver of the steps of all searches within limits and clearance: "proxqp", ProxQP wherever the free minimum lies
+    outside; "active-set", a compiled active set, whose steps are the same; "proxqp-always", ProxQP for every convex
+    step, for checking. weigh: how a mode is weighted: "height", its probability density (CSS Figure 6, step 3);
+    "volume", its probability by the second-order model; "importance", the same by `weigh_samples` importance samples
+    about each mode (CSS section 8).
     Raises InputError for other words.
     """
 

@@ -27,12 +27,12 @@ class Camera(Summarised):
     R_camera_world (3, 3), t_camera_world (3,) [m]: x_camera = R_camera_world @ x_world + t_camera_world.
     fisheye: whether the lens is a fisheye (OpenCV's `cv2.fisheye`), seen up to 90 degrees from the optical axis.
     parallel: whether it is a parallel (orthographic) camera. The pixel is then K[:2, :2] @ (x, y) + K[:2, 2] of the
-        place in the camera, K's scale is in px/m, and the depth z says only what hides what: it may be negative too. It
-        has no lens and no centre: all its rays are along its axis, R_camera_world[2].
-    focal_std: relative standard deviation of the focal length, zero where a calibration tells it.
-    deviations (7, K): by how much the camera is off for each of K independent standard normal causes, which the cameras
-        of a rig share: a turn [rad] (3) and a shift [m] (3) about its centre, in its own frame, and the logarithm of
-        the focal length. None where nothing is said of it.
+        place in the camera, K's scale is in px/m, and the depth z only gives the order of occlusion: it may be negative
+        too. It has no lens and no centre: all its rays are along its axis, R_camera_world[2].
+    focal_std: relative standard deviation of the focal length, zero where it is calibrated.
+    deviations (7, K): the camera's errors for K independent standard normal causes, shared by the cameras of a rig: a
+        turn [rad] (3) and a shift [m] (3) about its centre, in its own frame, and the logarithm of the focal length.
+        None where unknown.
     """
 
     name: str
@@ -80,12 +80,12 @@ class Camera(Summarised):
 
     @property
     def turn_std(self) -> float:
-        """Standard deviation of its rotation, about all axes together [rad]; 0 where nothing is said of it."""
+        """Standard deviation of its rotation, about all axes together [rad]; 0 where unknown."""
         return 0.0 if self.deviations is None else float(np.linalg.norm(self.deviations[:3]))
 
     @property
     def place_std(self) -> float:
-        """Standard deviation of its centre, in all directions together [m]; 0 where nothing is said of it."""
+        """Standard deviation of its centre, in all directions together [m]; 0 where unknown."""
         return 0.0 if self.deviations is None else float(np.linalg.norm(self.deviations[3:6]))
 
     def needs_centre(self) -> None:
@@ -250,7 +250,7 @@ def parallel_camera(
     azimuth: float = 0.0,
     away: float = 10.0,
 ) -> Camera:
-    """A level parallel camera that looks at a subject: one that faces x, with z up, as all built-in ones at rest.
+    """A level parallel camera facing a subject that faces x, with z up, as all built-in ones at rest.
 
     scale [px/m]. middle (3,) [m]: the place in the world that the picture's middle shows. azimuth [rad]: where the
     camera stands, seen from above: 0 in front of the subject, positive to the subject's left. away [m]: the depth of

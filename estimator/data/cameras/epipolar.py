@@ -111,8 +111,8 @@ class RayPairs:
         self._size = np.square(a.size), np.square(b.size)
 
     def distances(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
-        """Of detections i (P,) of the first camera and j (P,) of the second; infinite where a look at few landmarks
-        says more than `enough`."""
+        """Of detections i (P,) of the first camera and j (P,) of the second; infinite where the distance of a few
+        landmarks is already above `enough`."""
         parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
         return np.concatenate([np.zeros(0), *(self._screened_distances(i[part], j[part], enough) for part in parts)])
 

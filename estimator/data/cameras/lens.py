@@ -1,15 +1,15 @@
-"""What a lens does to the directions of rays: Brown's distortion, OpenCV's longer models, and fisheyes.
+"""Lens models, which map directions of rays to the image: Brown's distortion, OpenCV's longer models, and fisheyes.
 
 A lens is one array. Of Brown's five coefficients (Brown 1966): (5,) k1, k2, p1, p2, k3. Of any other model one row
 (1, 22): those five, k4, k5, k6 (rational), s1, s2, s3, s4 (thin prism), the nine numbers of a tilted sensor's
 homography, row by row, and the model, `GENERAL` or `FISHEYE`. A fisheye's k1, k2, k3, k4 (Kannala and Brandt 2006)
 stand at the places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's `calib3d` and `fisheye` modules.
 
-The two have different numbers of axes so that kernels are compiled for each: of `if lens.ndim == 2` numba leaves out
-what does not hold, and Brown's model is as fast as if there were no other (with a branch on a number it took 1.7 to 9
-times as long, being no longer compiled into its callers). A parallel camera has no lens, but its array says that it is
-parallel: a row as above with the model `PARALLEL`, (1, 1, 22). Where such a camera is among several, all have that
-many axes, and the number decides.
+The two have different numbers of axes so that kernels are compiled for each: numba drops the branch of `if lens.ndim ==
+2` that does not apply, and Brown's model is as fast as if there were no other (with a branch on a number it took 1.7 to
+9 times as long, since it was no longer inlined). A parallel camera has no lens, but its array marks it as parallel: a
+row as above with the model `PARALLEL`, (1, 1, 22). Where such a camera is among several, all have that many axes, and
+the model number decides.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Files of joint coordinates over time, whose header or columns say what they are measured in."""
+"""Files of joint coordinates over time, whose header or columns declare their units."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class AngleFile(NamedTuple):
 
 
 def read_opensim_angles(path: Path) -> AngleFile:
-    """The coordinates of a mot or sto, see `read_mot`; where its header does not say inDegrees they are radians, as
-    OpenSim takes them.
+    """The coordinates of a mot or sto, see `read_mot`; where its header has no inDegrees they are radians, as in
+    OpenSim.
 
     Raises
     ------
-    InputError: as `read_mot`; a header that does not say inDegrees, and an angle beyond 2 pi.
+    InputError: as `read_mot`; a header without inDegrees, and an angle beyond 2 pi.
     """
     coordinates, time = read_mot(path)
     if coordinates.in_degrees is not None:
@@ -46,17 +46,17 @@ def read_opensim_angles(path: Path) -> AngleFile:
 
 
 def read_angle_csv(path: Path) -> AngleFile:
-    """The joint coordinates of a csv: `read_motion_table`, with a column for each coordinate, called as our joint or as
-    OpenSim's gait models have it.
+    """The joint coordinates of a csv: `read_motion_table`, with a column for each coordinate, named after our joint or
+    as in OpenSim's gait models.
 
-    Angles are what their column says (`_deg` or `_rad` behind its name), otherwise what a line `# inDegrees=yes` or
-    `# inDegrees=no` above the names says, and without either in degrees. What exports have beside joints is passed
-    over, and columns without a number.
+    The unit of angles is that of their column (`_deg` or `_rad` behind its name), otherwise that of a line `#
+    inDegrees=yes` or `# inDegrees=no` above the names, and without either degrees. Other columns of exports, and
+    columns without a number, are ignored.
 
     Raises
     ------
-    InputError: no table, nothing but time; angles whose unit nobody says and which could be radians, as none is beyond
-        2 pi.
+    InputError: no table, nothing but time; angles without a declared unit that could be radians, as none is beyond 2
+        pi.
     """
     table = read_motion_table(path)
     said = said_degrees(path, [comment.lstrip("#") for comment in table.comments])

@@ -89,8 +89,8 @@ def _as_points(channels: Channels) -> np.ndarray:
 def read_c3d(path: Path, up: str | None = None, unit: str | None = None, option: str = "") -> MarkerFile:
     """The points of a C3D file; those with a residual below 0 are missing, channels and unlabelled points are left out.
 
-    up: the axis of its world that points up; unless given POINT:Y_SCREEN says it, else it is z. unit: instead of what
-    the file says; option: by which a user gives it.
+    up: the axis of its world that points up; by default that of POINT:Y_SCREEN, else z. unit: instead of the file's;
+    option: by which a user gives it.
 
     Raises
     ------
@@ -128,13 +128,13 @@ def _word(point: Parameters, key: str) -> str:
 
 
 def _said_up(point: Parameters) -> str | None:
-    """The axis that the file says points up."""
+    """The upward axis that the file declares."""
     said = _word(point, "Y_SCREEN").lower().lstrip("+")
     return said if said in UPS else None
 
 
 def _up(point: Parameters, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """The axis that points up, and a note where nobody says which."""
+    """The axis that points up, and a note where it is not declared."""
     axis = up or _said_up(point)
     if axis is not None:
         return axis, ()

@@ -100,7 +100,7 @@ def read_content(path: Path) -> C3dContent:
 
 
 def _frames(trial: Parameters, first: int, last: int) -> tuple[int, int]:
-    """Number of the first frame, and how many there are; past 65535 two words of the group TRIAL say it."""
+    """Number of the first frame, and the number of frames; past 65535 they are in two words of the group TRIAL."""
     ends = [trial.get(f"ACTUAL_{end}_FIELD", []) for end in ("START", "END")]
     if all(len(words) == 2 and not isinstance(words[0], str) for words in ends):
         first, last = (int(float(low) % 65536 + 65536 * (float(high) % 65536)) for low, high in ends)

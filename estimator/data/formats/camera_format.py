@@ -34,8 +34,8 @@ class CameraFile:
 
     @cached_property
     def json(self) -> Mapping[str, Any] | None:
-        """What it says as JSON, None where neither its ending nor its first character says that it is some. Raises
-        InputError where it is damaged."""
+        """Its content as JSON, None where neither its ending nor its first character is that of JSON. Raises InputError
+        where it is damaged."""
         looks_so = self.start.startswith(b"{") or self.ending == ".json"
         if not looks_so or self.start.startswith(b"<"):
             return None
@@ -69,10 +69,10 @@ class CameraFile:
 class CameraFormat:
     """A format of camera files; register it with `estimator.data.formats.cameras.register`.
 
-    name: as errors list it. recognises: whether a file is of this format, told by what it holds; those registered
-    last are asked first. read: its cameras, in the file's order; raises InputError naming the place. up: the axis of
-    the cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, where the file or its format says so.
-    floor: its height along that axis [m], where the file says it.
+    name: as errors list it. recognises: whether a file is of this format, by its content; those registered last are
+    tried first. read: its cameras, in the file's order; raises InputError naming the place. up: the axis of the
+    cameras' world that points up, one of `estimator.data.cameras.camera.UPS`, where the file or its format declares it.
+    floor: its height along that axis [m], where the file has it.
     """
 
     name: str

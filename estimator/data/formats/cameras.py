@@ -1,4 +1,4 @@
-"""Camera files of every registered format, told apart by what they hold; kinemode's own JSON is written.
+"""Camera files of every registered format, recognised by their content; kinemode's own JSON is written.
 
 Formats: `cameras_json` (our own), `cameras_toml` (Pose2Sim, Anipose, Caliscope), `cameras_opencv` (YAML, JSON, XML),
 `cameras_kalibr`, `cameras_easymocap`, `cameras_panoptic`, `cameras_qualisys` (QTM's calibration).
@@ -38,13 +38,13 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     JSON or XML, Kalibr's or EasyMocap's YAML, CMU Panoptic JSON, Qualisys .qca.txt or .xml, or a format that a plugin
     registers.
 
-    R and t may be left out where the file has a single camera, which then stands as a guessed one does. No pickle is
+    R and t may be left out where the file has a single camera, which is then placed like a guessed one. No pickle is
     ever loaded.
 
     Raises
     ------
     InputError: naming the format and the place, like `Pose2Sim TOML, [cam01].matrix`; of our own JSON the place alone,
-        like `cameras[2].K`. Where translations cannot be metres it says so, and how to tell the unit.
+        like `cameras[2].K`. Where translations cannot be metres, the error says how to declare the unit.
     """
     path = Path(path)
     content = read_bytes(path)
@@ -64,8 +64,8 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
 
 
 def declared_up(path: str | Path) -> str | None:
-    """The axis of the cameras' world that points up, where a file that `load_cameras` reads says so, or its format
-    does. Raises InputError: it says another thing than one of `UPS`."""
+    """The axis of the cameras' world that points up, where a file that `load_cameras` reads, or its format, declares
+    it. Raises InputError: it is not one of `UPS`."""
     file = CameraFile(Path(path), read_bytes(Path(path)))
     up = _format(file).up(file)
     if up is not None and up not in UPS:
@@ -74,8 +74,8 @@ def declared_up(path: str | Path) -> str | None:
 
 
 def declared_floor(path: str | Path) -> float | None:
-    """Height of the floor [m] along the axis that points up, where a file that `load_cameras` reads says so. Raises
-    InputError: it is no number."""
+    """Height of the floor [m] along the axis that points up, where a file that `load_cameras` reads has it. Raises
+    InputError: it is not a number."""
     file = CameraFile(Path(path), read_bytes(Path(path)))
     return _format(file).floor(file)
 

@@ -1,17 +1,17 @@
-"""Cameras as kinemode's own JSON has them, checked: other formats are turned into it, and run files keep it.
+"""Cameras in kinemode's own JSON, checked. Other formats are converted to it, and run files contain it.
 
     {"cameras": [{"name": "cam01", "image_size": [w, h], "K": 3 x 3, "distortion": [k1, k2, p1, p2, k3],
                   "R": 3 x 3, "t": [x, y, z]}, ...]}
 
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates. The
 coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
-the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre. "focal_std" is how far
-the focal length is off in the mean, as a share of it, where it is a guess. "deviations" are those of a camera that was
-found from a person: 7 rows as `Camera.deviations` has them, as long for every camera of the file.
-Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
-Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there says which axis of
-the world points up, where that is known (else it is found from the person); `"floor": 0` how high along it the floor
-is, in the same unit. A member that is not known is refused, unless it is text, such as a note.
+the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre. "focal_std" is the
+relative standard deviation of the focal length, where it is a guess. "deviations" are those of a camera that was found
+from a person: 7 rows as in `Camera.deviations`, of the same length for every camera of the file. Accepted are images of
+up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4. Lengths are in metres
+unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there declares which axis of the world points
+up, where that is known (else it is found from the person); `"floor": 0` the height of the floor along it, in the same
+unit. An unknown member is refused, unless it is text, such as a note.
 """
 
 from __future__ import annotations

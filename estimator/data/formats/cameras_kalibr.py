@@ -1,11 +1,11 @@
-"""Cameras as Kalibr writes them (camchain.yaml): a chain in which each says where the one before it stands.
+"""Cameras as Kalibr writes them (camchain.yaml): a chain in which each has the place of the one before it.
 
     cam0: {camera_model: pinhole, intrinsics: [fu, fv, pu, pv], distortion_model: radtan,
            distortion_coeffs: [k1, k2, p1, p2], resolution: [w, h], ...}
     cam1: {..., T_cn_cnm1: 4 x 4}            # x_cam1 = T x_cam0, in metres
 
-The first camera is the world's origin. Read are pinhole cameras with the lens radtan, equidistant (OpenCV's fisheye) or
-none; other models are refused by name. (Kalibr's documentation, "YAML formats".)
+The first camera is the world's origin. Supported are pinhole cameras with the lens radtan, equidistant (OpenCV's
+fisheye) or none; other models are refused by name. (Kalibr's documentation, "YAML formats".)
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _read(file: CameraFile) -> list[Camera]:
 
 
 def _entry(group: Mapping[str, Any], file: CameraFile, place: str) -> dict[str, Any]:
-    """What a group says of the camera itself, as our own JSON has it."""
+    """A group's intrinsics, as in our own JSON."""
     lens = group.get("distortion_model", "none")
     models = ("camera_model", group["camera_model"], ("pinhole",)), ("distortion_model", lens, tuple(_LENSES))
     for key, value, valid in models:

@@ -1,10 +1,10 @@
 """Cameras as `cv2.FileStorage` and OpenCV's samples write them: YAML, JSON and XML; ROS's camera_info YAML too.
 
 One camera at the top level (camera_matrix, distortion_coefficients, image_width, image_height, and where there are any
-R and T or rvec and tvec: x_camera = R x_world + t, as `cv2.solvePnP` and `cv2.projectPoints` have it), or a group of
-these for each camera, by name. Of a pair with M1, D1, M2, D2, R and T in one file, as `cv2.stereoCalibrate` gives them,
-the first camera (`cam1`) is the world's origin and x_2 = R x_1 + T (`cam2`). Lengths are in the unit of the board's
-squares; `units: "mm"` in the file, our addition, says which.
+R and T or rvec and tvec: x_camera = R x_world + t, as in `cv2.solvePnP` and `cv2.projectPoints`), or a group of these
+for each camera, by name. Of a pair with M1, D1, M2, D2, R and T in one file, as `cv2.stereoCalibrate` gives them, the
+first camera (`cam1`) is the world's origin and x_2 = R x_1 + T (`cam2`). Lengths are in the unit of the board's
+squares; `units: "mm"` in the file, our addition, declares it.
 
 The text is parsed by PyYAML, json and expat: `cv2.FileStorage` itself can end the process on a damaged file.
 """

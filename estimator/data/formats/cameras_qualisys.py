@@ -31,7 +31,7 @@ _SEEING = ("video", "none")  # in the models of cameras that take videos; "none"
 
 
 def cameras_from_qualisys(document: Document) -> list[Camera]:
-    """The video cameras of a calibration, all where no model says that it takes videos; inactive ones are left out."""
+    """The video cameras of a calibration, or all where no model is a video camera; inactive ones are left out."""
     listed = [camera for group in elements(document.root, "cameras") for camera in elements(group, "camera")]
     active = [c for c in listed if c.get("active", "1") != "0" and c.get("calibrated", "true").lower() != "false"]
     if not active:

@@ -27,13 +27,13 @@ def rotation_matrix(value: Any, source: str | Path, place: str) -> list[list[flo
 
 
 def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: str, remedy: str) -> list[Camera]:
-    """Cameras whose translations are in a unit, None for metres that nobody promised.
+    """Cameras whose translations are in a unit, None for undeclared metres.
 
-    remedy: how the file can tell its unit.
+    remedy: how the file can declare its unit.
 
     Raises
     ------
-    InputError: an unknown unit; without one, cameras that cannot be as far apart as they would be in metres.
+    InputError: an unknown unit; without one, cameras implausibly far apart in metres.
     """
     if unit is None:
         centres = np.array([camera.origin_world for camera in cameras])

@@ -1,4 +1,4 @@
-"""What stored arrays have to be: a file may be whole, with right checksums, and still say what cannot be."""
+"""Checks of stored arrays: a file may be whole, with correct checksums, and still have impossible contents."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Field(NamedTuple):
         return np.asarray(values, dtype=self.dtype)
 
     def nothing(self, *shape: int) -> np.ndarray:
-        """An array that says nothing: NaN, -1 for indices, no, or empty text."""
+        """An array of missing values: NaN, -1 for indices, false, or empty text."""
         return np.full(shape, {"f": np.nan, "i": -1, "b": False, "U": ""}[self.kind], self.dtype)
 
 
@@ -43,9 +43,9 @@ class DamageError(ValueError):
 
 
 def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], sizes: Mapping[str, int]) -> None:
-    """Raise DamageError where an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    """Raise DamageError where an array is missing, misshapen or of another kind, or has impossible numbers.
 
-    sizes: by the names in the fields' shapes; a name that has none stands for any size.
+    sizes: by the names in the fields' shapes; a name without one stands for any size.
     """
     for name, field in fields.items():
         if name not in arrays:

@@ -1,4 +1,4 @@
-"""Reading TOML and YAML that someone else wrote: what is wrong is said with file and place."""
+"""Reading TOML and YAML of other programs, with errors that name file and place."""
 
 from __future__ import annotations
 

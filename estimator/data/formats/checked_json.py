@@ -1,4 +1,4 @@
-"""Reading JSON that someone else wrote: what is wrong is said with file and place."""
+"""Reading JSON of other programs, with errors that name file and place."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def member(value: Mapping[str, Any], key: str, source: str | Path, place: str) -
 def check_members(
     entry: Mapping[str, Any], known: Collection[str], source: str | Path, place: str, *, near: bool = False
 ) -> None:
-    """Refuse members that are not known, but for texts: what a file says must not be left out in silence.
+    """Refuse unknown members, except texts: nothing in a file may be ignored in silence.
 
     near: only those that may have been meant for a known one that is missing, for files in which tools keep more.
 

@@ -32,7 +32,7 @@ def is_hdf5(start: bytes) -> bool:
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file to read from. What the library says of damaged content becomes an InputError that names the file."""
+    """An HDF5 file to read from. The library's errors on damaged content become InputErrors that name the file."""
     import h5py
 
     try:
@@ -83,7 +83,7 @@ def text(value: Any) -> str | None:
 
 
 def members(group: h5py.Group) -> str:
-    """What a group has, for what is said."""
+    """The members of a group, for messages."""
     return first_of([shown(name, 30) for name in group], 8) or "nothing"
 
 

@@ -25,7 +25,8 @@ class KeypointFile:
 
     @cached_property
     def start(self) -> bytes:
-        """Its first bytes, empty for a folder and for what cannot be read: the reader of JSON says why."""
+        """Its first bytes, empty for a folder and for an unreadable file, for which the reader of JSON gives the
+        reason."""
         try:
             with self.path.open("rb") as file:
                 return file.read(64)
@@ -39,7 +40,7 @@ class KeypointFile:
 
     @cached_property
     def json(self) -> Any:
-        """What it says as JSON, None for a folder; raises InputError where it is none."""
+        """Its content as JSON, None for a folder; raises InputError where it is not JSON."""
         return None if self.is_folder else read_json(self.path)
 
 
@@ -47,9 +48,9 @@ class KeypointFile:
 class KeypointFormat:
     """A format of keypoint files; register it with `estimator.data.formats.keypoints_layouts.register`.
 
-    name: as errors list it. recognises: whether a file is of this format, told by what it holds; those registered last
-    are asked first. read: fills a `Reading` of the file with the people of every frame; raises InputError naming frame
-    and person. of_json: whether its files are JSON; formats of other files are asked before any file is read as JSON.
+    name: as errors list it. recognises: whether a file is of this format, by its content; those registered last are
+    tried first. read: fills a `Reading` of the file with the people of every frame; raises InputError naming frame and
+    person. of_json: whether its files are JSON; formats of other files are tried before any file is read as JSON.
     """
 
     name: str

@@ -24,15 +24,14 @@ _LONGEST_GAP = 1000  # frames that may be missing for each that is there
 class KeypointTrack:
     """One person's keypoints over time in one camera.
 
-    layout: name of the keypoint format (a key of `humanoid.subject.landmarks.FORMATS`, or what the file calls it).
-    names (J): landmark of each keypoint, None where none corresponds.
+    layout: name of the keypoint format (a key of `humanoid.subject.landmarks.FORMATS`, or its name in the file). names
+    (J): landmark of each keypoint, None where none corresponds.
     pixels (T, J, 2): [px], NaN where missing.
     confidence (T, J): 0 to 1, 0 exactly where missing.
     world (T, J, 3): the same points in space [m], see `estimator.data.formats.keypoints_own`, NaN in frames without;
         None where no frame has it.
-    image_size: width, height [px], None where the file does not say. fps: likewise.
-    notes: what was put right or is worth knowing.
-    source: the file.
+    image_size: width, height [px], None where the file does not give it. fps: likewise.
+    notes: corrections and remarks. source: the file.
     """
 
     layout: str
@@ -64,7 +63,7 @@ class PeopleFile:
 
     @property
     def image_size(self) -> tuple[int, int] | None:
-        """Width, height [px], None where the file does not say."""
+        """Width, height [px], None where the file does not give it."""
         return self.reading.image_size
 
     @property
@@ -129,7 +128,7 @@ def load_keypoints(
 
     Parameters
     ----------
-    layout: "auto" tells the format from the count of numbers; else a key of `humanoid.subject.landmarks.FORMATS`.
+    layout: "auto" finds the format from the count of numbers; else a key of `humanoid.subject.landmarks.FORMATS`.
     person: which of several people, see `people_choice.select`.
     first: number that the clip's first frame has in the file.
     image_size: width and height [px] of the pictures, for a file that has fractions of them; not used by others.

@@ -77,7 +77,7 @@ def _points(flat: Any, i: int, reading: Reading) -> np.ndarray:
 
 
 def _confidence(flags: np.ndarray, sure: float) -> np.ndarray:
-    """Of visibility flags (J,); where none in the file is 2, 1 says that a point is there and no more."""
+    """Of visibility flags (J,); where none in the file is 2, 1 means that a point is present and no more."""
     return np.where(flags == 0.0, 0.0, np.where(flags == sure, 1.0, _HIDDEN))
 
 
@@ -94,7 +94,7 @@ def _person(points: np.ndarray, annotation: Mapping[str, Any], reading: Reading,
 
 
 def _set_names(value: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]], reading: Reading) -> None:
-    """The keypoints' names, from the category the annotations are of; without one the count of numbers tells them."""
+    """The keypoints' names, from the category of the annotations; without one from the count of numbers."""
     path = reading.source
     used = {_key(a.get("category_id")) for a in annotations}
     listed = sequence(value.get("categories") or [], path, "categories")

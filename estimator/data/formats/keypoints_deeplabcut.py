@@ -30,11 +30,11 @@ _UNIQUE = "single"  # DeepLabCut's individual that has the body parts of no anim
 
 
 class DeepLabCutTable(NamedTuple):
-    """What DeepLabCut's files have, of whichever kind they are.
+    """Content of DeepLabCut's files of any kind.
 
     columns (W): individual ("" where the file has none), body part and coordinate of each. values (T, W): NaN where
-    there is none. rows (T): what each row is called, a frame's number or a picture's path. places (T), heads (W):
-    where rows and columns stand, for what is said.
+    missing. rows (T): name of each row, a frame's number or a picture's path. places (T), heads (W): places of rows and
+    columns, for messages.
     """
 
     columns: tuple[tuple[str, str, str], ...]
@@ -114,7 +114,7 @@ def _table(path: Path) -> DeepLabCutTable:
 
 
 def column_of(words: Mapping[str, str]) -> tuple[str, str, str]:
-    """Individual, body part and coordinate of a column, from what the rows of the head say of it."""
+    """Individual, body part and coordinate of a column, from the rows of the header."""
     return words.get("individuals", ""), words["bodyparts"], words["coords"]
 
 

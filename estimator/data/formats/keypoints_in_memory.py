@@ -14,8 +14,8 @@ from humanoid.support.errors import InputError
 
 AUTO = "auto"
 Layout = str | Sequence[str]
-"""What keypoints are called: a key of `humanoid.subject.landmarks.FORMATS`, a name for each of them, or "auto", which
-tells the format from their number."""
+"""Names of keypoints: a key of `humanoid.subject.landmarks.FORMATS`, a name for each of them, or "auto", which finds
+the format from their number."""
 
 
 def keypoint_track(
@@ -23,13 +23,12 @@ def keypoint_track(
 ) -> KeypointTrack:
     """A track from an array (T, K, 2) of x, y [px], or (T, K, 3) with confidences from 0 to 1.
 
-    A point is missing where both coordinates are NaN, or its confidence is 0. argument: what to call the array in
-    errors.
+    A point is missing where both coordinates are NaN, or its confidence is 0. argument: the array's name in errors.
 
     Raises
     ------
     InputError: an array of another shape, or that is not of numbers; a layout that is unknown or has another number of
-    keypoints; coordinates that cannot be.
+    keypoints; impossible coordinates.
     """
     points = keypoint_points(values, 3, "(T, K, 2) or (T, K, 3)", argument)
     name, names = named_layout(layout, points.shape[1], argument)

@@ -51,7 +51,7 @@ def read_layout(path: Path, layout: str) -> Reading:
 
 
 def formats_read() -> str:
-    """What is said where a file is of no format."""
+    """The error for a file of no known format."""
     return "read are " + ", ".join(KEYPOINT_FORMATS)
 
 

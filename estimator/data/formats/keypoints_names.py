@@ -1,4 +1,4 @@
-"""What keypoints are called where their file does not say it, or says it in words of its own: a file beside it.
+"""Names of keypoints where their file has none, or has unknown ones: a file beside it.
 
 Beside walk.npy or walkDLC.csv it is walk.names.txt (a name a line), or walk.names.json: a list of names, or an object
 that gives the file's own names ours, {"snout": "nose"}.

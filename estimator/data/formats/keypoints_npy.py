@@ -1,9 +1,9 @@
 """Keypoints as arrays of NumPy: (T, K, 2) x, y [px] or (T, K, 3) with confidence, of several people (T, N, K, 2 or 3).
 
-.npy: the array alone; the names stand in a file beside it (`estimator.data.formats.keypoints_names`), or K tells them:
-17, 18, 25, 26, 33, 133 or 136 of a known layout. .npz: `keypoints`, and where they are known `scores` (T, K) or (T, N,
-K), `names` (K), `fps` and `image_size` (width, height). NaN, and a confidence of 0, are missing points; a person who is
-NaN throughout is not there.
+.npy: the array alone; the names are in a file beside it (`estimator.data.formats.keypoints_names`), or follow from K:
+17, 18, 25, 26, 33, 133 or 136 of a known layout. .npz: `keypoints`, and optionally `scores` (T, K) or (T, N, K),
+`names` (K), `fps` and `image_size` (width, height). NaN, and a confidence of 0, are missing points; a person who is NaN
+throughout is absent.
 """
 
 from __future__ import annotations

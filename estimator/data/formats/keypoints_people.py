@@ -50,7 +50,7 @@ class Notes:
             self.counts[what] = self.counts.get(what, 0) + count
 
     def say(self, what: str) -> None:
-        """Say `what` once."""
+        """Add the note `what` once."""
         self.counts.setdefault(what, 0)
 
     @property

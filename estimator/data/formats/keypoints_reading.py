@@ -1,4 +1,4 @@
-"""What a keypoint file says, gathered while it is read: people by frame number, and what else the file knows."""
+"""Content of a keypoint file, gathered while it is read: people by frame number, and its other data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
 
 @dataclass
 class Reading:
-    """What a file says: people by frame number, and what else it knows.
+    """Content of a file: people by frame number, and its other data.
 
     fractions: whether the coordinates are fractions of the picture's width and height, which a file without the
     picture's size has; else they are pixels.

@@ -27,7 +27,8 @@ def is_rtmlib(value: Any) -> bool:
 
 
 def read_rtmlib(value: Any, reading: Reading) -> None:
-    """Read rtmlib's own arrays; the count of keypoints tells the layout. Raises InputError with frame and person."""
+    """Read rtmlib's own arrays; the layout follows from the count of keypoints. Raises InputError with frame and
+    person."""
     path = reading.source
     for i, frame in enumerate(value if isinstance(value, list) else _frames(value, reading)):
         place = f"frame {i}"

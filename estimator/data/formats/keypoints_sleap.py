@@ -1,8 +1,8 @@
 """SLEAP's analysis h5: the points of every track in every frame.
 
-`tracks` (tracks, 2, nodes, frames), `node_names`, and where they are known `track_names` and `point_scores` (tracks,
-nodes, frames). Other orders of the axes are told by the attribute `dims` of a data set, as sleap-io writes it, or by
-the sizes.
+`tracks` (tracks, 2, nodes, frames), `node_names`, and optionally `track_names` and `point_scores` (tracks, nodes,
+frames). Other orders of the axes are recognised by the attribute `dims` of a data set, as sleap-io writes it, or by the
+sizes.
 T. D. Pereira et al., SLEAP, Nature Methods 19, 2022.
 """
 
@@ -96,7 +96,7 @@ def _order(data: h5py.Dataset, shape: tuple[int, ...], nodes: int, tracks: int, 
 
 
 def _declared(data: h5py.Dataset) -> tuple[str, ...] | None:
-    """The order of the axes that a data set says it has."""
+    """The order of the axes that a data set declares."""
     dims = text(data.attrs.get("dims"))
     try:
         names = json.loads(dims) if dims is not None else None

@@ -1,9 +1,8 @@
-"""Names of markers as capture software writes them: whom they are of, and those that nobody has named, or that are the
-outputs of a model.
+"""Names of markers as capture software writes them: the person's prefix, unlabelled points, and outputs of a model.
 
 Vicon's Plug-in Gait and models like it write joint angles, forces, moments, powers and centres of mass as points of the
-file (`LKneeAngles`). They are told from markers by a quantity after the name of a joint or segment: markers may be
-called so without one, as the angles of the scapula and of the jaw are (`RInferiorAngle`).
+file (`LKneeAngles`). They are distinguished from markers by a quantity after the name of a joint or segment. Markers
+may have such a word without one, such as the angles of the scapula and of the jaw (`RInferiorAngle`).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _KINDS = {kind: re.compile(pattern, re.IGNORECASE) for kind, pattern in _OUTPUTS
 
 
 def is_unnamed(label: str) -> bool:
-    """Whether software calls a point so which it could not tell: `*12`, `U12`, `unlabeled_3`, or nothing."""
+    """Whether a name is one that software gives to unidentified points: `*12`, `U12`, `unlabeled_3`, or nothing."""
     return not label.strip() or _UNNAMED.fullmatch(label.rpartition(":")[2].strip()) is not None
 
 
@@ -51,7 +50,7 @@ def outputs_note(labels: Sequence[str]) -> str:
 
 
 def of_one_person(path: str | Path, labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels without the name of whom they are of, as in `ann:LKNE`; raises InputError where they are of several."""
+    """Labels without the person's prefix, as in `ann:LKNE`; raises InputError where there are several people."""
     people = sorted({label.rpartition(":")[0] for label in labels} - {""})
     if len(people) > 1:
         problem = f"has the markers of several people: {shown(', '.join(people))}"

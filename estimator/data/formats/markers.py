@@ -1,8 +1,9 @@
-"""Which landmarks the markers of a laboratory's file tell, by their names.
+"""Which markers of a laboratory's file are landmarks, by their names.
 
 A landmark is a joint centre. So are points that are called joint centres (RHJC, L_HJC_reg, right_knee_center), the
-middle of a joint's lateral and medial markers, and a detector's points (RHip, LKnee). A marker on the skin is none: in
-a file that has such markers, only names that say so count. OpenCap's `_study` markers are places on the skin, too.
+middle of a joint's lateral and medial markers, and a detector's points (RHip, LKnee). A marker on the skin is not a
+landmark: in a file with such markers, only explicit names of joint centres count. OpenCap's `_study` markers are places
+on the skin, too.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def body_ends(names: Sequence[str]) -> tuple[list[int], list[int]]:
 
 def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = "") -> None:
     """Raise InputError where the markers (T, L, 3) [m] of a frame are nearer or further apart than in any body; option:
-    what else may say the unit."""
+    by which the unit can be given."""
     known = points[np.isfinite(points).all(axis=2).sum(axis=1) > 1]
     if not len(known):
         return

@@ -56,11 +56,12 @@ def read_headed(
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Any]]:
     """Arrays and header of a file by `write_headed`.
 
-    kind: what the file has to be, for what is said. number: of the format that is read. needed: arrays that tell it.
+    kind: the required kind of file, for messages. number: of the format that is read. needed: arrays by which it is
+    recognised.
 
     Raises
     ------
-    InputError: as `read_npz`; it is no such file, or one of another format.
+    InputError: as `read_npz`; it is not such a file, or one of another format.
     """
     arrays = read_npz(path)
     if not {"header", *needed} <= arrays.keys():

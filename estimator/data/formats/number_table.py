@@ -62,11 +62,11 @@ class NumberTable(NamedTuple):
 
 
 def read_number_table(path: Path) -> NumberTable:
-    """Read a csv whose first line, but for comments, names its columns; `NumberTable.check` says whether it is sound.
+    """Read a csv whose first line, but for comments, names its columns; `NumberTable.check` checks its numbers.
 
     Raises
     ------
-    InputError: it cannot be read, or is no csv.
+    InputError: it cannot be read, or is not a csv.
     """
     lines = read_text(path).splitlines(keepends=True)
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))

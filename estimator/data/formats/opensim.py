@@ -52,9 +52,9 @@ def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.nda
 
 class MarkerFile(NamedTuple):
     """A file of markers. names (L). points (T, L, 3): in the z-up world [m], NaN where missing. time (T,) [s].
-    unit: by which it was read. notes: what is worth knowing. said_unit, said_up, rate: what the file says of its unit,
-    the axis that points up and its frames per second; empty, None and NaN where it says nothing. frames: how many it
-    says it has, -1 where it does not. unnamed: how many of its points have no name."""
+    unit: by which it was read. notes: remarks. said_unit, said_up, rate: the file's declared unit, upward axis and
+    frames per second; empty, None and NaN where missing. frames: their declared number, -1 where missing. unnamed:
+    number of its points without a name."""
 
     names: tuple[str, ...]
     points: np.ndarray
@@ -101,12 +101,12 @@ def upright_world(up: str) -> np.ndarray:
 
 
 def read_trc(path: Path, up: str = "y", unit: str | None = None, option: str = "") -> MarkerFile:
-    """The markers of a TRC file, in whose world `up` points up; unit: instead of what the file says; option: by which a
-    user gives it. Cells stand between tabs, in lines without any between commas.
+    """The markers of a TRC file, in whose world `up` points up; unit: instead of the file's; option: by which a user
+    gives it. Cells are separated by tabs, or by commas in lines without tabs.
 
     Raises
     ------
-    InputError: with the line; no TRC file, no markers, an unknown unit, or a cell that is no number.
+    InputError: with the line; not a TRC file, no markers, an unknown unit, or a cell that is not a number.
     """
     lines = read_text(path).splitlines()
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
@@ -149,7 +149,7 @@ def write_mot(
 
 class Coordinates(NamedTuple):
     """Joint coordinates over time: names (N), values (T, N), NaN where missing; turns are in radians or in degrees,
-    None where the file does not say which, lengths in metres."""
+    None where the file does not declare it, lengths in metres."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -208,7 +208,7 @@ def frame_rate(time: np.ndarray) -> float:
 
 
 def _said_number(header: Mapping[str, str], key: str) -> float:
-    """A number of a header, NaN where it says none that can be."""
+    """A number of a header, NaN where it has no valid one."""
     try:
         value = float(header.get(key, ""))
     except ValueError:

@@ -203,7 +203,7 @@ def _coordinate(axis: Axis, turns: bool) -> ET.Element:
 
 
 def _three(axes: Sequence[Axis]) -> np.ndarray:
-    """The directions of up to three axes and what completes them, (3, 3): OpenSim wants three that are independent."""
+    """The directions of up to three axes, completed to (3, 3): OpenSim requires three independent ones."""
     known = [np.asarray(axis.direction) / np.linalg.norm(axis.direction) for axis in axes]
     if not known:
         return np.eye(3)

@@ -1,4 +1,4 @@
-"""Which of several people in one camera is the subject, as far as this camera alone can tell."""
+"""Which of several people in one camera is the subject, by this camera alone."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def jumps(chosen: Mapping[int, Person]) -> list[int]:
 
 
 def jump_note(chosen: Mapping[int, Person]) -> str:
-    """What to tell of jumps, empty where there are none."""
+    """Message about jumps, empty where there are none."""
     frames_of_jumps = jumps(chosen)
     if not frames_of_jumps:
         return ""

@@ -29,13 +29,13 @@ def write_people(
     Parameters
     ----------
     layout: a key of `humanoid.subject.landmarks.FORMATS`. names (K): of the keypoints.
-    frames: for each frame the people by number; a frame may be without anybody. Where there is only one number in all
-        of them, they are written as one person.
+    frames: for each frame the people by number; a frame may be empty. Where there is only one number in all of them,
+        they are written as one person.
     image_size: width, height [px]. fps: frames per second. more: further members of the file.
 
     Raises
     ------
-    InputError: where the file cannot be written.
+    InputError: the file cannot be written.
     """
     numbers = {number for people in frames for number in people}
     rows = [_of_one(people) if len(numbers) < 2 else _of_all(people) for people in frames]

@@ -23,12 +23,12 @@ _KEYS = (("landmarks", "landmark_names"), ("points", "names"))
 
 
 class ReferenceFile(NamedTuple):
-    """What a reference file has.
+    """Content of a reference file.
 
     names (L), points (T, L, 3): landmarks in the world [m], NaN where missing; none where there are angles alone.
-    time (T,) [s]: of each frame. coordinates: joint angles, None where there are none. upright: whether the file's kind
-    says that z, as it is read, points up; otherwise its world is the cameras'. markers: of a file of markers, which of
-    them each landmark is that they call otherwise; None of another file. notes: what is worth knowing.
+    time (T,) [s]: of each frame. coordinates: joint angles, None where there are none. upright: whether z, as read,
+    points up in files of this kind; otherwise its world is the cameras'. markers: of a file of markers, the marker of
+    each landmark that has another name there; None for other files. notes: remarks.
     """
 
     names: tuple[str, ...]
@@ -48,12 +48,12 @@ def load_reference(path: str | Path, *, up: str | None = None) -> ReferenceFile:
     become ours where there is one, and stay as they are otherwise; of markers (TRC, C3D) those that are joint centres
     do, see `estimator.data.formats.markers`.
 
-    up: the axis of the world of a TRC or C3D file that points up; y of TRC unless given, of C3D what the file says.
+    up: the axis of the world of a TRC or C3D file that points up; by default y for TRC, and the file's own for C3D.
 
     Raises
     ------
-    InputError: missing, of another kind, with arrays of the wrong shape, or points or a rate that cannot be; `up` is no
-        axis, or the file is of no markers.
+    InputError: missing, of another kind, with arrays of the wrong shape, or impossible points or rate; `up` is not an
+        axis, or the file is not of markers.
     """
     path = Path(path)
     if not path.is_file():

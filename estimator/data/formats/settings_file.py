@@ -31,8 +31,8 @@ def load_settings(path: str | Path) -> dict[str, Any]:
 
 
 def settings_text(settings: Any, title: str) -> str:
-    """Nested groups of settings as TOML, every group and setting with what its docstring says of it, and every setting
-    with the values that it declares to be valid.
+    """Nested groups of settings as TOML, every group and setting with its description from the docstring, and every
+    setting with its declared valid values.
 
     settings: a group (`humanoid.support.settings.members`) of groups. title: the first line.
     """
@@ -44,7 +44,7 @@ def settings_text(settings: Any, title: str) -> str:
 
 
 class _Entry(NamedTuple):
-    """What a docstring says of some settings: their names with units, and the text."""
+    """A docstring's entry for some settings: their names with units, and the text."""
 
     names: tuple[str, ...]
     heading: str
@@ -83,13 +83,13 @@ def _summary(group: Any) -> str:
 
 
 def _described(group: Any) -> dict[str, _Entry]:
-    """What the docstrings of the group's classes say of each of its settings."""
+    """The description of each of the group's settings in the docstrings of its classes."""
     classes = [kind for kind in reversed(type(group).__mro__) if is_dataclass(kind)]
     return {name: entry for kind in classes for entry in _entries(kind, group)[1] for name in entry.names}
 
 
 def _entries(kind: type, group: Any) -> tuple[str, list[_Entry]]:
-    """What a class' docstring says of the group, and of the settings it names: "a, b [m]: text. c: text."."""
+    """The descriptions of the group, and of its settings, in a class' docstring: "a, b [m]: text. c: text."."""
     text = inspect.cleandoc(kind.__doc__ or "").partition("\n\nRaises")[0]
     text = re.sub(r"(?<=\.)\s+Raises InputError[^.]*\.", "", " ".join(text.split()))
     name = f"(?:{'|'.join(re.escape(f.name) for f in fields(group))}){_UNITS}"

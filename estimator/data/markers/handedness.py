@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _FEWEST = 4  # points of a frame; three lie in a plane, which a mirror maps to itself
-_FRAMES = 200  # looked at, spread over the file
+_FRAMES = 200  # that are checked, spread over the file
 _BETTER = 0.7  # residual of the mirrored fit over that of the other, from which on it counts
 
 

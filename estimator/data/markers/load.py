@@ -32,23 +32,23 @@ def load_points(
 ) -> MarkerTrack:
     """Points from a TRC, C3D, npz, npy or csv file, or from several files of the same instants.
 
-    npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and `unit` and `up` if they are there; or a run's export.
-    csv: see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. Names lose the name of whom they are
-    of (`ann:LKNE`), points that nobody has named (`*12`, `U12`, `unlabeled`) are left out, and a point at exactly zero
-    is missing, as many programs write it; outputs of a gait model (`LKneeAngles`) are left out; notes say so.
+    npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and optionally `unit` and `up`; or a run's export. csv:
+    see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. The person's prefix is removed from names
+    (`ann:LKNE`). Unnamed points (`*12`, `U12`, `unlabeled`) and outputs of a gait model (`LKneeAngles`) are left out,
+    and a point at exactly zero is missing, as many programs write it; with notes.
 
     Parameters
     ----------
-    up: the axis that points up, one of `UPS`; unless given what the file says, else the axis from the feet to the head
-        by the names of points, y of TRC, or what the motion of somebody upright shows; with a note.
-    unit: of length, m, cm or mm, or their words; unless given what the file says.
-    fps: frames per second, where the file says neither them nor times, or both and they differ.
+    up: the axis that points up, one of `UPS`; by default the file's own, else the axis from the feet to the head by the
+        names of points, y of TRC, or the vertical of an upright person's motion; with a note.
+    unit: of length, m, cm or mm, or their words; by default the file's own.
+    fps: frames per second, where the file has neither them nor times, or both and they differ.
 
     Raises
     ------
-    InputError: a file that is missing, damaged, or of another kind; a unit, an axis or a rate that nobody says, or that
-        is none; times that do not rise; points that are infinite or implausibly far apart; none at all; a name that is
-        there twice; files of other instants.
+    InputError: a file that is missing, damaged, or of another kind; a unit, an axis or a rate that is missing or
+        invalid; times that do not rise; points that are infinite or implausibly far apart; no points; a name that
+        appears twice; files of different instants.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not given:

@@ -16,11 +16,11 @@ _LATE = 0.1  # of a frame's duration: by how much the instants of two files may 
 
 
 def merged(files: Sequence[PointFile], up: str | None) -> MarkerTrack:
-    """Files with points in metres as one; up: the axis that points up instead of what they say.
+    """Files with points in metres as one; up: the axis that points up, instead of theirs.
 
     Raises
     ------
-    InputError: other instants, a point in two files, or no word about which axis points up.
+    InputError: different instants, a point in two files, or an unknown upward axis.
     """
     first = files[0]
     for i, file in enumerate(files[1:], 1):
@@ -40,10 +40,10 @@ def merged(files: Sequence[PointFile], up: str | None) -> MarkerTrack:
 
 
 def _axes(files: Sequence[PointFile], up: str | None) -> tuple[list[str], tuple[str, ...]]:
-    """The axis of every file that points up, and notes; raises InputError where nothing shows it.
+    """The axis of every file that points up, and notes; raises InputError where it is unknown.
 
-    The user's word comes first, then the file's own, then where head and feet are by their names, then what is usual
-    for the kind of file, then the motion of all files that say nothing.
+    The user's choice comes first, then the file's own, then the places of head and feet by their names, then the usual
+    one for the kind of file, then the motion of all files without one.
     """
     if up is not None:
         return [up] * len(files), ()

@@ -1,4 +1,4 @@
-"""Points over time from files of every kind, as far as each says what they are."""
+"""Points over time from files of every kind, with what each declares about them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KEYS = (("points", "names"), _EXPORT)
 
 
 def read_points(path: Path, unit: str | None) -> PointFile:
-    """The points of a TRC, C3D, npz, npy or csv file; unit: what the user says of it, for files that say nothing.
+    """The points of a TRC, C3D, npz, npy or csv file; unit: given by the user, for files without one.
 
     Raises
     ------

@@ -22,11 +22,11 @@ _LISTED = 4
 def mirrored_swaps(track: MarkerTrack, pairs: Sequence[tuple[str, str]]) -> tuple[MarkerTrack, tuple[str, ...]]:
     """The track with the labels of each pair put right, and a note of what was exchanged.
 
-    Labels change where, exchanged, they continue the paths of both markers and, as they are, neither: paths go on along
-    their line of the last frames, and may leave it by what a limb can accelerate. Where the two are too near to tell,
-    or have both been missing for long, labels stay, and so they do where what lies between the two, over several frames
-    before and after, does not turn round: one point that was measured elsewhere changes no labels. Between such gaps
-    the labels of most frames are right.
+    Labels change where, exchanged, they continue the paths of both markers and, unchanged, neither: paths continue
+    along their line of the last frames, and may leave it by what a limb can accelerate. Labels stay where the two are
+    too near to decide, or have both been missing for long. They also stay where the vector between the two, over
+    several frames before and after, does not turn round: one point that was measured elsewhere changes no labels.
+    Between such gaps the labels of most frames are right.
     """
     points, notes = track.points.copy(), []
     for left, right in pairs:
@@ -126,7 +126,7 @@ def _at_moment(time: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _continued(path: np.ndarray, seen: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Where a path goes on at the last time, and by how much it may be elsewhere [m]; None where it ended long ago."""
+    """The predicted place of a path at the last time, and its tolerance [m]; None where it ended long ago."""
     at = np.flatnonzero(seen)[-_FIT:]
     if not len(at) or time[-1] - time[at[-1]] > _RECENT:
         return None

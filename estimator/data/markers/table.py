@@ -28,7 +28,7 @@ def read_point_table(path: Path) -> PointFile:
     ("time_s", "time", "t", "seconds"), of frames ("frame") or of neither.
 
     Cells may be empty. Lines `# unit=mm` and `# up=z` above the names, and units behind them (NAME_x_mm), are used.
-    Without times they are NaN, as is the rate: nobody has given it.
+    Without times they are NaN, as is the rate, which is not given.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def _even(frames: np.ndarray) -> bool:
 
 
 def _columns(table: NumberTable) -> tuple[dict[str, tuple[int, int, int]], str, list[str]]:
-    """The columns x, y and z of every point, the unit that their names say, and the columns that are of no point."""
+    """The columns x, y and z of every point, the unit in their names, and the columns that are of no point."""
     places: dict[str, dict[str, int]] = {}
     units: set[str] = set()
     other: list[str] = []
@@ -86,7 +86,7 @@ def _columns(table: NumberTable) -> tuple[dict[str, tuple[int, int, int]], str, 
 
 
 def _comments(table: NumberTable) -> dict[str, str]:
-    """unit and up, where the lines above the names say them."""
+    """unit and up, where the lines above the names have them."""
     parts = [part for comment in table.comments if (part := _COMMENT.fullmatch(comment))]
     said = {part["key"].lower().removesuffix("s"): part["value"].lower() for part in parts}
     said |= {"unit": unit_of(said["unit"])} if "unit" in said else {}

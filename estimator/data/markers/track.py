@@ -23,8 +23,8 @@ class MarkerTrack(NamedTuple):
 
 
 class PointFile(NamedTuple):
-    """What one file says. names (M). points (T, M, 3): along the axes of the file, in `unit`, NaN where missing.
-    time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where the file does not say them. usual_up: the axis that
+    """Content of one file. names (M). points (T, M, 3): along the axes of the file, in `unit`, NaN where missing.
+    time (T,) [s]. unit, up, rate [1/s]: empty, None and NaN where the file does not have them. usual_up: the axis that
     points up in most files of its kind, None where either does. y_or_z: whether worlds with y and z up are both common
     there. notes: what is worth knowing."""
 
@@ -41,7 +41,7 @@ class PointFile(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What the user says of files: the axis that points up, the unit of length, frames per second [1/s]."""
+    """The user's options for files: the axis that points up, the unit of length, frames per second [1/s]."""
 
     up: str | None = None
     unit: str | None = None

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg writes its own c
 import cv2
 
 if "OPENCV_LOG_LEVEL" not in os.environ:
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what goes wrong is said here, once
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported here, once
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 DEFAULT_FPS = 30.0
@@ -65,7 +65,7 @@ class Clip:
     fps: declared frames per second; 30 where nothing sensible is declared.
     frame_count: declared number of frames, None if unknown or only estimated; `report.read` is the verified one.
     rate_known: whether the frame rate is given or declared, not assumed.
-    pixel_aspect: width of a pixel over its height, as the file says it (sample aspect ratio); 1 where it does not.
+    pixel_aspect: width of a pixel over its height, as declared by the file (sample aspect ratio); 1 without.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""What a video's container says of the time and the number of its frames: stored, counted, or only estimated.
+"""Times and number of frames by a video's container: stored, counted, or only estimated.
 
 FFmpeg gives a rate and a count for every file. Streams without a container (a camera's raw .h264) store no times, and
 their rate is FFmpeg's own assumption; Matroska, MPEG-TS and others store no count, and theirs is duration times rate;
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 _START_CODES = (b"\x00\x00\x00\x01", b"\x00\x00\x01")  # of H.264 and H.265 (Annex B)
-_PROGRAM, _SEQUENCE = 0xBA, 0xB3  # after such a code: MPEG program streams and MPEG-2 video, which say their time
+_PROGRAM, _SEQUENCE = 0xBA, 0xB3  # after such a code: MPEG program streams and MPEG-2 video, which store times
 _JPEG = b"\xff\xd8\xff"
 _FOLDERS = {b"moov", b"trak", b"mdia", b"edts"}
 _MOST = 1_000_000  # bytes of one box that is read
@@ -29,7 +29,7 @@ class Container(NamedTuple):
 
 
 def container_of(path: Path) -> Container:
-    """What a file's first bytes, and of an MP4 its header, say; raises OSError where it cannot be read."""
+    """The container by a file's first bytes, and by the header of an MP4; raises OSError where it cannot be read."""
     with path.open("rb") as file:
         start = file.read(12)
         for code in _START_CODES:

@@ -25,7 +25,7 @@ class DepthFolder:
 
     Raises
     ------
-    InputError: no such files or both kinds, another size, another unit, no depth in any of the pictures looked at.
+    InputError: no such files or both kinds, another size, another unit, no depth in any of the checked pictures.
     """
 
     def __init__(self, path: str | Path, image_size: tuple[int, int]) -> None:

@@ -28,14 +28,14 @@ RATES = (0.01, 10000.0)
 """Frames per second that a film may have."""
 _GIF_RATE = Fraction(25, 2)  # frames per second at most: each takes 8 hundredths of a second, the unit of a GIF
 _GIF_LONGEST = 480  # longer side at most [px]
-# what FFmpeg's exit code, 256 - errno, says of the disk
+# errors of the disk by FFmpeg's exit code, 256 - errno
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 def write_film(path: str | Path, frames: Iterable[np.ndarray], rate: float, *, fine: bool = False) -> Path:
     """Write BGR frames (H, W, 3) uint8, all of one size, in the format that the path's ending names.
 
-    The file is there whole or not at all. H.264 and VP9 have even sizes: the last column or row of an odd one is
+    The file is written whole or not at all. H.264 and VP9 have even sizes: the last column or row of an odd one is
     doubled. A GIF is reduced to 12.5 frames per second and 480 px.
 
     Parameters
@@ -152,7 +152,7 @@ def _encode(command: list[str], pictures: Iterable[np.ndarray], path: Path) -> N
         assert process.stdin is not None
         assert process.stderr is not None
         try:
-            with suppress(BrokenPipeError):  # the exit code says why it stopped
+            with suppress(BrokenPipeError):  # the exit code gives the reason
                 for picture in pictures:
                     process.stdin.write(picture.data)
             with suppress(BrokenPipeError):

@@ -1,4 +1,4 @@
-"""What a film or a picture says of the lens that took it."""
+"""Lens data in the tags of a film or a picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RANGE = (5.0, 2000.0)  # mm
 
 class LensTags(NamedTuple):
     """equivalent: focal length [mm] that gives the same view on 35 mm film. model: of the phone or camera, by its
-    maker's name. None where nothing is said of it."""
+    maker's name. None where missing."""
 
     equivalent: float | None = None
     model: str | None = None
@@ -38,7 +38,7 @@ def _of_picture(path: Path) -> LensTags:
             tags = picture.getexif()
             length = tags.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLengthIn35mmFilm)
             model = tags.get(ExifTags.Base.Model)
-    except (OSError, ValueError, SyntaxError, UnidentifiedImageError):  # damaged tags say nothing
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError):  # damaged tags are ignored
         return LensTags()
     return LensTags(_checked(length), None if model is None else str(model).strip(" \0"))
 

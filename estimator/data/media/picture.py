@@ -12,7 +12,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.quiet import captured_output
 
 WRITTEN = (".png", ".jpg", ".jpeg", ".bmp")
-_DAMAGED = "Corrupt JPEG data"  # libjpeg goes on, with grey or garbage where it cannot
+_DAMAGED = "Corrupt JPEG data"  # libjpeg continues, with grey or garbage in damaged parts
 
 
 def read_picture(path: Path) -> tuple[np.ndarray, bool]:
@@ -37,7 +37,7 @@ def read_numbers(path: Path) -> np.ndarray:
 
 
 def _decoded(path: Path, flags: int) -> tuple[np.ndarray, list[str]]:
-    """A picture and what its decoder had to say."""
+    """A picture and its decoder's messages."""
     try:
         data = np.fromfile(path, dtype=np.uint8)
         with captured_output() as said:

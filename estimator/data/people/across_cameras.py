@@ -83,7 +83,7 @@ def instants_of(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def camera_detections(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> CameraDetections:
-    """What a camera's file says; person: who is wanted there, "auto" for whoever fits the others."""
+    """Content of a camera's file; person: the chosen one there, "auto" for the one that fits the others."""
     chosen = None if person == AUTO else select(file.frames, person, file.source)[0]
     return CameraDetections(camera, file.reading.names, file.frames, chosen, instants)
 

@@ -1,4 +1,4 @@
-"""Where a track continues with another person, as another camera tells."""
+"""Where a track continues with another person, found from another camera."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _PARTNER = 0.25  # share of a piece's best partner below which there is none
 
 
 def cut_where_people_change(table: Table, affinities: PairAffinities) -> Table:
-    """Cut pieces in two where another camera's piece begins or ends to agree with them: someone took their place.
+    """Cut pieces in two where another camera's piece begins or ends to agree with them: the person has changed there.
 
-    Which of the two changed its person cannot be told from them alone, so both are cut; the one that did not is put
-    together again by its link.
+    The two alone do not show which of them changed its person, so both are cut; the one that did not is joined again by
+    its link.
     """
     cuts: defaultdict[int, set[int]] = defaultdict(set)
     for p, q, frames, gains in _partners(table, affinities):
@@ -31,7 +31,7 @@ def cut_where_people_change(table: Table, affinities: PairAffinities) -> Table:
 
 def _partners(table: Table, affinities: PairAffinities) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """Pieces of two cameras that agree for a while, long enough beside the best partner of each: with the frames (F,)
-    in which both were looked at, and what each counts (F,)."""
+    in which both were compared, and their weights (F,)."""
     if not len(affinities.first):
         return
     count = len(table.rays)
@@ -56,7 +56,7 @@ def _partners(table: Table, affinities: PairAffinities) -> Iterator[tuple[int, i
 
 
 def _frames(table: Table, compared_frames: np.ndarray) -> Mapping[tuple[int, int], np.ndarray]:
-    """Frames of each piece in each camera, of those that were looked at."""
+    """Frames of each piece in each camera, of those compared."""
     rows = np.flatnonzero(np.isin(table.instant, compared_frames))
     rows = rows[np.lexsort((table.instant[rows], table.camera[rows], table.piece[rows]))]
     keys = np.stack([table.piece[rows], table.camera[rows]], axis=1)

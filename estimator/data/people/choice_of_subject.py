@@ -45,7 +45,7 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
 
 
 def group_everybody(table: Table, affinity: np.ndarray) -> np.ndarray:
-    """Group (P,) of each piece, after the best exchanges between all groups of whom two cameras see somebody."""
+    """Group (P,) of each piece, after the best exchanges between all groups with a person seen by two cameras."""
     pieces, passes = grouped(affinity), 0
     camera, begin = _of_pieces(table, len(affinity))
     before = np.full_like(pieces, -1)

@@ -40,7 +40,7 @@ def everybody(
 
     Raises
     ------
-    InputError: nobody is left.
+    InputError: no person is left.
     """
     if len(files) < 2:
         ((name, file),) = files.items()

@@ -15,7 +15,7 @@ _DOUBTFUL = 0.02  # body sizes: two people who stand near each other may fit as 
 
 
 def no_common_person(names: Sequence[str]) -> InputError:
-    """What to say where no two cameras see a person together."""
+    """Note for clips in which no two cameras see a person together."""
     problem = f"of several people in {', '.join(names)} none is seen by two cameras: rays of no two of them meet"
     remedy = (
         "are calibration, sizes and clocks of the files right? or name the person for each camera: --person CAMERA=WHO"

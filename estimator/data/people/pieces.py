@@ -21,10 +21,10 @@ _MOST_PIECES = 2000  # beyond it tracks stay whole, and beyond it again the ligh
 
 @dataclass(frozen=True)
 class CameraDetections:
-    """What one camera's file says.
+    """Content of one camera's file.
 
     frames: its people by frame. names (J): landmark of each keypoint. chosen: the subject's detections where the user
-    said who it is. instants (T,): number of the instant that each frame shows, the same numbers for all cameras; the
+    chose the person. instants (T,): number of the instant that each frame shows, the same numbers for all cameras; the
     frames' own without it.
     """
 

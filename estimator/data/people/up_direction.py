@@ -30,14 +30,14 @@ _LEAN, _SWAY = np.radians(4.0), np.radians(2.0)  # deviation of balance from the
 _LOW = 0.15  # quantile of the ankles' heights that is the floor's
 _FLOOR = 0.02  # m, deviation of the ankles' lowest places from a plane
 _STEP = 0.6  # s, in which a foot finds a new place
-_AGREE = 2.5  # squared Mahalanobis distance up to which floor and balance tell one direction
+_AGREE = 2.5  # squared Mahalanobis distance up to which floor and balance agree on a direction
 _SURE = np.radians(2.2)
 _PARALLEL = 0.5  # length of the mean direction of a person who stands most of the time
 
 
 class UpDirection(NamedTuple):
     """direction (3,): a unit vector in the points' world. std [rad]: the larger of its two deviations. agree: whether
-    balance and floor tell the same; otherwise it is balance's."""
+    balance and floor agree; otherwise it is balance's."""
 
     direction: np.ndarray
     std: float
@@ -50,7 +50,7 @@ class UpDirection(NamedTuple):
 
 
 def up_direction(names: Sequence[str], points: np.ndarray, times: np.ndarray) -> UpDirection | None:
-    """Up, as a person's motion tells it; None where nobody stands, or landmarks are missing.
+    """Upward direction from a person's motion; None where the person never stands, or landmarks are missing.
 
     names (L): needed are hips, knees, ankles and shoulders, arms are used where they are. points (T, L, 3) [m], NaN
     where unknown. times (T,) [s].
@@ -82,7 +82,8 @@ def _middle(place: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
 
 
 def _stands(place: Mapping[str, np.ndarray]) -> np.ndarray:
-    """In which frames a leg is straight below a straight trunk (T,) bool: nobody sits, lies or bends down."""
+    """In which frames a leg is straight below a straight trunk, (T,) bool, so that the person does not sit, lie or
+    bend."""
     trunk, straight = _middle(place, "shoulder") - _middle(place, "hip"), []
     for side in ("left", "right"):
         hip, knee, ankle = (place[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))

@@ -42,12 +42,12 @@ class PoseChainSettings(CheckedSettings):
     particles: how many. draws: "parts", trunk and limbs one after the other from the past and the image, or "past",
     whole poses from the past alone, as in CONDENSATION. kernels: of the past, by which parts are weighted. by_past,
     by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
-    Kalman-updated from the past by the features. groups: of samples from which the features are predicted. noise: of
-    the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long, and how
-    many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it but
-    anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`). rest: shortest
-    time [s] in which unobserved joints go two thirds of the way back to rest (`Rest`). tempering: how outlines are let
-    in.
+    Kalman-updated from the past by the features. groups: of samples from which the features are predicted.
+    noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
+    and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
+    but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
+    rest: shortest time [s] in which unobserved joints go two thirds of the way back to rest (`Rest`). tempering: how
+    outlines are let in.
     Raises InputError where a value is outside its range.
     """
 
@@ -88,10 +88,10 @@ class _Way(NamedTuple):
 class PoseChain:
     """One frame's chain of poses (`estimator.inference.chains.exchange.FeatureChain`).
 
-    camera: of the features in messages. outlines: further image evidence of poses, None without any. past: whether
-    samples also come from the past, as they must where the image does not show everything. Without, as in likelihood
-    sampling, there are none where a feature is not detected. std (nv,): of the dynamics, for a step. pose_prior,
-    if_hidden: see `PoseTarget`. diagnostics: filled with samples, effective_sample_size, powers, accepted.
+    camera: of the features in messages. outlines: further image evidence of poses, None without any.
+    past: whether samples also come from the past, as they must where the image does not show everything. Without, as in
+    likelihood sampling, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
+    pose_prior, if_hidden: see `PoseTarget`. diagnostics: filled with samples, effective_sample_size, powers, accepted.
     """
 
     rng: np.random.Generator

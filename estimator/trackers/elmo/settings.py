@@ -27,11 +27,12 @@ class ElmoSettings(CheckedSettings):
     jump: largest penalty [nats] of a pose for being far from all modes of the frame before, which may be lost; the
     paper has no such bound. correlated: time [s] for which the silhouette errors of a film are correlated. Where there
     is a silhouette, a frame sooner than this after the last with the person counts by that share less for the direction
-    they face; 0 for never. settle: the product of likelihood and prior as it is: modes are weighed with their
-    covariances, and searched on from with the transition since the mode that each continues in the energy. Off, eqs. 5
-    and 6, which leave modes at the likelihood's maxima and treat what is only unknown as far from the past. turn_floor,
-    root_turn_floor [rad], root_slide_floor [m]: what a frame may change at least, as standard deviations, however short
-    it was; the rest of C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
+    they face; 0 for never.
+    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
+    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes at the
+    likelihood's maxima and treat what is only unknown as far from the past. turn_floor, root_turn_floor [rad],
+    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
+    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)
