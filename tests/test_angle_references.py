@@ -144,7 +144,7 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
         ("a.csv", "time,knee_angle_r\n0,0.4\n1,0.5\n", r"a.csv: angles may be degrees or radians.*knee_angle_r"),
         ("a.csv", "time,knee_angle_r\n0,10\n1,x\n", r"line 3, column 'knee_angle_r': 'x' is not a number"),
         ("a.csv", "# inDegrees=maybe\ntime,knee_angle_r\n0,10\n1,2\n", r"line 1: inDegrees is 'maybe' \(yes or no\)"),
-        ("a.csv", "time,knee_angle_r,knee_angle_r_deg\n0,9,9\n", "'knee_angle_r' is there twice"),
+        ("a.csv", "time,knee_angle_r,knee_angle_r_deg\n0,9,9\n", "'knee_angle_r' appears twice"),
         ("a.csv", "time,status\n0,tracked\n", "has no coordinates"),
         ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not declare whether.*line inDegrees=yes"),
         ("a.sto", "endheader\ntime /forceset/a/activation\n0 1\n", "has no coordinates"),

@@ -124,7 +124,7 @@ def test_the_page_shows_the_clips_that_are_asked_for(opened: Any) -> None:
     words.send_keys("script")
     assert opened.execute_script(SHOWN) == ["bad", "found", ENTRIES[2].name]
     buttons = {b.get_attribute("data-only"): b for b in opened.find_elements("css selector", "[data-only]")}
-    assert [button.text for button in buttons.values()] == ["all 6", "to look at 4", "done 4", "failed 1", "waiting 1"]
+    assert [button.text for button in buttons.values()] == ["all 6", "to review 4", "done 4", "failed 1", "waiting 1"]
     buttons["failed"].click()
     assert opened.execute_script(SHOWN) == ["bad"]
     assert [name for name, button in buttons.items() if button.get_attribute("aria-pressed") == "true"] == ["failed"]

@@ -107,7 +107,7 @@ class Runs:
     ],
 )
 def test_a_pickle_is_read_as_plain_lists_alone(content: Any) -> None:
-    with pytest.raises(InputError, match=r"walk\.h5: info: is no plain list of names"):
+    with pytest.raises(InputError, match=r"walk\.h5: info: is not a plain list of names"):
         plain_pickle(content, Path("walk.h5"), "info")
     assert plain_pickle(pickle.dumps([("DLC", "näse", 1)] * 2, 0), Path("a"), "") == [("DLC", "näse", 1)] * 2
 
@@ -156,7 +156,7 @@ LOOKED_FOR = "tracks and node_names, DeepLabCut's a table of pandas"
         (deeplabcut_h5(*table(), [-1, 0, 1, 2, 3]), "index: a list of texts is needed"),
         (sleap_h5(points()[:, None], COCO17[:5], ()), r"tracks: 5 node_names and 1 tracks do not fit .*\(1, 2, 17, 5"),
         (sleap_h5(points()[:, None], COCO17, ("a", "b")), "17 node_names and 2 tracks do not fit"),
-        (hdf5(tracks=np.zeros((1, 2, 1, 4)), node_names=np.array([b"nose", b"nose"])), "'nose' is there twice"),
+        (hdf5(tracks=np.zeros((1, 2, 1, 4)), node_names=np.array([b"nose", b"nose"])), "'nose' appears twice"),
         (hdf5(tracks=np.zeros((1, 2, 1, 4)), node_names=np.zeros(1)), "node_names: a list of texts is needed"),
         (hdf5(tracks=np.array([b"a"]), node_names=np.array([b"nose"])), "tracks: is of type"),
     ],

@@ -99,7 +99,7 @@ def test_a_table_in_degrees_between_its_rows(tmp_path: Path) -> None:
         ("arm8", "t,left_elbow_flexion", ["0,"], "no row with a pose"),
         ("arm8", "t,left_elbow_flexion", ["0,45"], r"at 0 s: left_elbow_flexion is 45 rad.*\(degrees\? call"),
         ("arm8", "t,left_elbow_flexion", ["0,1", "1,3"], r"at 1 s: left_elbow_flexion is 3 rad, outside its limits"),
-        ("arm8", "t,left_elbow_flexion,left_elbow_flexion_deg", ["0,1,1"], "'left_elbow_flexion' is there twice"),
+        ("arm8", "t,left_elbow_flexion,left_elbow_flexion_deg", ["0,1,1"], "'left_elbow_flexion' appears twice"),
         ("human34", "t,root_x_m", ["0,1"], r"has no column root_y \(all of root, or none\)"),
     ],
 )  # fmt: skip

@@ -232,7 +232,7 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("a.trc", set_line(3, "mm", "m"), "Units: its markers are spread over .* read in m .*--unit"),
     ("a.trc", set_line(3, "100", "60"), "time: its times have 100 frames per second, its header declares 60 .*--fps"),
     ("a.trc", set_line(8, "0.010000", "0.000000"), "frame 1: times do not rise: 0 s is followed by 0 s .*--fps"),
-    ("a.trc", set_line(4, "RASI", "LASI"), "the point 'LASI' is there twice"),
+    ("a.trc", set_line(4, "RASI", "LASI"), "the point 'LASI' appears twice"),
     ("a.trc", set_line(4, "\t\t\tLANK", ""), "line 7: has 14 columns, 11 are expected"),
     ("a.trc", set_line(4, "LASI\t\t\tRASI", "ann:LASI\t\t\tbob:RASI"), "markers of several people: 'ann, bob'"),
     ("a.trc", trc(lambda lines: lines.__setitem__(slice(6, None), [])), "has no points"),

@@ -80,7 +80,7 @@ FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "not a number": ('rpy="0 0 0.5"', 'rpy="0 0 half"', ("rpy", "'half' is not a number")),
     "comma": ('rpy="0 0 0.5"', 'rpy="0 0 0,5"', ("'0,5' is not a number", "0.25")),
     "underscore": ('rpy="0 0 0.5"', 'rpy="0 0 1_0"', ("'1_0' is not a number",)),
-    "two numbers": ('rpy="0 0 0.5"', 'rpy="0 0"', ("does not hold 3 numbers",)),
+    "two numbers": ('rpy="0 0 0.5"', 'rpy="0 0"', ("does not contain 3 numbers",)),
     "far away": ('xyz="0 0 1" rpy', 'xyz="0 0 1e200" rpy', ("out of range",)),
     "zero axis": ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', ("'shoulder'", "zero length", "line 7")),
     "empty axis": ('<axis xyz="0 1 0"/>', "<axis/>", ("'xyz' is missing",)),

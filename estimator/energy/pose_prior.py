@@ -91,8 +91,8 @@ class PosePrior(RecordedTerm):
 
 
 def _log_heights(cholesky: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Log density of every Gaussian (K, D, D) at its mean over that of the background, whose scales
-    are std (D,) in the mean of either side, at rest."""
+    """Log density of every Gaussian (K, D, D) at its mean over that of the background, whose scales are std (D,), the
+    mean of both sides, at rest."""
     gaussians = -np.log(np.diagonal(cholesky, axis1=1, axis2=2)).sum(axis=1) - 0.5 * len(std) * math.log(2.0 * math.pi)
     return np.asarray(gaussians + np.log(std).sum() + len(std) * stabiliser_log_integral())
 

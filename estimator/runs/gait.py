@@ -41,9 +41,9 @@ _UNKNOWN_SPEED = "the feet move as on a treadmill, whose speed is not found: str
 
 @dataclass(frozen=True)
 class Gait:
-    """events and strides in order of time; remark: why there are no strides, or what to know of them; may be empty.
-    method: one of `METHODS`. belt [m/s]: speed of a treadmill, None without one; lengths and speeds are along it, and
-    NaN where it is not known."""
+    """events and strides in order of time; remark: why there are no strides, or a remark on them; may be empty. method:
+    one of `METHODS`. belt [m/s]: speed of a treadmill, None without one; lengths and speeds are along it, and NaN where
+    it is not known."""
 
     events: tuple[Event, ...]
     strides: tuple[Stride, ...]

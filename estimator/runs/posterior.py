@@ -285,8 +285,8 @@ def _where_free(covariance: np.ndarray, lasting: np.ndarray) -> np.ndarray:
 
 
 def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float, lasting: np.ndarray) -> np.ndarray:
-    """See `Posterior.lean`, for one mode: as far from a limit in the mean as `distance`, or as an error that lasts,
-    lasting (nv, nv), puts a joint that is at the limit, which has half of a Gaussian's places."""
+    """See `Posterior.lean`, for one mode: the mean distance from a limit is `distance` or, if larger, that of a joint
+    at the limit with a lasting error, lasting (nv, nv), of half a Gaussian."""
     v, i = body.bounded_v, body.bounded_q
     held = np.diagonal(covariance)[v] <= 0.0
     inward = np.where(q[i] <= body.lower[i], 1.0, -1.0)

@@ -24,7 +24,7 @@ _ROOM = 1e-4  # rad or m: joints with less are as good as locked
 
 
 def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tuple[str, ...]:
-    """Names of the joints with limits that move nothing which was seen, so that their angles are the prior's.
+    """Names of the joints with limits that move nothing seen, so that their angles come from the prior.
 
     landmarks (L,), markers (M,): which were seen.
     """

@@ -36,7 +36,7 @@ _CLOTHES = {
     "neck": _SKIN, "head": _SKIN, "forearm": _SKIN, "hand": _SKIN,
 }  # fmt: skip
 LONG_SLEEVES = {"forearm": _SHIRT}
-"""What `dressed` takes for a shirt that leaves the hands alone bare."""
+"""For `dressed`: a shirt with long sleeves, which leaves only the hands bare."""
 _COARSE_SIZE, _FINE_SIZE = 0.022, 0.008  # [m] between samples of the mottling
 
 

@@ -126,7 +126,7 @@ def _alike(points: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _biases(rng: np.random.Generator, names: Sequence[str]) -> np.ndarray:
-    """Biases (J, 3) of points in their links' frames, where y points to the left; 1 in the mean of their deviations."""
+    """Biases (J, 3) of points in their links' frames, where y points to the left; with a mean deviation of 1."""
     base = [without_side(name) for name in names]
     shared = {part: rng.normal(size=3) for part in dict.fromkeys(base)}
     own = rng.normal(size=(len(names), 3))

@@ -60,7 +60,7 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
         bare = _bare(name)
         entry = entry_of.get(name, entry_of.get(bare))
         if entry is not None and entry in columns:
-            raise InputError(table.source, f"{shown(bare)} is there twice", place=f"column {shown(name)}")
+            raise InputError(table.source, f"{shown(bare)} appears twice", place=f"column {shown(name)}")
         if entry is not None:
             columns[entry] = column
         elif name not in landmarks and bare not in following and not OF_EXPORTS.fullmatch(name):
@@ -73,9 +73,7 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
         there = [k in columns for k in range(joint.start, joint.start + joint.count)]
         if joint.name in angles and there[0] and _bare(table.names[columns[joint.start]]) == joint.name:
             if there[1]:
-                raise InputError(
-                    table.source, f"{shown(joint.name)} is there twice", remedy="its angle, or cos and sin"
-                )
+                raise InputError(table.source, f"{shown(joint.name)} appears twice", remedy="its angle, or cos and sin")
             continue
         if any(there) and not all(there):
             missing = body.q_names[joint.start + there.index(False)]

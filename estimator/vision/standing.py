@@ -10,7 +10,7 @@ from estimator.data.media.threads import one_thread
 
 LEAST_SHARE = 0.2  # of the picture's height; a smaller silhouette may be a part, such as an arm that alone has moved
 _HEAD = 0.06  # of the height, to either side of the middle: where the head is, and no raised arm
-_FEET = 0.04  # of the height: what depth takes for the floor
+_FEET = 0.04  # of the height: part that depth cues count as floor
 _FRONT = 0.06  # of the height: by how much what is seen of a trunk is nearer than its middle
 _MOST = 4000  # pixels that are placed
 

@@ -58,7 +58,7 @@ class Document:
         parts = text.split()
         if len(parts) != count:
             what = "1 number" if count == 1 else f"{count} numbers"
-            raise self.fault(element, f"{key}={_short(text)} does not hold {what}", "separate numbers by spaces")
+            raise self.fault(element, f"{key}={_short(text)} does not contain {what}", "separate numbers by spaces")
         return tuple(self._number(element, key, part) for part in parts)
 
     def number(self, element: ET.Element, key: str, default: str | None = None) -> float:

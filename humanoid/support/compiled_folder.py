@@ -36,8 +36,8 @@ def cache_roots() -> Iterator[Path]:
 def source_folder(root: Path, module: str, digest: str) -> Path:
     """The folder for what is compiled from one state of a module's sources.
 
-    Older ones of the module that have not been used for a day are removed. Raises OSError where there cannot be such a
-    folder.
+    Older ones of the module that have not been used for a day are removed. Raises OSError where the folder cannot be
+    made.
     """
     folder = root.absolute() / f"{module}-{digest}"
     new = not folder.exists()

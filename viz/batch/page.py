@@ -19,7 +19,7 @@ _TEMPLATE = Path(__file__).with_name("batch.html")
 _COUNTS = "frames", "hard", "unobserved"
 _SHOWN = 0.75  # of a thumbnail's size: sharp on finer screens, too
 _MEANINGS = {
-    "look": "which clips to look at first: failed ones, then those with the largest share of frames not to be trusted,"
+    "look": "which clips to review first: failed ones, then those with the largest share of frames not to be trusted,"
     " then of hard ones. A clip without a number is tracked in all frames, and nothing speaks against it, or waits",
     "hard": STATUS_MEANINGS[HARD],
     "unobserved": STATUS_MEANINGS["unobserved"],
@@ -113,7 +113,7 @@ def duration(seconds: float) -> str:
 
 
 def _filters(entries: Sequence[BatchEntry], ranks: Sequence[int | None]) -> str:
-    counts = {"all": len(entries), "to look at": sum(rank is not None for rank in ranks)}
+    counts = {"all": len(entries), "to review": sum(rank is not None for rank in ranks)}
     counts |= {status: _count(entries, status) for status in STATUSES}
     return "".join(
         f'<button type="button" data-only="{name}" aria-pressed="{str(name == "all").lower()}">{name}'

@@ -30,7 +30,7 @@ _BEFORE = 2.0  # of the nearest body: where the view of a parallel camera looks 
 
 
 def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], points: np.ndarray) -> dict[str, Any]:
-    """One camera's mark, picture and frustum; returns what the player has to know of it.
+    """One camera's mark, picture and frustum; returns what the player needs of it.
 
     rows: the instants that are shown. points (N, 3): where bodies are in the world [m]; the picture stands behind them.
     """

@@ -70,7 +70,7 @@ def read_angle_csv(path: Path) -> AngleFile:
         end = next((end for end in (*_TO_DEGREES, *_TO_METRES) if name.endswith(end)), "")
         name = name.removesuffix(end)
         if name in columns:
-            raise InputError(path, f"{shown(name)} is there twice", place=f"column {shown(column)}")
+            raise InputError(path, f"{shown(name)} appears twice", place=f"column {shown(column)}")
         if end in _TO_DEGREES:
             values = values * _TO_DEGREES[end] / (1.0 if in_degrees else _TO_DEGREES["_rad"])
         elif not end and not _NO_ANGLE.fullmatch(name):

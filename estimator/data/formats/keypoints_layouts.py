@@ -69,7 +69,7 @@ def _format_of(file: KeypointFile) -> KeypointFormat:
 
 
 def _refuse_others(file: KeypointFile) -> None:
-    """Raise InputError for a file that cannot be JSON."""
+    """Raise InputError for a file that is not JSON, by its ending and first bytes."""
     if is_hdf5(file.start):
         refuse_hdf5(file.path)
     begins = _BEGINNINGS.get(file.ending)

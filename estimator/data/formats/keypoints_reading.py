@@ -115,7 +115,7 @@ def checked_names(value: Any, source: str | Path, place: str) -> tuple[str, ...]
     names = tuple(name.strip() for name in value)
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
-        raise InputError(source, f"the keypoint {shown(twice)} is there twice", place=place)
+        raise InputError(source, f"the keypoint {shown(twice)} appears twice", place=place)
     return names
 
 

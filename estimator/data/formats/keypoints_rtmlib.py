@@ -53,7 +53,7 @@ def _frame(i: int, frame: Mapping[str, Any], reading: Reading, place: str) -> No
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < MOST_FRAMES:
         raise InputError(path, "frame_id is not a frame number", place=place)
     if number in reading.frames:
-        raise InputError(path, f"the frame_id {number} is there twice", place=place)
+        raise InputError(path, f"the frame_id {number} appears twice", place=place)
     ids = sequence(frame.get("track_ids") or [None] * len(keypoints), path, place)
     if len(keypoints) != len(scores) or len(ids) != len(keypoints):
         problem = f"has {len(keypoints)} people's keypoints, {len(scores)} people's scores and {len(ids)} ids"

@@ -59,7 +59,7 @@ def of_one_person(path: str | Path, labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def check_names(path: str | Path, names: Sequence[str], place: str = "") -> None:
-    """Raise InputError where a marker is there twice."""
+    """Raise InputError where a marker appears twice."""
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
-        raise InputError(path, f"the point {shown(twice)} is there twice", place=place, remedy="rename or drop one")
+        raise InputError(path, f"the point {shown(twice)} appears twice", place=place, remedy="rename or drop one")

@@ -45,7 +45,7 @@ class NumberTable(NamedTuple):
             raise InputError(path, "has no columns", remedy="its first line names them")
         twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
         if twice is not None or not all(names):
-            problem = f"the column {shown(twice)} is there twice" if twice else "a column has no name"
+            problem = f"the column {shown(twice)} appears twice" if twice else "a column has no name"
             raise InputError(path, problem, place=self.place)
         if len(rows) > _MOST_ROWS:
             raise InputError(path, f"has more than {_MOST_ROWS} rows")

@@ -197,7 +197,7 @@ def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
     for k, column in enumerate(columns[1:], 1):
         name = coordinate_of_path(column)
         if name in place:
-            raise InputError(path, f"the coordinate {shown(name)} is there twice", place=f"line {end + 2}")
+            raise InputError(path, f"the coordinate {shown(name)} appears twice", place=f"line {end + 2}")
         place |= {name: k} if name is not None else {}
     return Coordinates(tuple(place), values[:, list(place.values())], said_degrees(path, lines[:end])), values[:, 0]
 

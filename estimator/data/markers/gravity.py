@@ -15,7 +15,7 @@ _STEADY = 0.9  # of frames in which it is the longest
 _STILLER = 0.5  # speed of the planted end over that of the other
 _SEEN = 0.5  # of the points that a frame needs
 _END = 0.25  # of the extent that counts as an end
-_ALONG = 0.82  # cosine of 35 degrees: between an axis and the way from the feet to the head, in the mean
+_ALONG = 0.82  # cosine of 35 degrees: between an axis and the mean direction from the feet to the head
 _ALWAYS = 0.9  # length of the mean of these directions, of somebody who does not turn over
 _FASTER = 0.05  # [m/s] that the upper end has to move at
 

@@ -17,9 +17,9 @@ class ElmoSettings(CheckedSettings):
     neighbours: examples of the index (`search.index`) from which a frame is searched, 50 in the paper; 0 for none.
     votes: several cameras choose these together, each voting for the others' too; otherwise each contributes as many.
     keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of
-    each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go
-    on from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best
-    poses so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few
+    each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts
+    continue from round to round. recombined: in every round but the last, searches from each of the `recombined_of`
+    best poses so far with one limb taken from one of the examples, for each limb: limbs are nearly independent, and few
     examples are near in all of them; 0 for none, as in the paper. limbs: from how many examples limbs are tried for
     this, beside those of the neighbours. again: how often they are tried again where the silhouette counts too, in the
     first frame, or the first after some without the person. away: penalty [nats] then of a pose with its back to the
@@ -28,11 +28,11 @@ class ElmoSettings(CheckedSettings):
     paper has no such bound. correlated: time [s] for which the silhouette errors of a film are correlated. Where there
     is a silhouette, a frame sooner than this after the last with the person counts by that share less for the direction
     they face; 0 for never.
-    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
-    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes at the
+    settle: the product of likelihood and prior as it is: modes are weighted with their covariances, and searched
+    further with the transition from their previous mode in the energy. Off, eqs. 5 and 6, which leave modes at the
     likelihood's maxima and treat what is only unknown as far from the past. turn_floor, root_turn_floor [rad],
-    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
-    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
+    root_slide_floor [m]: least change of a frame, as standard deviations, however short it was; the rest of C_eta (eq.
+    4) is the transition's since the last frame in which the person was seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)

@@ -124,7 +124,7 @@ class InstantReader:
         return LeftOver(self._graph.limbs, views) if views else None
 
     def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
-        """What is measured in a frame. anew: there is no frame before, so that importance functions are needed even
+        """The measurements of a frame. anew: there is no frame before, so that importance functions are needed even
         where nothing is proposed."""
         pictures, box = self.pictures(observation), self.box(observation)
         part_proposals = self.part_proposals(rng, observation, pictures)

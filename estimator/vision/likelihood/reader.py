@@ -75,7 +75,7 @@ class CueReader:
 
 
 class _View:
-    """One camera's pictures, and what each cue has to know of them as a whole."""
+    """One camera's pictures, and what each cue learns from them as a whole."""
 
     def __init__(self, pictures: CameraPictures, settings: CueSettings) -> None:
         self.pictures = pictures

@@ -89,10 +89,10 @@ class LimbLikelihood:
     """Log likelihood ratio of single limbs, against the same places without a limb.
 
     A limb is a tapered cone of elliptic section. Each view measures edges along its outline, the ridge along its axis
-    and the share of the person inside and beside it, at the scales of its width; learned densities say how much more
-    probable that is of the limb, occluded ones among its examples, than of any other place. Views are independent given
-    the limb: their ratios are added. Where no view shows the limb the ratio is `LimbSettings.unseen`; outside the box
-    around what all cameras see it is minus infinity.
+    and the share of the person inside and beside it, at the scales of its width; learned densities give how much more
+    probable that is for the limb, with occluded ones among its examples, than for any other place. Views are
+    independent given the limb: their ratios are added. Where no view shows the limb the ratio is `LimbSettings.unseen`;
+    outside the box around what all cameras see it is minus infinity.
 
     limbs: of a limb graph. views: of one instant, at least one. models: learned densities, the shipped ones by default.
     box (2, 3) [m]: lowest and highest corner of where limbs can be, for cameras that stand still through many instants;

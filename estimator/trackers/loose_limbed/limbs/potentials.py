@@ -166,7 +166,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
         entry = mapping(value, path, place)
         edge = limb(entry, "from", place), limb(entry, "to", place)
         if edge in spatial or edge[0] == edge[1]:
-            raise InputError(path, "is an edge of a limb with itself, or is there twice", place=place)
+            raise InputError(path, "is an edge of a limb with itself, or appears twice", place=place)
         rest[edge] = shaped(member(entry, "rest", path, place), (3,), path, f"{place}.rest")
         spatial[edge] = _read(entry, path, place)
     if not spatial or any(edge[::-1] not in spatial for edge in spatial):

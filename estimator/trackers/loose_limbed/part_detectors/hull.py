@@ -64,12 +64,12 @@ def hull_proposals(
     views: Sequence[LimbView],
     settings: HullSettings | None = None,
 ) -> AllPartProposals:
-    """Candidates of every limb of a graph by one instant's foreground and likelihood, of which neither knows a pose.
+    """Candidates of every limb of a graph by one instant's foreground and likelihood, which both need no pose.
 
-    Limbs are tried in the cells of the hull of what every view takes for the person, where their axis lies inside it
-    and what is beside them outside, in all directions, and about all axes at random; the best by the likelihood are
-    jittered and tried again. Without any known background the hull is all that the cameras see in common, which leaves
-    places as sparse as they are; with empty foreground there are no candidates. Weights are 1 at the best of a limb.
+    Limbs are tried in the cells of the visual hull of all views' foreground, where their axis lies inside it and their
+    surroundings outside, in all directions, and about all axes at random; the best by the likelihood are jittered and
+    tried again. Without any known background the hull is all that the cameras see in common, where the tried places are
+    as sparse as elsewhere; with empty foreground there are no candidates. Weights are 1 at the best of a limb.
 
     graph: whose limbs the likelihood is of, with `views`.
     """
