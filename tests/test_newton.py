@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
-from estimator.energy.descent.newton import Damping, DescentResult, NewtonSettings, Problem, Step, minimise
+from estimator.numerics.newton import Damping, DescentResult, NewtonSettings, Problem, Step, descend, minimise
 
 NIELSEN = Damping(first=0.5, least=1e-12, most=1e12, growth=2.0, by_ratio=True)
 
@@ -60,7 +62,7 @@ def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return residual, np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
 
 
-def descend(problem: LeastSquares, x: list[float], settings: NewtonSettings) -> DescentResult[Point]:
+def descended(problem: LeastSquares, x: list[float], settings: NewtonSettings) -> DescentResult[Point]:
     return minimise(problem, problem.model(np.array(x)), settings)
 
 
@@ -73,10 +75,10 @@ def test_one_iteration_equals_that_done_by_hand() -> None:
     ratio = (value - trial) / promised
     damping = Fraction(1, 2) * (1 - (2 * ratio - 1) ** 3)
     problem = LeastSquares(parabola)
-    end = descend(problem, [3.0], NewtonSettings(1, NIELSEN))
+    end = descended(problem, [3.0], NewtonSettings(1, NIELSEN))
     assert (end.status, end.tried) == ("iterations", 1)
     assert end.model.x[0] == pytest.approx(float(x), rel=1e-15)
-    descend(problem, [3.0], NewtonSettings(2, NIELSEN))
+    descended(problem, [3.0], NewtonSettings(2, NIELSEN))
     assert problem.asked[1] == (24.5, 0.5)
     assert problem.asked[2] == (pytest.approx(float(trial), rel=1e-14), pytest.approx(float(damping), rel=1e-13))
     assert 0.1 < float(2 * damping) < 0.5  # neither of the bounds of the factor
@@ -86,7 +88,7 @@ def test_one_iteration_equals_that_done_by_hand() -> None:
 @pytest.mark.parametrize("promises", [True, False])
 def test_the_valley_is_descended_and_the_energy_never_rises(damping: Damping, promises: bool) -> None:
     problem = LeastSquares(rosenbrock, promises=promises)
-    end = descend(problem, [-1.2, 1.0], NewtonSettings(200, damping))
+    end = descended(problem, [-1.2, 1.0], NewtonSettings(200, damping))
     assert end.status == "converged"
     assert end.model.x == pytest.approx([1.0, 1.0], abs=1e-8)
     models = [value for value, _ in problem.asked]
@@ -190,3 +192,78 @@ def test_wild_energies_raise_nothing(value: float) -> None:
         assert end.status in ("iterations", "stalled", "settled")
     assert minimise(Stubborn(np.nan), FLAT, NewtonSettings(5, NIELSEN)).model is FLAT
     assert minimise(Stubborn(0.0), FLAT._replace(value=np.inf), NewtonSettings(5, NIELSEN)).model.value == 0.0
+
+
+# --- states of any type ---
+
+
+class Valley:
+    """The valley's descent as functions of a state; remembers where derivatives were asked for."""
+
+    def __init__(self) -> None:
+        self.expanded: list[tuple[float, ...]] = []
+
+    def energy(self, x: tuple[float, ...]) -> float:
+        r, _ = rosenbrock(np.array(x))
+        return 0.5 * float(r @ r)
+
+    def expand(self, x: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        self.expanded.append(x)
+        r, J = rosenbrock(np.array(x))
+        return J.T @ J, J.T @ r
+
+    def step(self, x: tuple[float, ...], known: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, ...]:
+        H, g = known
+        return tuple(x - np.linalg.solve(H + damping * np.diag(np.diag(H)), g))
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -2.0)])
+def test_states_of_any_type_descend(start: tuple[float, ...]) -> None:
+    valley = Valley()
+    end = descend(start, valley.energy, valley.expand, valley.step, NewtonSettings(200, Damping(growth=6.0)))
+    assert end.model.state == pytest.approx((1.0, 1.0), abs=1e-9)
+    assert end.model.value == valley.energy(end.model.state)
+    assert len(valley.expanded) == len(set(valley.expanded)) < end.tried  # once each, however often a step is refused
+    count = len(valley.expanded)
+    assert end.model.expansion is end.model.expansion
+    assert len(valley.expanded) - count <= 1
+
+
+def test_refused_steps_may_be_free() -> None:
+    """With `count_taken` the same steps are taken as in as many trials as that needs."""
+    valley, start = Valley(), (-1.2, 1.0)
+    parts = valley.energy, valley.expand, valley.step
+    taken = descend(start, *parts, NewtonSettings(6, count_taken=True))
+    tried = descend(start, *parts, NewtonSettings(6))
+    assert (taken.status, tried.status, tried.tried) == ("iterations", "iterations", 6)
+    assert taken.tried > 6  # some were refused
+    assert taken.model.value < tried.model.value
+    same = descend(start, *parts, NewtonSettings(taken.tried))
+    assert (same.model.state, same.tried) == (taken.model.state, taken.tried)
+
+
+@pytest.mark.parametrize(("share", "tried"), [(0.3, 2), (0.15, 3), (0.1, 4)])
+def test_a_share_of_the_energy_is_enough(share: float, tried: int) -> None:
+    """Gains of 1/3, 1/5, 1/9 and 1/17 of the energy that is left: the first that is less is the last."""
+    energies = [16.0, 12.0, 10.0, 9.0, 8.5, 8.4]
+    end = descend(0, energies.__getitem__, int, lambda k, known, damping: k + 1, NewtonSettings(5, share=share))
+    assert (end.status, end.tried, end.model.value) == ("settled", tried, energies[tried])
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_bundle_with_a_closed_form(count: int) -> None:
+    """Points p seen as a and, shifted by s, as b: s is the mean of b - a, p = (a + b - s) / 2, by sparse equations."""
+    a, b = np.random.default_rng(5).normal(size=(2, count))
+    J = sparse.bmat([[sparse.identity(count), None], [sparse.identity(count), np.ones((count, 1))]], format="csr")
+    seen, A = np.concatenate([a, b]), J.T @ J
+
+    def step(x: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+        return np.asarray(x - spsolve((A + damping * sparse.diags(A.diagonal())).tocsc(), gradient))
+
+    end = descend(
+        np.zeros(count + 1), lambda x: 0.5 * float(np.square(J @ x - seen).sum()), lambda x: J.T @ (J @ x - seen), step,
+        NewtonSettings(30, share=1e-12),
+    )  # fmt: skip
+    s = (b - a).mean()
+    assert end.status in ("settled", "stalled")
+    assert end.model.state == pytest.approx(np.append((a + b - s) / 2.0, s), abs=1e-6)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.descent.solution import ITERATIONS, StepCounts
+from estimator.energy.descent.solution import StepCounts
 from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family, Origin, PreviousPose
+from estimator.numerics.newton import ITERATIONS
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis

@@ -19,10 +19,11 @@ from estimator.data.formats.checked_arrays import (
     sizes_of,
 )
 from estimator.data.observation import Observation
-from estimator.energy.descent.solution import ITERATIONS, StepCounts
+from estimator.energy.descent.solution import StepCounts
 from estimator.energy.marker_targets import marker_distances
 from estimator.inference.mixture import MODE_FIELDS, Mixture, mode_arrays, modes_of
 from estimator.inference.origin import Family, Origins
+from estimator.numerics.newton import ITERATIONS
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body

@@ -12,13 +12,15 @@ import numpy as np
 from estimator.data.boards.board import Board
 from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera
+from estimator.numerics.newton import Damping, NewtonSettings, descend
 
 Pose: TypeAlias = tuple[np.ndarray, np.ndarray]
+_Placed: TypeAlias = tuple[Mapping[str | int, Pose], list[np.ndarray]]  # poses, residuals by view
 _SCALE = 1.0  # px, beyond which a corner counts less
 _FAR = 1e3  # px, of what is behind a camera
 _STEP = 1e-5  # m, of derivatives
-_MOST_DAMPING = 1e6
-_LEAST_GAIN = 1e-7  # of the cost
+_DAMPING = Damping(least=0.0, growth=8.0, shrink=0.125)
+_LEAST_GAIN = 1e-7  # px^2, and of the cost
 _LEAST_NOISE = 0.05  # px: no corner is taken to be seen more exactly
 
 
@@ -59,35 +61,26 @@ def adjust(
     place = {what: slice(6 * i, 6 * i + 6) for i, what in enumerate(moved)}
     eyes = {v.camera: replace(lenses[v.camera], R_camera_world=np.eye(3), t_camera_world=np.zeros(3)) for v in views}
 
-    def residuals(at: Mapping[str | int, Pose]) -> list[np.ndarray]:
-        return [_residuals(eyes[v.camera], at[v.camera], at[v.frame], board, v) for v in views]
+    def placed(at: Mapping[str | int, Pose]) -> _Placed:
+        return at, [_residuals(eyes[v.camera], at[v.camera], at[v.frame], board, v) for v in views]
 
-    now = residuals(at)
-    cost, damping = robust_cost(np.concatenate(now)), 1e-3
-    H, g = _normal_equations(eyes, board, views, at, now, place)
-    for _ in range(most_steps):
-        step = -np.linalg.lstsq(H + damping * np.diag(np.diag(H) + 1e-9), g, rcond=None)[0]
-        tried = at | {what: _moved(at[what], step[i]) for what, i in place.items()}
-        new = residuals(tried)
-        gained = cost - robust_cost(np.concatenate(new))
-        if not gained > 0.0:
-            damping *= 8.0
-            if damping > _MOST_DAMPING:
-                break
-            continue
-        at, cost, damping = tried, cost - gained, damping / 8.0
-        H, g = _normal_equations(eyes, board, views, at, new, place)
-        if gained < _LEAST_GAIN * (1.0 + cost):
-            break
+    def step(now: _Placed, equations: tuple[np.ndarray, np.ndarray], damping: float) -> _Placed:
+        H, g = equations
+        x = -np.linalg.lstsq(H + damping * np.diag(np.diag(H) + 1e-9), g, rcond=None)[0]
+        return placed({**now[0], **{what: _moved(now[0][what], x[i]) for what, i in place.items()}})
+
+    best = descend(
+        placed(at), lambda now: robust_cost(np.concatenate(now[1])),
+        lambda now: _normal_equations(eyes, board, views, *now, place), step,
+        NewtonSettings(most_steps, _DAMPING, enough=_LEAST_GAIN, share=_LEAST_GAIN),
+    ).model  # fmt: skip
+    (adjusted, now), (H, g), cost = best.state, best.expansion, best.value
     noise = max(_LEAST_NOISE, float(np.sqrt(2.0 * cost / max(1, sum(map(len, now)) - len(g)))))
     covariance = noise**2 * np.linalg.pinv(H, hermitian=True)
     return Adjustment(
-        {name: at[name] for name in cameras},
-        {frame: at[frame] for frame in boards},
-        cost,
-        noise,
+        {name: adjusted[name] for name in cameras}, {frame: adjusted[frame] for frame in boards}, cost, noise,
         {what: covariance[i, i] for what, i in place.items()},
-    )
+    )  # fmt: skip
 
 
 def _residuals(eye: Camera, at: Pose, board_pose: Pose, board: Board, view: BoardSighting) -> np.ndarray:

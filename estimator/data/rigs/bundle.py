@@ -18,15 +18,15 @@ from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
 
-from estimator.data.rigs.descent import Descent
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.lens import bent, by_place, by_radial, straight
+from estimator.numerics.newton import Damping, NewtonSettings, descend
 
 _LENGTH = 0.02  # m: by how much keypoints are off the joints, along a segment
 _SIDES = 0.02  # m: between left and right ones, as a detector marks them
 _TAIL = 1.5  # standard deviations from which a residual counts less
 _NEAREST = 0.05  # m: least depth of a point
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
+_DAMPING = Damping(first=1e-4, growth=6.0, shrink=1.0 / 6.0)
 _LEAST_GAIN = 1e-5  # of the cost
 _TINY = 1e-9
 SIZE_KNOWN = 1e8
@@ -127,12 +127,13 @@ def adjusted(
     """The state of least robust cost near one; most: steps; free: the cameras that are placed, all but the first unless
     they are given."""
     problem = RigProblem(state, seen, lengths, free)
-    how = Descent(most, _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _LEAST_GAIN)
     x = problem.start
-    (x, r), cost = how.lowest(
-        (x, problem.residuals(x)), lambda at: robust_cost(at[1]), lambda at: problem.normal_equations(*at), problem.step
-    )
-    return Adjusted(problem.state(x), cost, problem.chi(r))
+    best = descend(
+        (x, problem.residuals(x)), lambda at: robust_cost(at[1]), lambda at: problem.normal_equations(*at),
+        problem.step, NewtonSettings(most, _DAMPING, share=_LEAST_GAIN, count_taken=True),
+    ).model  # fmt: skip
+    x, r = best.state
+    return Adjusted(problem.state(x), best.value, problem.chi(r))
 
 
 def uncertainty(state: RigState, seen: RigRays, lengths: SegmentLengths) -> RigUncertainty:

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from estimator.data.rigs.bundle import SIZE_KNOWN, RigRays, RigState, RigUncertainty, adjusted
-from estimator.data.rigs.descent import Descent
 from estimator.data.rigs.first import triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.person import FilmedBody, PersonProblem, PersonSystem
 from estimator.data.rigs.search import RigFit, lasting
 from estimator.numerics.alignment import similarity_onto
-from humanoid.kinematics.body import Body
+from estimator.numerics.newton import Damping, NewtonSettings, descend
+from humanoid.kinematics.body import Body, PosedBody
 from humanoid.kinematics.proportions import ProportionedBody
 
 _POINT = 0.05  # m: of the points that poses begin from
 _REST = 1.0  # rad: of joints beside their neutral position, there
-_POSE_STEPS, _LEAST_GAIN, _MOST_DAMPING = 30, 1e-4, 1e5
-_DESCENT = Descent(steps=40, damping=1e-3, least=1e-7, most=1e5, gain=1e-4)
+_LEAST_GAIN = 1e-4  # of the cost
+_DAMPING = Damping(first=1e-3, least=1e-7, most=1e5, growth=6.0, shrink=1.0 / 6.0)
+_ALL = NewtonSettings(40, _DAMPING, share=_LEAST_GAIN, count_taken=True)
+_ONE = NewtonSettings(30, replace(_DAMPING, first=1e-2, least=1e-6), share=_LEAST_GAIN)  # pose by itself
 _FAR = 0.15  # m from the points, in the middle, of poses that are none
 _FEWEST = 8  # joints of an instant from which it is posed
 _HELD = 1e9  # precision of a joint at its limit
 _TINY = 1e-6
+_NearPoints: TypeAlias = tuple[PosedBody, np.ndarray]  # a pose, and how far its landmarks are off the points (J, 3) [m]
 
 
 def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
@@ -48,7 +52,7 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
     problem = PersonProblem(proportioned, seen, lengths)
     marks = np.zeros((len(lengths.landmark), 3))
     begun = FilmedBody(replace(fit.state, t=fit.state.t / size), q[some], proportioned.mean.copy(), marks)
-    best, _ = _DESCENT.lowest(begun, problem.cost, problem.system, partial(_step, problem))
+    best = descend(begun, problem.cost, problem.system, partial(_step, problem), _ALL).model.state
     unsure = lasting(_uncertainty(problem, best), fit.instants)
     unsure = replace(unsure, late_std=fit.unsure.late_std)
     return replace(fit, state=_with_points(best.rig, fit.rays, lengths), unsure=unsure)
@@ -120,32 +124,27 @@ def _turned(body: Body, points: np.ndarray, known: np.ndarray, lengths: SegmentL
 
 def _posed(body: Body, start: np.ndarray, points: np.ndarray, landmark: np.ndarray) -> tuple[np.ndarray, float]:
     """The pose nearest to points (J, 3), from a start, and how far it is from them in the middle [m]."""
-    q, damping = start, 1e-2
-    posed = body.at(q)
-    off = body.landmarks(posed)[landmark] - points
-    cost = _pose_cost(body, q, off)
-    for _ in range(_POSE_STEPS):
+
+    def at(q: np.ndarray) -> _NearPoints:
+        posed = body.at(q)
+        return posed, body.landmarks(posed)[landmark] - points
+
+    def equations(near: _NearPoints) -> tuple[np.ndarray, np.ndarray]:
+        posed, off = near
         J = body.landmark_jacobians(posed, landmark).reshape(-1, body.nv) / _POINT
-        g, A = J.T @ (off.ravel() / _POINT), J.T @ J
-        rest = np.zeros(body.nv)
-        rest[body.bounded_v] = (q - body.neutral)[body.bounded_q] / _REST**2
+        A, g = J.T @ J, J.T @ (off.ravel() / _POINT)
         A[body.bounded_v, body.bounded_v] += _REST**-2.0
-        step = -np.linalg.solve(A + (damping * np.diagonal(A) + _TINY) * np.eye(body.nv), g + rest)
-        tried = body.integrate(q, step)
-        at = body.at(tried)
-        new = body.landmarks(at)[landmark] - points
-        gain = cost - _pose_cost(body, tried, new)
-        if gain <= 0.0:
-            damping *= 6.0
-            if damping > _MOST_DAMPING:
-                break
-            continue
-        q, posed, off, cost, damping = tried, at, new, cost - gain, max(damping / 6.0, 1e-6)
-        if gain < _LEAST_GAIN * cost:
-            break
-    return q, float(np.median(np.linalg.norm(off, axis=1)))
+        g[body.bounded_v] += (posed.q - body.neutral)[body.bounded_q] / _REST**2
+        return A, g
 
+    def step(near: _NearPoints, equations: tuple[np.ndarray, np.ndarray], damping: float) -> _NearPoints:
+        A, g = equations
+        move = -np.linalg.solve(A + (damping * np.diagonal(A) + _TINY) * np.eye(body.nv), g)
+        return at(body.integrate(near[0].q, move))
 
-def _pose_cost(body: Body, q: np.ndarray, off: np.ndarray) -> float:
-    rest = (q - body.neutral)[body.bounded_q] / _REST
-    return 0.5 * float(np.square(off / _POINT).sum() + rest @ rest)
+    def cost(near: _NearPoints) -> float:
+        rest = (near[0].q - body.neutral)[body.bounded_q] / _REST
+        return 0.5 * float(np.square(near[1] / _POINT).sum() + rest @ rest)
+
+    posed, off = descend(at(start), cost, equations, step, _ONE).model.state
+    return posed.q, float(np.median(np.linalg.norm(off, axis=1)))

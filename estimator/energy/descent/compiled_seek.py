@@ -10,7 +10,8 @@ from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent import search_loop as loop
 from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS
 from estimator.energy.descent.seek import Seeker, SeekSettings
-from estimator.energy.descent.solution import CONVERGED, ITERATIONS, STALLED, Solution, StepCounts
+from estimator.energy.descent.solution import Solution, StepCounts
+from estimator.numerics.newton import CONVERGED, ITERATIONS, STALLED
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.kinematics.compiled_tree import CompiledTree
 from humanoid.support.compiled import is_compiled

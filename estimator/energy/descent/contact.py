@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimator.energy.cost import Cost, QuadraticModel
-from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.energy.descent.seek import Seeker
-from estimator.energy.descent.solution import CONVERGED, SEPARATED, Solution, StepCounts
+from estimator.energy.descent.solution import SEPARATED, Solution, StepCounts
+from estimator.numerics.newton import CONVERGED, Damping, NewtonSettings, Problem, Step, minimise
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting

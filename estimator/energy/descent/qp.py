@@ -18,9 +18,9 @@ from estimator.energy.descent.box_step import (
     scale,
     solve_box,
 )
-from estimator.energy.descent.newton import Step
 from estimator.energy.descent.proxqp import ProxQP, Rows
 from estimator.energy.descent.solution import StepCounts
+from estimator.numerics.newton import Step
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

@@ -20,10 +20,10 @@ from estimator.energy.descent.box_step import (
     scale,
     solve_box,
 )
-from estimator.energy.descent.newton import LARGEST_RATIO, LEAST_PROMISE, RETRIED
 from estimator.energy.descent.qp import ACTIVE_SET, MENDED, PROXQP_ALWAYS, ROUNDS, STEP_SOLVERS
 from estimator.energy.descent.seek import ACCEPTED, DAMPING, ROUNDING, TOO_CAUTIOUS
 from estimator.energy.kernels.evaluate import evaluate
+from estimator.numerics.newton import LARGEST_RATIO, LEAST_PROMISE, RETRIED
 from humanoid.kinematics.compiled_tree import clamp_limits, integrate, place_joints
 from humanoid.support.compiled import jit
 

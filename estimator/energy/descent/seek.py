@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.box_step import projected_gradient
-from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.energy.descent.qp import PROXQP, StepSolver
 from estimator.energy.descent.solution import Solution, StepCounts
+from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import setting
 

@@ -9,9 +9,7 @@ import numpy as np
 
 from estimator.energy.cost import QuadraticModel
 
-# How a descent ended: the condition of a minimum holds; a step gained too little for another; no step helps; the
-# budget was spent.
-CONVERGED, SETTLED, STALLED, ITERATIONS = "converged", "settled", "stalled", "iterations"
+# How a search ended that is no descent of `estimator.numerics.newton`.
 # Parts that overlapped were parted, and the residual did not become small; a mean of particles, no end of a search.
 SEPARATED, SAMPLED = "separated", "sampled"
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.descent.newton import NewtonSettings, minimise
+from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.trackers.capabilities import energy_of

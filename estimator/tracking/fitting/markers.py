@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.descent.newton import NewtonSettings, minimise
 from estimator.numerics.alignment import similarity_onto
+from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.initialisation import enough_keypoints

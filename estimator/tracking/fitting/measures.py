@@ -11,9 +11,9 @@ from estimator.data.observation import Observation
 from estimator.energy.cost import QuadraticModel
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.covariance import free_directions, mode_covariance
-from estimator.energy.descent.newton import Problem, Step
 from estimator.energy.descent.seek import SeekSettings
 from estimator.energy.priors import Transition
+from estimator.numerics.newton import Problem, Step
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step

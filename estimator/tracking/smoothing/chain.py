@@ -12,9 +12,9 @@ from scipy.linalg.lapack import dtbtrs
 
 from estimator.energy.cost import Cost
 from estimator.energy.descent.covariance import free_mask
-from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.banded import inverse_diagonal
+from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
 from estimator.tracking.smoothing.window_energy import WindowEnergy, moved_poses

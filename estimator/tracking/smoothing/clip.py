@@ -15,10 +15,11 @@ from estimator.data.sequence import Cues, Progress
 from estimator.energy.above_floor import AboveFloor
 from estimator.energy.cost import Cost
 from estimator.energy.descent.contact import separate
-from estimator.energy.descent.solution import STALLED, Solution
+from estimator.energy.descent.solution import Solution
 from estimator.energy.priors import Transition
 from estimator.inference.best_path import best_path
 from estimator.inference.ground import Ground
+from estimator.numerics.newton import STALLED
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.jumps.readings import ACROSS, has_both
 from estimator.search.mode_search import ModeSearch

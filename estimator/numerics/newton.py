@@ -1,19 +1,21 @@
 """The damped Newton loop (Levenberg-Marquardt) behind every descent that is not compiled.
 
 A problem gives models of its energy and steps of a model; the loop decides which steps are taken, how much the next one
-is damped, and when it is enough. It returns a status and never raises.
+is damped, and when it is enough. It returns a status and never raises. How a step is solved stays with the problem: by
+a dense or a sparse factorisation, part by part, or within bounds.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
+from functools import cached_property
+from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
-import numpy as np
-
-from estimator.energy.descent.solution import CONVERGED, ITERATIONS, SETTLED, STALLED
-
+# How a descent ended: the condition of a minimum holds; a step gained too little for another; no step helps; the
+# budget was spent.
+CONVERGED, SETTLED, STALLED, ITERATIONS = "converged", "settled", "stalled", "iterations"
 RETRIED = 4.0, 1e-3  # factor on the damping of a model that had no step, and the least that it is then damped by
 LEAST_PROMISE = 1e-300  # divides
 LARGEST_RATIO = 1e100  # its cube is finite
@@ -29,10 +31,12 @@ class Valued(Protocol):
 
 
 Model = TypeVar("Model", bound=Valued)
+State = TypeVar("State")
+Expansion = TypeVar("Expansion")
 
-
-Step = tuple[np.ndarray, float | None]
-"""A step, and the decrease of the energy that the undamped model promises of it; None where it is not needed."""
+Step = tuple[Any, float | None]
+"""A step, mostly an array, and the decrease of the energy that the undamped model promises of it; None where it is not
+needed."""
 
 
 class Problem(ABC, Generic[Model]):
@@ -89,10 +93,12 @@ class Damping:
 class NewtonSettings:
     """Which steps are taken and when the descent ends.
 
-    iterations: steps tried. accepted: a step is taken that brings more than this share of the decrease promised (where
-    no promise was asked for: that brings any). least_promise: the descent has stalled when less is promised.
-    enough: it is settled after a step that was taken and neither brought nor promised as much. unsolved: what a model
-    without a step means: a step refused, another try at once with more damping (not counted), or the end.
+    iterations: steps tried, or with `count_taken` steps taken, however often each was damped. accepted: a step is taken
+    that brings more than this share of the decrease promised (where no promise was asked for: that brings any).
+    least_promise: the descent has stalled when less is promised. enough, share: it is settled after a step that was
+    taken and neither brought nor promised `enough` and, of energies that are never negative, this share of the energy
+    that is left. unsolved: what a model without a step means: a step refused, another try at once with more damping
+    (not counted), or the end.
     """
 
     iterations: int
@@ -100,6 +106,8 @@ class NewtonSettings:
     accepted: float = 0.0
     least_promise: float = 0.0
     enough: float = 0.0
+    share: float = 0.0
+    count_taken: bool = False
     unsolved: Literal["refuse", "retry", "stop"] = "refuse"
 
 
@@ -117,7 +125,8 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
     schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
     damping, growth = schedule.first, schedule.growth
     converged, solved, evaluated = problem.converged, problem.step, problem.at  # looked up once: this is a hot loop
-    for tried in range(settings.iterations):
+    tried, left = 0, settings.iterations
+    while left > 0:
         if converged(model):
             return DescentResult(model, CONVERGED, tried)
         step = solved(model, damping)
@@ -133,14 +142,57 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
             ratio = float(gain > 0.0) if promised is None else gain / max(promised, LEAST_PROMISE)
             if ratio > accepted or problem.as_good(model, trial):
                 model, damping, growth = problem.taken(trial, ratio), schedule.lowered(damping, ratio), schedule.growth
-                if gain < settings.enough and (promised is None or promised < settings.enough):
-                    return DescentResult(model, SETTLED, tried + 1)
+                tried, left = tried + 1, left - 1
+                enough = settings.enough + settings.share * model.value if settings.share else settings.enough
+                if gain < enough and (promised is None or promised < enough):
+                    return DescentResult(model, SETTLED, tried)
                 continue
         elif unsolved != "refuse":
             return DescentResult(model, STALLED, tried)
+        tried, left = tried + 1, left - (not settings.count_taken)
         damping = max(damping, schedule.grown_from) * growth
         if schedule.by_ratio:
             growth *= 2.0
         if damping > schedule.most:
-            return DescentResult(model, STALLED, tried + 1)
-    return DescentResult(model, CONVERGED if converged(model) else ITERATIONS, settings.iterations)
+            return DescentResult(model, STALLED, tried)
+    return DescentResult(model, CONVERGED if converged(model) else ITERATIONS, tried)
+
+
+@dataclass
+class Evaluated(Generic[State, Expansion]):
+    """A state with its energy, and what steps from it are made of, such as normal equations, once that is asked for."""
+
+    state: State
+    value: float
+    expand: Callable[[State], Expansion]
+
+    @cached_property
+    def expansion(self) -> Expansion:
+        """Of the energy about the state."""
+        return self.expand(self.state)
+
+
+@dataclass(frozen=True)
+class _States(Problem[Evaluated[State, Expansion]]):
+    energy: Callable[[State], float]
+    expand: Callable[[State], Expansion]
+    stepped: Callable[[State, Expansion, float], State]
+
+    def step(self, model: Evaluated[State, Expansion], damping: float) -> Step:
+        return self.stepped(model.state, model.expansion, damping), None
+
+    def at(self, model: Evaluated[State, Expansion] | None, step: Step) -> Evaluated[State, Expansion]:
+        return Evaluated(step[0], self.energy(step[0]), self.expand)
+
+
+def descend(
+    start: State, energy: Callable[[State], float], expand: Callable[[State], Expansion],
+    step: Callable[[State, Expansion, float], State], settings: NewtonSettings,
+) -> DescentResult[Evaluated[State, Expansion]]:  # fmt: skip
+    """Descend from a state of any type whose energies are cheap beside their derivatives.
+
+    expand: what steps from a state are made of, once for all of them. step: the state that is tried from a state, its
+    expansion and a damping.
+    """
+    problem = _States(energy, expand, step)
+    return minimise(problem, problem.at(None, (start, None)), settings)
