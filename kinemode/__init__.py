@@ -29,20 +29,18 @@ if TYPE_CHECKING:
     from humanoid.support.errors import InputError
     from kinemode.batches.faults import ManifestError
     from kinemode.notices import FindingWarning, InputWarning
+    from kinemode.progress import reported
     from kinemode.public.batches import Batch, batch, make_manifest
     from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
     from kinemode.public.detection import detect
-    from kinemode.public.landmarks import landmark_start
-    from kinemode.public.live import live
-    from kinemode.public.markers import marker_start
+    from kinemode.public.landmarks import landmark_start, marker_start
     from kinemode.public.results import contact, evaluate, export, gait, open_run, overlay, plot, report, samples, view
     from kinemode.public.retargeting import Retargeter, match_start, retarget
     from kinemode.public.rigs import calibrate_from_person, check_cameras
-    from kinemode.public.stepping import Tracker
+    from kinemode.public.stepping import Tracker, live
     from kinemode.public.tracking import compare, fit, track
     from kinemode.public.training import train_index, train_templates
-    from kinemode.terminal.progress import reported
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
 _MODULES = {
@@ -77,8 +75,8 @@ _MODULES = {
     "fit": "kinemode.public.tracking",
     "gait": "kinemode.public.results",
     "landmark_start": "kinemode.public.landmarks",
-    "marker_start": "kinemode.public.markers",
-    "live": "kinemode.public.live",
+    "marker_start": "kinemode.public.landmarks",
+    "live": "kinemode.public.stepping",
     "load_cameras": "estimator.data.formats.cameras",
     "load_keypoints": "estimator.data.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
@@ -91,7 +89,7 @@ _MODULES = {
     "render": "kinemode.public.clips",
     "report": "kinemode.public.results",
     "retarget": "kinemode.public.retargeting",
-    "reported": "kinemode.terminal.progress",
+    "reported": "kinemode.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.training",
     "train_templates": "kinemode.public.training",

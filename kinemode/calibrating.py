@@ -14,8 +14,8 @@ from estimator.data.rigs.calibrate import PersonCalibration
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from kinemode.inputs.load import calibration_by_person
+from kinemode.progress import Reporter
 from kinemode.request import FileOptions
-from kinemode.terminal.progress import Reporter
 
 
 def calibrated(

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from cyclopts import App
 
 import kinemode
-from kinemode.commands import batches, clips, motions, preparation, results, tracking
+from kinemode.commands import batches, clips, preparation, results, tracking
 
 app = App(
     name="kinemode",
@@ -53,7 +53,7 @@ for command in (
     tracking.compare,
     tracking.live,
     batches.batch,
-    motions.retarget,
+    tracking.retarget,
     preparation.fit,
     preparation.calibrate,
     preparation.train_index,

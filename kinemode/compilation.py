@@ -27,7 +27,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.compiled_folder import cache_roots
 from humanoid.support.compiled_sources import sources_digest
-from kinemode.terminal.progress import Reporter
+from kinemode.progress import Reporter
 
 _SUBJECT = "human34"
 _FAR = 1e3  # of a gradient whose step no joint limit lets pass

@@ -14,12 +14,12 @@ from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.demo_person import demo_subject
+from kinemode.progress import Reporter, reported
 from kinemode.public.tracking import track
 from kinemode.rendering.files import RenderedClip, WantedFiles
 from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
 from kinemode.target import made_folder
 from kinemode.terminal import report
-from kinemode.terminal.progress import Reporter, reported
 from viz.pictures.overlay import write_overlay
 from viz.pictures.sheet import write_sheet
 from viz.preview.page import write_html

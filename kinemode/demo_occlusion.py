@@ -16,12 +16,12 @@ from estimator.synthesis import SceneSettings, ViewSettings
 from humanoid.subject.subject import load_subject
 from kinemode.demo_person import demo_subject
 from kinemode.indexing import painting_seconds, write_index
+from kinemode.progress import Reporter, reported
 from kinemode.public.tracking import track
 from kinemode.rendering.clip import render_clip
 from kinemode.rendering.files import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal import report
-from kinemode.terminal.progress import Reporter, reported
 from viz.pictures.overlay import write_overlay
 from viz.pictures.sheet import write_sheet
 

@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from estimator.data.cameras.camera import nearest_axis
+from estimator.data.observation import Observation
+from estimator.data.standing import StandingPoints
+from estimator.energy.balance import Balance, BalanceSettings, balance_terms
 from estimator.numerics.axes import mean_direction
 from estimator.numerics.stretches import stretches
 from estimator.runs.contact import contact_of_run
-from estimator.runs.diagnosis import Diagnosis, diagnose
+from estimator.runs.diagnosis import Diagnosis, contradicted, diagnose
 from estimator.runs.run_file import Run
 from estimator.search.jumps.readings import trunk_depths
 from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
+from estimator.tracking.fitting.fit import bound_note
+from estimator.tracking.leaps import leap_note, leaps, limb_leaps, limb_note
 from estimator.tracking.registry import TRACKERS
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from humanoid.support.errors import first_of
 from kinemode.explain import run_settings
+from kinemode.initialisation import (
+    note_on_beginning,
+)
 
 _STEADY, _UPRIGHT = 0.8, 0.5  # length of the mean direction of a person who does not turn over; its part along z
 _DOUBTFUL, _LONG = 0.1, 0.3  # probability of the other reading of the trunk, and for how long [s], to be noted
 _DEEP = 0.1  # m: depth of the shoulders beyond the hips of a trunk that leans
 _FIRST = 5  # frames that are named
+_FAR = 5.7
+"""Standard deviations from over the feet that one in a hundred captured instants on both feet exceeds, sitting,
+acrobatics and jumps among them (`python -m benchmarks balance`)."""
+_STAYS = 0.5  # s
+_HELD = 0.5  # probability of sitting from which somebody is held
 
 
 def findings(run: Run) -> tuple[str, ...]:
@@ -143,3 +157,49 @@ def status_lines(statuses: Sequence[str]) -> list[str]:
             more = f" and {len(frames) - _FIRST} more" if len(frames) > _FIRST else ""
             lines.append(f"{name} (frame {', '.join(frames[:_FIRST])}{more}): {STATUS_MEANINGS[name]}")
     return lines
+
+
+def out_of_balance(run: Run, settings: BalanceSettings) -> tuple[int, ...]:
+    """Rows of tracked frames of `Run.q`, ascending, in which both feet stand and the centre of mass stays far from
+    above them for half a second, while the person does not seem to sit."""
+    if not run.has_keypoints or settings.weight <= 0.0:
+        return ()
+    far = np.zeros(len(run), dtype=bool)
+    for t, observation in enumerate(_resting(run)):
+        if run.status[t] == TRACKED and observation.seated < _HELD and np.isfinite(run.q[t]).all():
+            terms = balance_terms(run.body, observation, settings)
+            far[t] = any(b.stance.feet == 2 and b.deviations(run.body.at(run.q[t])) > _FAR for b in terms)
+    rows = [np.arange(*s) for s in stretches(far) if run.time[s[1] - 1] - run.time[s[0]] >= _STAYS]
+    return tuple(int(t) for t in np.concatenate(rows)) if rows else ()
+
+
+def _resting(run: Run) -> Iterator[Observation]:
+    """What was seen in each frame, with what rests in it."""
+    points = StandingPoints(run.body.landmark_names)
+    for t in range(len(run)):
+        observation = run.observation(t)
+        yield points.with_rest(observation)
+        points.add(observation)
+
+
+def run_findings(
+    run: Run, cause: Callable[[], str] = lambda: "", **of_world: Any
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
+    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
+    `upright_note`."""
+    leapt, limbs = leap_note(leaps(run.body, run.streamed())), limb_leaps(run.body, run.landmarks, run.time)
+    own = [leapt, limb_note(limbs), bound_note(run.subject), upright_note(run, **of_world)]
+    diagnosis, cost = diagnosed(run), run_settings(run).cost
+    falling, far = out_of_balance(run, cost.terms[Balance.name]), contradicted(run, cost)
+    own += [balance_note(run, falling) if falling else "", reading_note(run)]
+    against: Sequence[int] = far
+    if diagnosis.contradicts_input:
+        because = cause()
+        own.insert(0, because)
+        against = range(len(run)) if because else far
+    else:
+        own.append(far_note(far))
+    notes = [note for note in (*own, *diagnosis.sentences, floor_note(run)) if note]
+    against = sorted({*against, *falling, *limbs})
+    return (*note_on_beginning(run.header.tracker, run.paths()), *notes), tuple(against)

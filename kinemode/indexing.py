@@ -20,10 +20,10 @@ from humanoid.support.compiled_folder import cache_roots
 from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.notices import InputWarning
+from kinemode.progress import Reporter
 from kinemode.settings import Chosen
 from kinemode.target import cache_folder, check_absent, check_folder, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
-from kinemode.terminal.progress import Reporter
 
 LABEL = "training"
 _SECONDS_EACH = 0.008  # of one core, for an example

@@ -4,66 +4,65 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimator.data.observation import PoseEstimate
+from estimator.data.observation import Observation, PoseEstimate
 from estimator.data.sequence import Cues
-from estimator.energy.balance import Balance
-from estimator.runs.diagnosis import contradicted
-from estimator.runs.out_of_balance import out_of_balance
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
+from estimator.search.cost_model import CostModel
+from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.capabilities import capabilities_of
+from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
+from estimator.trackers.markers import NAME
 from estimator.tracking.fitting import person
-from estimator.tracking.fitting.fit import Fit, bound_note, stature
+from estimator.tracking.fitting.fit import stature
 from estimator.tracking.fitting.keypoint_noise import given_noise
 from estimator.tracking.fitting.markers import fit_markers
-from estimator.tracking.leaps import leap_note, leaps, limb_leaps, limb_note
 from estimator.tracking.registry import make_tracker
-from estimator.tracking.runner import run_into, stored_state
+from estimator.tracking.runner import run, run_into, stored_state
 from estimator.tracking.settings import Settings
 from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.keypoint_places import with_layout_places
+from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import BUILT_IN, Subject, is_built_in
 from humanoid.support.errors import InputError
 from humanoid.support.spilled import Spill
 from kinemode import __version__
 from kinemode.compilation import compile_with
-from kinemode.explain import run_settings
-from kinemode.findings import balance_note, diagnosed, far_note, floor_note, reading_note, upright_note
+from kinemode.findings import run_findings
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
     check_cue,
-    check_keypoints,
     check_smoothing,
     check_start,
-    note_on_beginning,
     notes_on_fit,
 )
-from kinemode.inputs.load import Inputs, load_inputs
+from kinemode.inputs.load import Inputs, load_everybody, load_inputs
 from kinemode.inputs.persons import plain
-from kinemode.likely_layout import likely_layout
-from kinemode.named import PathLike
+from kinemode.inputs.points import load_point_inputs
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.option import words_given
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
-from kinemode.request import BY_INDEX, OFF, FileOptions, FitRequest, TrackRequest
+from kinemode.request import ALL, AUTO, BY_INDEX, OFF, FileOptions, TrackRequest
 from kinemode.settings import DEFAULT, Chosen, choose
 from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
 
 _IN_MEMORY = 300  # frames as tracked, while smoothing
+_TRIED, _ENOUGH = 4, 8  # frames in which layouts are tried; keypoints that they have at least
+_CAPPED, _MUCH_BETTER = 10.0, 0.5  # standard deviations that count at most; share of them that is left
 
 
 class Known(NamedTuple):
@@ -192,42 +191,6 @@ def _fitted(job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | Non
     return _Fitted(fit.subject, first, fit.notes, fit.noise)
 
 
-def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit:
-    """What `kinemode.fit` does once its arguments are checked; files: what is read, in place of what the request
-    has."""
-    choice = cue_choice(request.cues)
-    if not loaded.proportions:
-        raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
-    with threadpool_limits(limits=1):
-        inputs = load_inputs(Body(loaded), files)
-        loaded = with_layout_places(loaded, inputs.layout)
-        check_keypoints(loaded, inputs.observations)
-        chosen = chosen_cues(choice, inputs, Settings().cues)
-        with opened_cues(loaded, inputs, chosen) as reader:
-            notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
-            if reader is not None and chosen is not None:
-                notes += (*reader.notes, *doubts(reader, inputs, chosen))
-            for note in notes:
-                warnings.warn(note, InputWarning, stacklevel=4)
-            noise = given_noise(inputs.noise, inputs.observations, Settings().cost.keypoint_noise)
-            seen = [replace(o, noise=noise) for o in inputs.observations]
-            result = person.fit_person(
-                loaded, seen, reader, seed=request.seed, height=request.height, floor=inputs.floor
-            )
-    return kept_fit(result, request.out)
-
-
-def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
-    """The same, written where it is to be; what it says against its input is told to who has called for it."""
-    for note in fit.notes:
-        warnings.warn(note, InputWarning, stacklevel=5)
-    if said := bound_note(fit.subject):
-        warnings.warn(said, FindingWarning, stacklevel=5)
-    if out is not None:
-        fit.subject.write(out)
-    return fit
-
-
 def check_height(height: float | None, subject: Subject) -> None:
     """Raise InputError for the height of a person whose subject is used as measured."""
     if height is None:
@@ -315,29 +278,6 @@ def _track_into(
     return against
 
 
-def run_findings(
-    run: Run, cause: Callable[[], str] = lambda: "", **of_world: Any
-) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
-    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
-    `upright_note`."""
-    leapt, limbs = leap_note(leaps(run.body, run.streamed())), limb_leaps(run.body, run.landmarks, run.time)
-    own = [leapt, limb_note(limbs), bound_note(run.subject), upright_note(run, **of_world)]
-    diagnosis, cost = diagnosed(run), run_settings(run).cost
-    falling, far = out_of_balance(run, cost.terms[Balance.name]), contradicted(run, cost)
-    own += [balance_note(run, falling) if falling else "", reading_note(run)]
-    against: Sequence[int] = far
-    if diagnosis.contradicts_input:
-        because = cause()
-        own.insert(0, because)
-        against = range(len(run)) if because else far
-    else:
-        own.append(far_note(far))
-    notes = [note for note in (*own, *diagnosis.sentences, floor_note(run)) if note]
-    against = sorted({*against, *falling, *limbs})
-    return (*note_on_beginning(run.header.tracker, run.paths()), *notes), tuple(against)
-
-
 def _header(
     job: TrackingJob, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]
 ) -> RunHeader:
@@ -389,3 +329,104 @@ def _check_fit_choice(fit: str, subject: Subject) -> None:
     if fit == "proportions" and subject.source not in BUILT_IN:
         problem, remedy = f"{subject.source} is used as measured", "leave it out; kinemode fit fits a file"
         raise InputError("fit", problem, remedy=remedy)
+
+
+def track_points(loaded: Subject, request: TrackRequest) -> Run:
+    """What `kinemode.track` does with points once its arguments are known to be of the right kinds."""
+    path, _kept = run_path(request)  # gone with this function unless the run keeps it
+    job = job_of(loaded, replace(request, tracker=request.tracker or NAME), path, AUTO)
+    job.target.check()
+    if request.static and not job.fits(loaded):
+        problem = f"{loaded.source} is used as measured, so the static trial is not used"
+        raise InputError("static", problem, remedy="leave it out, or fit a built-in subject")
+    with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
+        marked, inputs = load_point_inputs(loaded, request)
+        check_markers(inputs)
+        against_input = track_inputs(job, marked, inputs, cue_choice("off"))
+    for sentence in against_input:
+        warnings.warn(sentence, FindingWarning, stacklevel=4)
+    return Run.open(path)
+
+
+def check_markers(inputs: Inputs) -> None:
+    """Raise InputError where no frame has enough markers for a pose."""
+    if not any(enough_keypoints(o) for o in inputs.observations):
+        names = ", ".join(str(path) for path in inputs.points)
+        raise InputError(names, f"no frame has {MIN_KEYPOINTS} of the subject's markers", remedy="check --markers")
+
+
+def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) -> dict[str, Run]:
+    """A run for each person, by name: "person1", ..., those who are large in the pictures for long first.
+
+    Who cannot be tracked is left out and told of in a warning. Raises InputError where that is everybody.
+    """
+    out, _kept = run_path(request)  # gone with this function unless a run keeps it
+    choice = cue_choice(request.cues)
+    RunTarget(out, resume=True).check()  # its folder is there
+    first = job_of(loaded, request, out, ALL)
+    with threadpool_limits(limits=1):
+        everybody, notes = load_everybody(Body(loaded), files)
+        jobs = _jobs(first, everybody)
+        who = "one person is tracked" if len(jobs) == 1 else f"{len(jobs)} people are tracked, one after the other"
+        for note in (f"--person all: {who}", *notes):
+            warnings.warn(note, InputWarning, stacklevel=4)
+        failures: dict[str, InputError] = {}
+        with kept_if_interrupted(lambda: sum(frames_at_first(job.target) or 0 for job in jobs.values())):
+            for (name, job), inputs in zip(jobs.items(), everybody, strict=True):
+                try:
+                    against = track_inputs(job, loaded, inputs, choice)
+                except InputError as error:
+                    failures[name] = error
+                    warnings.warn(f"{name} is not tracked, the others are: {error}", InputWarning, stacklevel=4)
+                    continue
+                for sentence in against:
+                    warnings.warn(job.of_person(sentence), FindingWarning, stacklevel=4)
+    if len(failures) == len(jobs):
+        raise next(iter(failures.values()))
+    return {name: Run.open(job.target.path) for name, job in jobs.items() if name not in failures}
+
+
+def _jobs(first: TrackingJob, everybody: Sequence[Inputs]) -> dict[str, TrackingJob]:
+    """The job of each person, whose run none is in the way of: that is said before the first is tracked."""
+    out, jobs = first.target.path, {}
+    for number in range(1, len(everybody) + 1):
+        name = f"person{number}"
+        target = replace(first.target, path=out.with_name(f"{out.stem}.{name}{out.suffix}"))
+        target.check()
+        jobs[name] = replace(first, target=target, person=f"all: {name}", name=name)
+    return jobs
+
+
+def likely_layout(subject: Subject, inputs: Inputs) -> str:
+    """The layout by which the keypoints fit much better than as they were read, as a sentence; empty where none does.
+
+    Poses of a few frames are searched anew for each layout of as many points, without the frames between them.
+    """
+    if not inputs.other_layouts:
+        return ""
+    body, settings = Body(subject), Settings()
+    own = _misfit(body, inputs.observations, settings)
+    misfits = {name: _misfit(body, seen(), settings) for name, seen in inputs.other_layouts.items()}
+    best = min(misfits, key=lambda name: misfits[name], default="")
+    if not best or not misfits[best] < _MUCH_BETTER * own:
+        return ""
+    return (
+        f"the keypoints fit much better as {best}: at {misfits[best]:.1f} standard deviations in the mean, as they were"
+        f" read at {own:.1f}. Track with --layout {best}"
+    )
+
+
+def _misfit(body: Body, observations: Sequence[Observation], settings: Settings) -> float:
+    """Mean distance of the keypoints from poses that are searched for them, in standard deviations, none above 10."""
+    usable = [o for o in observations if o.count >= _ENOUGH]
+    picked = [usable[i] for i in np.unique(np.linspace(0, len(usable) - 1, _TRIED).astype(int))] if usable else []
+    tracker, model = make_tracker("css", body), CostModel(body, settings.cost)
+    mirror = mirror_index(body.landmark_names)
+    far = []
+    for observation in picked:
+        ((result, _),) = run(tracker, [replace(observation, index=0, cues=())], 0)
+        if len(result.q):
+            seen = observation.exchanged(mirror) if result.association[0] == EXCHANGED else observation
+            distances = model.observation_term(seen).distances(body.at(result.q[0]))
+            far.append(np.nanmean(np.minimum(distances, _CAPPED)))
+    return float(np.mean(far)) if far else np.inf

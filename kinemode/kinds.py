@@ -86,7 +86,7 @@ def are_keypoints(value: Any) -> bool:
 
 
 def are_pairs(value: Any) -> bool:
-    """What `kinemode.inputs.depth.pairs_of` takes."""
+    """What `kinemode.inputs.load.pairs_of` takes."""
     named = isinstance(value, Mapping) and all(map(is_text, (*value, *value.values())))
     return value is None or named or are_texts(value)
 

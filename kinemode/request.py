@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 from kinemode.named import kept
 from kinemode.option import about, again, option
-from kinemode.terminal.progress import unreported
+from kinemode.progress import unreported
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from humanoid.subject.subject import Subject
     from kinemode.kinds import KeypointSource
     from kinemode.named import Named, PathLike
-    from kinemode.terminal.progress import Reporter
+    from kinemode.progress import Reporter
 
     SubjectLike = Subject | PathLike
     Pictures = np.ndarray | Iterable[np.ndarray]

@@ -23,9 +23,9 @@ from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
-from estimator.energy.trunk_side import TrunkSide
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
+from estimator.tracking.smoothing.readings import TrunkSide
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
 from humanoid.collision.floor import FloorDistances
 from humanoid.collision.self_collision import SelfCollision

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.numerics.banded import inverse_diagonal
+from estimator.tracking.smoothing.chain import inverse_diagonal
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])

@@ -12,10 +12,10 @@ import pinocchio as pin
 import pytest
 
 from humanoid import InputError, load_subject
+from kinemode.batches.clip_job import run_facts
+from kinemode.batches.shown import COLUMNS, batch_table, write_batch_table
 from tests.made_runs import made_run
 from viz.batch.entry import BatchEntry, look_ranks
-from viz.batch.facts import run_facts
-from viz.batch.table import COLUMNS, batch_table, write_batch_table
 
 ODD = "<script>alert(\"x\")</script> & 'q'"
 ENTRIES = (

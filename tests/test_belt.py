@@ -14,8 +14,8 @@ from test_gait import NAMES, stepping
 from benchmarks.accuracy.foot_contact import RUNNER_MARKERS, agreements
 from estimator.inference import foot_contact as foot_contact_module
 from estimator.inference.belt import belt_under
+from estimator.retargeting.metrics import footing_by_depth
 from estimator.runs.contact import Contact, contact_of_points
-from estimator.runs.footing import footing_by_depth
 from estimator.runs.gait import Gait, gait_of_landmarks
 from estimator.tracking.smoothing.stances import held_places
 from kinemode.terminal.report import print_contact, print_gait

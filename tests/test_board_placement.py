@@ -10,9 +10,8 @@ import pytest
 
 from benchmarks.robustness.boards import FLOOR, BoardRig, draw_rig, judge_rig
 from estimator.data.boards.adjustment import Pose, adjust, angle_between, chained, inverse
-from estimator.data.boards.floor import floor_notes
 from estimator.data.boards.lens import board_poses
-from estimator.data.boards.placement import place_cameras, placements
+from estimator.data.boards.placement import floor_notes, place_cameras, placements
 
 
 def rig_of(seed: int) -> BoardRig:

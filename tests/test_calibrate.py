@@ -13,7 +13,7 @@ import pytest
 
 import kinemode as km
 from estimator.data.boards.board import Board
-from estimator.data.boards.floor import R_WORLD_BOARD
+from estimator.data.boards.placement import R_WORLD_BOARD
 from estimator.data.cameras.camera import Camera
 from kinemode import __main__ as front
 from tests.boards import held_before, rays_of, seen_by

@@ -20,8 +20,8 @@ from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import cli
 from kinemode.named import named_paths
+from kinemode.progress import reported
 from kinemode.public import results
-from kinemode.terminal.progress import reported
 from tests.command_lines import interrupted_after
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import DEADLINE, ended, kinemode_process

@@ -28,9 +28,9 @@ from kinemode.comparison.compare import Comparison, tracker_names
 from kinemode.comparison.files import plotted
 from kinemode.comparison.scores import courses
 from kinemode.comparison.times import TrackTime
+from kinemode.progress import unreported
 from kinemode.rendering.files import RenderedClip
 from kinemode.request import TrackRequest
-from kinemode.terminal.progress import unreported
 from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, MeasurePanel, Plot, first_losses, write_plot
 

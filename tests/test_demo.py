@@ -13,7 +13,7 @@ from estimator.data.formats.keypoints import load_keypoints
 from estimator.runs.reference_motion import Reference
 from humanoid.support.errors import InputError
 from kinemode import demo
-from kinemode.terminal.progress import unreported
+from kinemode.progress import unreported
 
 FRAMES = 5
 

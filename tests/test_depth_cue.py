@@ -15,9 +15,9 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.runs.run_file import Run
 from estimator.synthesis import SceneSettings, ViewSettings
 from estimator.vision.cues.depth.cue import Depth, PersonPoints
-from estimator.vision.cues.depth.floor import found_floor
 from estimator.vision.cues.depth.matching import spread_over, surface_precision
 from estimator.vision.cues.depth.person import nearest_thing
+from estimator.vision.cues.depth.reading import found_floor
 from estimator.vision.depth_map import DepthPoints
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.likelihood.reader import CueReader

@@ -22,19 +22,19 @@ import uv
 
 import kinemode as km
 from estimator.data.formats.keypoints import load_people
-from estimator.data.formats.people_file import write_people
 from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from kinemode.detection import detectors, environment
+from kinemode.detection.clip import write_people
 from kinemode.detection.detectors import SCRIPTS, About, DetectorChoice, Patience
 from kinemode.detection.people import People, Search, shared
 from kinemode.detection.process import DetectorProcess
 from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
 from kinemode.detection.scripts.onnx_pose import decoded, window
+from kinemode.progress import unreported
 from kinemode.public.detection import with_detected
 from kinemode.request import FileOptions
-from kinemode.terminal.progress import unreported
 from tests.test_door import STANDARD, imported
 from tests.tiny_onnx import constant_boxes, two_colours
 from tests.waiting import DEADLINE
@@ -353,7 +353,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
     ("words", "work", "made"),
     [
         ("track --out walk.run", "kinemode.jobs.track_subject", "walk.keypoints"),
-        ("fit --out me.urdf", "kinemode.jobs.fit_subject", "me.keypoints"),
+        ("fit --out me.urdf", "kinemode.fits.fit_subject", "me.keypoints"),
         ("compare --trackers css --out two", "kinemode.comparison.compare.compare_trackers", "two/compare.keypoints"),
     ],
 )

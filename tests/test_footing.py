@@ -12,8 +12,8 @@ from builders import body_of
 
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
+from estimator.retargeting.metrics import Footing, footing_of
 from estimator.runs.contact import Contact
-from estimator.runs.footing import Footing, footing_of
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import ROOT_PLACE_Q
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.given_rates import keypoint_rate, of_keypoints, report_at
 from estimator.data.media.clip import ClipReport
 from humanoid.support.errors import InputError
+from kinemode.inputs.clocks import keypoint_rate, of_keypoints, report_at
 
 FILM = Path("film.mp4")
 

@@ -14,10 +14,9 @@ import kinemode as km
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.media.film import ffmpeg_command
-from estimator.data.media.lens_tags import lens_tags
 from humanoid.support.errors import InputError
 from kinemode.inputs import phones
-from kinemode.inputs.lens import PHONES, lens_of
+from kinemode.inputs.lens import PHONES, lens_of, lens_tags
 from kinemode.inputs.load import load_inputs
 from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at

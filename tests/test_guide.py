@@ -26,11 +26,11 @@ from estimator.tracking.setting_changes import changed
 from kinemode import __main__ as front
 from kinemode import cli, jobs
 from kinemode.batches.manifest import read_manifest
+from kinemode.batches.shown import COLUMNS
 from kinemode.detection import clip as detection
 from tests.made_once import made_once
 from tests.tiers import later
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
-from viz.batch.table import COLUMNS
 
 DOCS = ROOT / "docs"
 GUIDE = sorted((DOCS / "guide").glob("*.md"))

@@ -13,7 +13,6 @@ import pytest
 
 from estimator.data.agreement import agreement
 from estimator.data.cameras.camera import Camera
-from estimator.data.clock_offsets import likely_offsets
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.media.clip import Clip, ClipReport
@@ -23,6 +22,7 @@ from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module
+from kinemode.inputs.doubts import likely_offsets
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at

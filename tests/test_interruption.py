@@ -23,11 +23,11 @@ from kinemode import __main__ as front
 from kinemode import cli, jobs
 from kinemode.annotation import annotate
 from kinemode.demo import make_clip
+from kinemode.progress import unreported
 from kinemode.rendering.files import RenderedClip
 from kinemode.target import check_folder
 from kinemode.terminal import program, report
 from kinemode.terminal.interruption import interrupted_by_signals, kept_if_interrupted
-from kinemode.terminal.progress import unreported
 from tests.waiting import DEADLINE
 
 pytestmark = pytest.mark.usefixtures("default_signals")

@@ -138,6 +138,59 @@ def _cycles(graph: Mapping[str, list[str]]) -> Iterator[list[str]]:
         yield from visit(name, [])
 
 
+FEW_LINES = 60
+OF_ONE_USER = {
+    "estimator.data.formats.cameras_easymocap",  # formats: the reference has a section for each
+    "estimator.data.formats.cameras_kalibr",
+    "estimator.data.formats.cameras_panoptic",
+    "estimator.data.formats.keypoints_mmpose",
+    "estimator.data.formats.keypoints_rtmlib",
+    "estimator.data.markers.array",
+    "estimator.energy.level_feet",  # a term
+    "estimator.search.proposals.limb",  # proposals
+    "estimator.search.proposals.weakest",
+    "estimator.trackers.css.css_dual",  # a tracker
+    "estimator.trackers.dual_chain.settings",  # what run files keep, apart from what works by it
+    "estimator.trackers.elmo.reweighting",  # ELMO's section 3.2, beside the tracker
+    "estimator.trackers.elmo.settings",
+    "estimator.trackers.loose_limbed.settings",
+    "kinemode.comparison.report",  # commands have nothing but what calls and prints
+}
+"""Short modules that one other module imports: members of a family that a registry lists, and settings."""
+
+
+def short_modules_of_one_user(root: Path) -> set[str]:
+    """Modules with fewer than `FEW_LINES` lines that are not blank, which one other module imports."""
+    known = modules(root)
+    users: dict[str, set[str]] = {name: set() for name in known}
+    for name, path in known.items():
+        for target in imports(path, name, known, lazy=True):
+            if target in known and target != name:
+                users[target].add(name)
+    short = {name for name, path in known.items() if _lines(path) < FEW_LINES}
+    return {n for n in short if len(users[n]) == 1 and known[n].name != "__init__.py"}
+
+
+def _lines(path: Path) -> int:
+    return sum(1 for line in path.read_text(encoding="utf-8").splitlines() if line.strip())
+
+
+def test_short_modules_of_one_user_are_part_of_it() -> None:
+    assert len(OF_ONE_USER) <= 15
+    assert short_modules_of_one_user(ROOT) - OF_ONE_USER == set()
+
+
+def test_a_short_module_of_one_user_is_found(tmp_path: Path) -> None:
+    for folder in ("humanoid", "estimator", "viz", "kinemode"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "__init__.py").write_text("")
+    (tmp_path / "viz" / "a.py").write_text("X = 1\n")
+    (tmp_path / "viz" / "b.py").write_text("from viz.a import X\n")
+    assert short_modules_of_one_user(tmp_path) == {"viz.a"}
+    (tmp_path / "viz" / "c.py").write_text("from viz.a import X\n")
+    assert short_modules_of_one_user(tmp_path) == set()
+
+
 def test_imports_go_down() -> None:
     assert upward_imports(ROOT) == []
 

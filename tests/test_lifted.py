@@ -13,7 +13,6 @@ import pytest
 
 from estimator.data.cameras.camera import Camera, guessed_camera, parallel_camera
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
-from estimator.data.formats.people_file import write_people
 from estimator.data.observation import LiftedPose, Observation
 from estimator.data.sequence import assemble
 from estimator.data.timing import at_places
@@ -25,6 +24,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import settings_for
 from humanoid.subject.landmarks import FORMATS, mirror_index
 from humanoid.support.errors import InputError
+from kinemode.detection.clip import write_people
 from tests.builders import body_of, camera_at, observe, random_pose
 
 BODY = body_of("human34")

@@ -10,11 +10,9 @@ import pinocchio as pin
 
 import kinemode as km
 from estimator.energy.balance import BalanceSettings
-from estimator.runs.out_of_balance import out_of_balance
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
-from kinemode.findings import balance_note
-from kinemode.jobs import run_findings
+from kinemode.findings import balance_note, out_of_balance, run_findings
 from tests.builders import bent, body_of, camera_at, observe
 
 BODY = body_of("human34")

@@ -18,8 +18,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode import demo
 from kinemode.inputs.load import load_inputs
+from kinemode.progress import unreported
 from kinemode.request import FileOptions
-from kinemode.terminal.progress import unreported
 from tests.command_lines import killed_at, printed_by, track_line
 from tests.tiny_clip import QUICK, QUICK_BY_KEYPOINTS
 

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from estimator.inference.mixture import Mixture, Mode, mixture_of
-from estimator.inference.reweighting import diffusion_std, reweighted
+from estimator.trackers.elmo.tracker import diffusion_std, reweighted
 from humanoid.kinematics.body import Body
 
 ARM = body_of("arm8")

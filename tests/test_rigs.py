@@ -19,14 +19,13 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
-from estimator.data.rigs.calibrate import PersonCalibration, calibrate_by_person, causes, in_words
+from estimator.data.rigs.calibrate import PersonCalibration, RigWorld, calibrate_by_person, causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.lens import bent, by_place, by_radial, straight
 from estimator.data.rigs.readings import exchanged, with_exchanged
 from estimator.data.rigs.search import RigViews, fitted_rig
 from estimator.data.rigs.views import JointView
-from estimator.data.rigs.world import RigWorld
 from estimator.numerics.typical import typical_distance
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion

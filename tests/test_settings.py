@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.tracking.former_settings import FORMER
 from estimator.tracking.registry import TRACKERS, settings_for, stored_changes
+from estimator.tracking.setting_changes import FORMER
 from estimator.tracking.unused_settings import RULES
 from estimator.vision.likelihood.settings import unused_rules
 from humanoid.support.errors import InputError

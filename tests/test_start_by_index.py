@@ -29,8 +29,8 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.demo_occlusion import HIDDEN, run_occlusion_demo
+from kinemode.progress import unreported
 from kinemode.rendering.files import RenderedClip
-from kinemode.terminal.progress import unreported
 from kinemode.testing import check_tracker
 from tests.test_tracker_contract import FEW
 from tests.tiers import later

@@ -10,8 +10,7 @@ from builders import body_of, inside, random_pose
 from proxsuite import proxqp
 
 from estimator.energy.descent.box_step import model_decrease, solve_box
-from estimator.energy.descent.proxqp import ProxQP
-from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, StepSolver
+from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, ProxQP, StepSolver
 from estimator.energy.descent.solution import StepCounts
 from estimator.search.settings import ModeSearchSettings
 from humanoid.support.errors import InputError

@@ -19,8 +19,8 @@ import kinemode
 from estimator.runs.run_file import Run
 from kinemode import jobs
 from kinemode.demo import make_clip
+from kinemode.progress import unreported
 from kinemode.rendering.files import RenderedClip
-from kinemode.terminal.progress import unreported
 
 ROOT = Path(__file__).parent.parent
 

@@ -13,8 +13,8 @@ from benchmarks.support.common import Json, Several, save
 from benchmarks.support.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from estimator.runs.reference_motion import Reference
 from kinemode import demo
+from kinemode.progress import unreported
 from kinemode.terminal import report
-from kinemode.terminal.progress import unreported
 
 TARGET = 50.0
 

@@ -18,7 +18,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
-from estimator.search.examples.known import Examples
+from estimator.search.mode_search import Examples
 from estimator.synthesis.examples.poses import sampler_of
 from estimator.trackers.elmo.tracker import Elmo
 from estimator.tracking.registry import make_tracker, settings_for

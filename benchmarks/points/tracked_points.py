@@ -19,8 +19,9 @@ from estimator.tracking.fitting.fit import Fit
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from kinemode.explain import run_settings
-from kinemode.from_points import fit_to_points, track_points
+from kinemode.fits import fit_to_points
 from kinemode.inputs.points import load_point_inputs
+from kinemode.jobs import track_points
 from kinemode.request import FitRequest, InputOptions, TrackRequest
 
 TRACKER = "markers"

@@ -24,8 +24,8 @@ from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
 from estimator.synthesis import ViewSettings
 from humanoid.support.errors import InputError
+from kinemode.progress import Progress
 from kinemode.terminal import report
-from kinemode.terminal.progress import Progress
 
 SIZE = (320, 240)
 LOOP = 90  # frames that are rendered; forward and backward again and again they make the long clip

@@ -17,8 +17,8 @@ from benchmarks.robustness.fuzz_readers import READERS
 from benchmarks.robustness.fuzz_workers import limit_memory, verdicts
 from benchmarks.support.common import Json, Several, save, tell
 from humanoid.support.errors import InputError
+from kinemode.progress import reported
 from kinemode.terminal import report
-from kinemode.terminal.progress import reported
 
 _SHOWN = 40  # kinds of faults that are listed
 

@@ -27,8 +27,8 @@ from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.subject.subject import URDF_FOLDER, load_subject
+from kinemode.progress import Progress
 from kinemode.settings import describe_settings
-from kinemode.terminal.progress import Progress
 
 Files = Mapping[str, bytes]
 SIZE = (64, 48)

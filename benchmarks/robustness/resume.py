@@ -30,8 +30,8 @@ from benchmarks.robustness.resume_kills import (
 from benchmarks.support.common import Data, Json, beam_folder, save, tell
 from estimator.runs.run_file import Run
 from kinemode import demo
+from kinemode.progress import unreported
 from kinemode.terminal import report
-from kinemode.terminal.progress import unreported
 
 SIGNALS = (  # and whether to all
     (signal.SIGTERM, False), (signal.SIGINT, True), (signal.SIGKILL, False), (signal.SIGTERM, True),

@@ -30,9 +30,9 @@ from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import Subject, load_subject
 from kinemode import demo
 from kinemode.inputs.load import load_inputs
+from kinemode.progress import unreported
 from kinemode.request import FileOptions
 from kinemode.terminal import report
-from kinemode.terminal.progress import unreported
 
 TARGET = 30.0
 SAMPLE = 500  # evaluations that are timed by themselves

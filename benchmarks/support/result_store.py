@@ -17,10 +17,10 @@ from typing import Any, Protocol
 from benchmarks.support.common import ROOT, quiet, tell
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from kinemode.progress import reported
 from kinemode.rendering.files import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal.interruption import is_interruption
-from kinemode.terminal.progress import reported
 
 Figures = dict[str, Any]
 """JSON values."""

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import kinemode as km
 from estimator.runs.run_file import Run
 from humanoid.subject.subject import Subject
-from kinemode.terminal.progress import Progress
+from kinemode.progress import Progress
 
 Fitted = Literal["auto", "proportions", "markers", "off"]
 """What of a subject is fitted, see `kinemode.track`."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.inference.belt_speed import speeds_over_time
+from estimator.numerics.stretches import stretches
 
 _HALF = 0.06  # s to either side over which a velocity is measured: less than half a stance, long against noise
 _TINY = 1e-9  # s
@@ -32,6 +32,14 @@ _BACK = 0.3  # of the quickest way back: frames in which a foot goes back
 _LOWEST = 0.02  # quantile of the heights of a foot
 _LOW, _LEVEL = 0.025, 0.6  # m above the lowest, and share of the frames in which a foot goes back so low
 _TURNS = -0.5  # correlation of the velocities of feet that go forward by turns, at most
+_MOST_SPEEDS, _COUNT = 2.0, 41  # of the steady speed, and how many speeds are compared
+_SPEED_WIDTH = 0.15  # m/s: standard deviation of the velocity of what stands
+_OTHERWISE = 0.05  # likelihood of a frame in which no foot moves with the belt
+_CORRELATION = 0.05  # s: frames nearer than that are correlated
+_ACCELERATION = 0.25  # of the steady speed: standard deviation of a change in a second, growing with the root of time
+_CHANGE, _SPEED_SHARE = 0.2, 0.2  # m/s, and share of the steady speed: what differs by more is another speed
+_LASTS = 0.5  # s, where it lasts
+_SMOOTH = 0.15  # s to either side, over which steps of the grid are smoothed
 
 
 @dataclass(frozen=True)
@@ -215,3 +223,51 @@ class _Motion(NamedTuple):
         middle -= (middle @ up)[:, None] * up
         since = self.time - self.time.mean()
         return float(np.linalg.norm(since @ middle / (since @ since)))
+
+
+def speeds_over_time(velocity: np.ndarray, time: np.ndarray, steady: np.ndarray) -> np.ndarray:
+    """Speeds (T,) [m/s] of a belt along its steady velocity (3,), the steady speed in all frames unless another lasts.
+
+    velocity (T, 2, K, 3) [m/s]: of points of both feet, NaN where missing, at times (T,) [s].
+    """
+    speed = float(np.linalg.norm(steady))
+    levels = np.linspace(0.0, _MOST_SPEEDS, _COUNT) * speed
+    gaps = np.diff(time)
+    weight = np.minimum(1.0, np.gradient(time) / _CORRELATION)
+    log = weight[:, None] * np.log(_OTHERWISE + _support(velocity, levels[:, None] * (steady / speed)))
+    path = levels[_likeliest_path(log, levels / (_ACCELERATION * speed), gaps)]
+    changed = np.abs(path - speed) > max(_CHANGE, _SPEED_SHARE * speed)
+    if all(time[end - 1] - time[first] < _LASTS for first, end in stretches(changed)):
+        return np.full(len(time), speed)
+    return _smoothed(path, time)
+
+
+def _support(velocity: np.ndarray, belts: np.ndarray) -> np.ndarray:
+    """How well the feet move with each belt (S, 3): (T, S), the mean of both feet's best points."""
+    apart = np.stack([np.linalg.norm(velocity - belt, axis=3) for belt in belts], axis=1)
+    nearest = np.where(np.isfinite(apart), apart, np.inf).min(axis=3)
+    return np.asarray(np.exp(-0.5 * np.square(nearest / _SPEED_WIDTH)).mean(axis=2))
+
+
+def _likeliest_path(log: np.ndarray, levels: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Numbers (T,) of levels (S,) that change by one in a second, by log likelihoods (T, S) of frames `gaps` (T - 1,)
+    [s] apart."""
+    steps = 0.5 * np.square(levels[:, None] - levels)
+    best, before = log[0], np.zeros(log.shape, dtype=int)
+    for t, gap in enumerate(gaps, start=1):
+        reached = best[:, None] - steps / gap
+        before[t] = reached.argmax(axis=0)
+        best = reached.max(axis=0) + log[t]
+    path = np.zeros(len(log), dtype=int)
+    path[-1] = best.argmax()
+    for t in range(len(log) - 1, 0, -1):
+        path[t - 1] = before[t, path[t]]
+    return path
+
+
+def _smoothed(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Means (T,) over the frames about each."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.searchsorted(time, time - _SMOOTH)
+    end = np.searchsorted(time, time + _SMOOTH, side="right")
+    return np.asarray((total[end] - total[first]) / (end - first))

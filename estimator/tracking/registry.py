@@ -16,8 +16,7 @@ from estimator.trackers.dual_chain import tracker as dual_chain
 from estimator.trackers.elmo import tracker as elmo
 from estimator.trackers.loose_limbed import tracker as loose_limbed
 from estimator.trackers.spec import Spec
-from estimator.tracking.former_settings import with_present_names
-from estimator.tracking.setting_changes import changed, refused
+from estimator.tracking.setting_changes import changed, refused, with_present_names
 from estimator.tracking.settings import COMMON, Settings
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,17 +13,17 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.subject import example_robots, urdf_elements
+from humanoid.subject.joint_names import ROOT_VELOCITY
 from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
 from humanoid.subject.mimic_model import with_mimics
 from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, check_with_yourdfpy, natural_base
-from humanoid.subject.urdf_document import Document, read_document
+from humanoid.subject.urdf_document import Document, elements, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Marker, Proportion, Stabiliser, UprightElement, Zero
-from humanoid.subject.urdf_flesh import Flesh
+from humanoid.subject.urdf_flesh import Flesh, numbers_text
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
-from humanoid.subject.urdf_resize import resize
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes
@@ -57,6 +58,14 @@ _CLAVICLES = tuple(f"{side}_clavicle_{turn}" for side in ("left", "right") for t
 _LOCKED = {"human30": ("human34", _CLAVICLES)}
 """Built-in subjects without a file: that of another, some of its joints locked."""
 Base = Literal["auto", "free", "fixed"]
+_LENGTHS = {
+    "origin": ("xyz",), "landmark": ("xyz", "keypoint", "keypoint_std"), "marker": ("xyz", "std"),
+    "flesh": ("xyz", "radii", "radius", "length", "clearance"),
+    "box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
+    "mesh": ("scale",),
+}  # fmt: skip
+"""Attributes that are lengths, or factors on them, by element."""
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @dataclass(frozen=True, repr=False)
@@ -333,3 +342,36 @@ def _beside(document: Document, path: Path) -> Path | None:
     """The landmark file next to a URDF without landmarks of its own; one that kinemode wrote is complete in itself."""
     beside = path.with_name(path.stem + SUFFIX)
     return beside if beside.is_file() and document.root.find("landmark") is None else None
+
+
+def resize(document: Document, factor: float) -> None:
+    """Multiply every length of a checked URDF, in place: joints, shapes, flesh, landmarks, ways of sliding joints with
+    their rest and its deviation; masses as volumes. Proportions are relative and stay."""
+    sliding = {joint.get("name") for joint in elements(document.root, "joint") if joint.get("type") == "prismatic"}
+    for element in document.root.iter():
+        tag = element.tag if isinstance(element.tag, str) else ""
+        if tag == "mesh":
+            element.attrib.setdefault("scale", "1 1 1")
+        _multiply(element, _LENGTHS.get(tag, ()), factor)
+        if tag == "flesh":
+            _multiply(element, ("bend",), 1.0 / factor)  # a curvature
+        if tag == "mass":
+            _multiply(element, ("value",), factor**3)
+        elif tag == "inertia":
+            _multiply(element, _INERTIA, factor**5)
+        elif tag == "zero" and element.get("name") in {*sliding, *ROOT_VELOCITY[:3]}:
+            _multiply(element, ("std",), factor)
+        elif tag == "stabiliser" and element.get("joint") in sliding:
+            _multiply(element, ("rest", "std", "std_above"), factor)
+        elif tag == "joint" and element.get("name") in sliding:
+            for limit in elements(element, "limit"):
+                _multiply(limit, ("lower", "upper"), factor)
+            for mimic in elements(element, "mimic"):
+                _multiply(mimic, ("offset",), factor)
+
+
+def _multiply(element: ET.Element, keys: tuple[str, ...], factor: float) -> None:
+    for key in keys:
+        text = element.get(key)
+        if text is not None and text not in ("on", "off"):  # of clearance
+            element.set(key, numbers_text(factor * np.array([float(part) for part in text.split()])))

@@ -13,10 +13,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from estimator.runs.run_file import Run
+from estimator.trackers.statuses import HARD, TRACKED
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
 from humanoid.support.locks import locked
@@ -181,7 +183,7 @@ def _clear(task: BatchTask) -> None:
 def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]]:
     """What is said and made of a run; what could not be made is said."""
     import kinemode as km
-    from viz.batch.facts import run_facts
+    from kinemode.batches.clip_job import run_facts
     from viz.batch.thumbnail import write_thumbnail
 
     faults: list[str] = []
@@ -225,3 +227,30 @@ def exported_file(stem: Path, format: str) -> Path:
 def beside(stem: Path, ending: str) -> Path:
     """A file of the same name but its ending; names of clips may have dots."""
     return stem.with_name(f"{stem.name}.{ending}")
+
+
+class RunFacts(NamedTuple):
+    """Facts of a run, by the names of `BatchEntry`'s fields.
+
+    frames: those that are tracked so far. hard, unobserved: how many have that status (`Run.status`, where frames that
+    contradict the findings are hard; for the meanings see `STATUS_MEANINGS`). doubtful: the share of frames, 0 to 1,
+    that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message: the
+    first of the findings that were stored when it was finished, "" where it has none.
+    """
+
+    subject: str
+    tracker: str
+    frames: int
+    hard: int
+    unobserved: int
+    doubtful: float | None
+    message: str
+
+
+def run_facts(run: Run) -> RunFacts:
+    """What a batch shows of a run: `BatchEntry(name, "done", **run_facts(run)._asdict())`."""
+    status, count = run.status, len(run)
+    hard, unobserved, tracked = (int(np.count_nonzero(status == name)) for name in (HARD, "unobserved", TRACKED))
+    doubtful = 1.0 - tracked / count if count else None
+    message = next(iter(run.header.findings or ()), "")
+    return RunFacts(run.subject.name, run.header.tracker, count, hard, unobserved, doubtful, message)

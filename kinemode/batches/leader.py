@@ -20,8 +20,8 @@ from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.row import BatchRow
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, own_folder, versions
 from kinemode.compilation import are_made, made_kernels
+from kinemode.progress import Reporter, unreported
 from kinemode.target import check_absent, made_folder
-from kinemode.terminal.progress import Reporter, unreported
 from viz.batch.entry import DONE, FAILED
 
 TABLE, PAGE = SHOWN = ("summary.csv", "index.html")

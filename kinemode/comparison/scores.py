@@ -20,7 +20,7 @@ from estimator.trackers.spec import mode_search
 from estimator.tracking.settings import Settings
 from kinemode.comparison.times import TrackTime
 from kinemode.explain import cue_reader, run_settings
-from kinemode.terminal.progress import Progress
+from kinemode.progress import Progress
 
 _NO_ERRORS = dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k_mpjpe"), float("nan"))
 

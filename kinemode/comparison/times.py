@@ -11,7 +11,7 @@ from pathlib import Path
 
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-from kinemode.terminal.progress import Progress, Reporter
+from kinemode.progress import Progress, Reporter
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,17 +12,19 @@ from typing import IO, Any
 import numpy as np
 
 from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT
-from estimator.data.formats.people_file import PersonContent, write_people
 from estimator.data.media.clip import Clip
 from humanoid.subject.landmarks import FORMATS
-from humanoid.support.atomic import unwritable
+from humanoid.support.atomic import replacing, unwritable
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People, Seen
 from kinemode.detection.process import DetectorProcess
-from kinemode.terminal.progress import Progress
+from kinemode.progress import Progress
 
 _DECIMALS = {"keypoints": (2, 2, 4), "world": (4, 4, 4)}
+PersonContent = Mapping[str, Sequence[Sequence[float]]]
+"""Of a person: keypoints (K, 3) x, y [px], confidence; perhaps world (K, 3) [m], see
+`estimator.data.formats.keypoints_own`."""
 Frame = dict[int, PersonContent]
 """The people in a frame, by their numbers."""
 
@@ -140,3 +142,42 @@ def _appended(path: Path, end: int) -> Iterator[IO[bytes]]:
             yield file
     except OSError as error:
         raise unwritable(path, error) from None
+
+
+def write_people(
+    path: str | Path,
+    layout: str,
+    names: Sequence[str],
+    frames: Sequence[Mapping[int, PersonContent]],
+    *,
+    image_size: tuple[int, int] | None = None,
+    fps: float | None = None,
+    **more: Any,
+) -> None:
+    """Write every frame's people, by their numbers.
+
+    Parameters
+    ----------
+    layout: a key of `humanoid.subject.landmarks.FORMATS`. names (K): of the keypoints.
+    frames: for each frame the people by number; a frame may be empty. Where there is only one number in all of them,
+        they are written as one person.
+    image_size: width, height [px]. fps: frames per second. more: further members of the file.
+
+    Raises
+    ------
+    InputError: the file cannot be written.
+    """
+    numbers = {number for people in frames for number in people}
+    rows = [_of_one(people) if len(numbers) < 2 else _of_all(people) for people in frames]
+    size = None if image_size is None else list(image_size)
+    content = {"format": layout, "image_size": size, "fps": fps, "names": list(names), **more, "frames": rows}
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, separators=(",", ":")), encoding="utf-8")
+
+
+def _of_one(people: Mapping[int, PersonContent]) -> dict[str, Any]:
+    return next((dict(person) for person in people.values()), {"keypoints": None})
+
+
+def _of_all(people: Mapping[int, PersonContent]) -> dict[str, Any]:
+    return {"people": [{"id": number, **person} for number, person in people.items()]}

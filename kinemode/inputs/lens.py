@@ -4,10 +4,19 @@ most phones."""
 from __future__ import annotations
 
 import re
+import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from estimator.data.media.lens_tags import FILM_DIAGONAL, LensTags, lens_tags
+import numpy as np
+
+from estimator.data.cameras.camera import Camera, camera_before
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.media.film import ffmpeg_command
+from estimator.search.jumps.anatomy import anatomy_of
+from estimator.search.point_features import landmark_features
+from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 from kinemode.inputs.phones import checked_phone, phone
 
@@ -22,6 +31,11 @@ _SENSOR = 1.2  # diagonal over longer side: between the sensor's 4:3 (1.25) and 
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*(mm|px)?\s*")
 _TABLE = "OpenCap's calibration of video that is neither zoomed nor stabilised"
 _SHARES, _PIXELS = (0.2, 20.0), (10.0, 1e6)
+_FEWEST = 3
+FILM_DIAGONAL = 43.27  # mm, of 24 x 36
+_EQUIVALENT = "focal_length.35mm_equivalent"  # how the tag ends that phones write into films (QuickTime metadata)
+_MODEL = "quicktime.model"
+_RANGE = (5.0, 2000.0)  # mm
 
 
 class Lens(NamedTuple):
@@ -81,3 +95,75 @@ def described(lens: Lens, pixels: str, name: str) -> str:
         f"no camera given: a focal length of {pixels} (+-{lens.std:.0%}) is guessed for {name}, as most phones have;"
         " sizes and distances depend on it: give it with --focal or --phone"
     )
+
+
+def before_subject(
+    body: Body, tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera]
+) -> tuple[dict[str, Camera], list[str]]:
+    """The one camera of a clip, moved to where the subject at rest looks as large as its keypoints in the first frame
+    that has enough of them, preferably those of head and trunk, which arms do not move; and a note that says so. As it
+    is where no frame has enough."""
+    ((name, track),) = tracks.items()
+    order = np.array(
+        [track.names.index(mark) if mark in track.names else -1 for mark in body.landmark_names], dtype=int
+    )
+    rest = body.landmarks(body.at(body.neutral))
+    still = landmark_features(body, anatomy_of(body)).of_trunk
+    for pixels, confidence in zip(track.pixels, track.confidence, strict=True):
+        seen = np.flatnonzero((order >= 0) & (np.append(confidence, 0.0)[order] > 0.0))
+        chosen = np.intersect1d(seen, still)
+        chosen = chosen if len(chosen) >= _FEWEST else seen
+        if len(chosen) >= _FEWEST and np.ptp(pixels[order[chosen]], axis=0).max() > 0.0:
+            camera = camera_before(cameras[name], rest[chosen], pixels[order[chosen]])
+            away = camera.depths(rest[chosen]).mean()
+            place = f"level before {body.subject.name}, {away:.2f} m away"
+            return {name: camera}, [f"{name} is taken to stand {place}: no camera file says where"]
+    return dict(cameras), []
+
+
+class LensTags(NamedTuple):
+    """equivalent: focal length [mm] that gives the same view on 35 mm film. model: of the phone or camera, by its
+    maker's name. None where missing."""
+
+    equivalent: float | None = None
+    model: str | None = None
+
+
+def lens_tags(path: Path) -> LensTags:
+    """QuickTime's tags of a film, Exif's FocalLengthIn35mmFilm and Model of a picture, of a folder's first."""
+    if path.is_dir():
+        first = next((p for p in sorted(path.iterdir()) if p.suffix.lower() in (".jpg", ".jpeg")), None)
+        return LensTags() if first is None else _of_picture(first)
+    return _focal_of_film(path)
+
+
+def _of_picture(path: Path) -> LensTags:
+    from PIL import ExifTags, Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as picture:
+            tags = picture.getexif()
+            length = tags.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLengthIn35mmFilm)
+            model = tags.get(ExifTags.Base.Model)
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError):  # damaged tags are ignored
+        return LensTags()
+    return LensTags(_checked(length), None if model is None else str(model).strip(" \0"))
+
+
+def _focal_of_film(path: Path) -> LensTags:
+    command = [*ffmpeg_command(), "-i", f"file:{path}", "-f", "ffmetadata", "-"]
+    try:
+        said = subprocess.run(command, capture_output=True, timeout=60, check=False).stdout.decode(errors="replace")
+    except subprocess.TimeoutExpired:
+        return LensTags()
+    tags = [(name.strip(), value.strip()) for name, _, value in (line.partition("=") for line in said.splitlines())]
+    length, model = (next((value for name, value in tags if name.endswith(end)), None) for end in (_EQUIVALENT, _MODEL))
+    return LensTags(_checked(length), model)
+
+
+def _checked(said: object) -> float | None:
+    try:
+        length = float(str(said))
+    except ValueError:
+        return None
+    return length if _RANGE[0] <= length <= _RANGE[1] else None

@@ -2,51 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.cameras.camera import Camera
 from estimator.data.floor import OFF, KnownFloor
-from estimator.data.formats.cameras import declared_floor, declared_up, load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.data.formats.keypoints_layouts import formats_read
 from estimator.data.media.clip import Clip
+from estimator.data.media.depth_folder import DepthFolder
 from estimator.data.observation import Observation
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.data.people.everybody import everybody
 from estimator.data.repeats import measured_keypoints
 from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, at_places, timeline
-from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
+from estimator.vision.resolution import Size
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
+from kinemode.inputs.cameras import KnownCameras, as_detected, in_one_size, lens_note
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import known_floor, noises, part, sizes
-from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
-from kinemode.inputs.lens import described, lens_of
+from kinemode.inputs.lens import before_subject
 from kinemode.inputs.persons import persons_of
-from kinemode.inputs.placing import before_subject
 from kinemode.inputs.rigs import BY_PERSON, check_by_cameras, rig_by_person, rig_notes, with_offsets
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.inputs.upright import turned, upright_turn
-from kinemode.named import chosen_names, matched, named_paths
+from kinemode.named import chosen_names, matched, named_pairs, named_paths
 from kinemode.request import AUTO, BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, FileOptions
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
+    from kinemode.request import Pairs
+
+if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
     from estimator.data.rigs.check import RigCheck
-    from kinemode.request import Cameras
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class _Read:
     """
 
     files: FileOptions
-    known: _KnownCameras
+    known: KnownCameras
     named: frozenset[str]
     clips: Mapping[str, Path]
     masks: Mapping[str, Path]
@@ -222,7 +222,7 @@ def _names(files: FileOptions) -> list[str]:
 
 
 def _read(body: Body, files: FileOptions, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
-    known = _KnownCameras.of(files.cameras, files.lenses)
+    known = KnownCameras.of(files.cameras, files.lenses)
     clip_files, keypoint_files = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
@@ -248,14 +248,14 @@ def _read(body: Body, files: FileOptions, persons: Mapping[str, str], keypoints_
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
-        _, used, of_lenses, _ = _one_size(outlines, pictures, known, named, files)
+        _, used, of_lenses, _ = in_one_size(outlines, pictures, known, named, files)
         clocks, clock_notes = clocks_of(outlines, opened, files)
     declared = sizes(files.keypoint_size, people)
     people = {name: file.in_pixels(declared.get(name) or used[name].image_size) for name, file in people.items()}
-    detectors = _as_detected(outlines, used, files)
+    detectors = as_detected(outlines, used, files)
     rig = rig_by_person(body, people, persons, detectors, clocks, files) if known.by_person else None
     if rig is not None:
-        notes += [] if known.cameras is None else [_lens_note(known.source), *of_lenses]
+        notes += [] if known.cameras is None else [lens_note(known.source), *of_lenses]
         known = known.placed(rig.cameras)
         detectors, clocks = rig.cameras, with_offsets(clocks, rig)
     elif files.sync == AUTO:
@@ -277,7 +277,7 @@ def _inputs(
     """What there is to track of one person, whose keypoints were chosen; during [s]: the user's unless given."""
     files, clocks, pairs = read.files, read.clocks, read.pairs
     chosen = {name: measured_keypoints(track, clocks[name].keypoints) for name, track in chosen.items()}
-    tracks, used, *size_notes = _one_size(chosen, read.pictures, read.known, read.named, files)
+    tracks, used, *size_notes = in_one_size(chosen, read.pictures, read.known, read.named, files)
     line = timeline(clocks).cut(*(part(files) if during is None else during))
     notes = [*read.notes, *([] if read.rig is None else rig_notes(read.rig)), *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
@@ -331,55 +331,6 @@ def _as_layout(tracks: Mapping[str, KeypointTrack], layout: str) -> dict[str, Ke
     return {name: replace(track, layout=layout, names=FORMATS[layout]) for name, track in tracks.items()}
 
 
-def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[Camera, tuple[str, ...]]:
-    """The camera of pictures of a size, by name, and notes, as `load_inputs` has it for a single clip.
-
-    chosen: the user wrote the name. Raises InputError as `load_inputs` does.
-    """
-    outline = {name: KeypointTrack("none", (), np.zeros((0, 0, 2)), np.zeros((0, 0)), size)}
-    named = frozenset(outline) if chosen else frozenset()
-    _, used, *notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, FileOptions())
-    return used[name], tuple(chain(*notes))
-
-
-class _KnownCameras(NamedTuple):
-    """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
-    clips' pixels, by name, where they are known. up, floor: the axis that the file says points up, and how high along
-    it the floor is [m]; None where it says none. clips: by name, which may tell the lens. focal, phone: what the user
-    says of it. by_person: whether they are found from the person: what is given then are their lenses."""
-
-    cameras: Mapping[str, Camera] | None
-    source: str = "cameras"
-    aspects: Mapping[str, float] = MappingProxyType({})
-    up: str | None = None
-    floor: float | None = None
-    clips: Mapping[str, Path] = MappingProxyType({})
-    focal: str | None = None
-    phone: str | None = None
-    by_person: bool = False
-
-    @staticmethod
-    def of(given: Cameras, lenses: Cameras = None) -> _KnownCameras:
-        if given == BY_PERSON:  # in a world of their own, not that of the lenses' file
-            return _KnownCameras.read(lenses, "lenses")._replace(up=None, floor=None, by_person=True)
-        return _KnownCameras.read(given, "cameras")
-
-    @staticmethod
-    def read(given: Cameras, what: str) -> _KnownCameras:
-        """Those of a file, or by name; what: they are called so where no file has them."""
-        if given is None or isinstance(given, Mapping):
-            return _KnownCameras(given, what)
-        return _KnownCameras(load_cameras(given), str(given), up=declared_up(given), floor=declared_floor(given))
-
-    def placed(self, cameras: Mapping[str, Camera]) -> _KnownCameras:
-        """The cameras that were found from a person, in a world whose z points up."""
-        return self._replace(cameras=cameras, source="the person", up="z", focal=None, phone=None, by_person=False)
-
-
-def _lens_note(source: str) -> str:
-    return f"the lenses are those of {source}; where its cameras stand is not used"
-
-
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
     clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
     by_us = "find them: --detect; " if clips else ""
@@ -416,89 +367,6 @@ def _check_masks(path: Path, count: int) -> None:
         raise InputError(path, f"has masks of {read} frames, the clip has {count}")
 
 
-def _one_size(
-    tracks: Mapping[str, KeypointTrack],
-    pictures: Mapping[str, Size],
-    known: _KnownCameras,
-    named: frozenset[str],
-    files: FileOptions,
-) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str], list[str]]:
-    """Tracks and cameras at the size of the clips, or of the cameras where there are none; notes on cameras, and on
-    tracks."""
-    seen = _detector_sizes(tracks, files)
-    track_notes: list[str] = []
-    cameras, notes = _cameras(tracks, {n: pictures.get(n) or seen[n] for n in tracks}, known, named)
-    scaled = {}
-    for name, track in tracks.items():
-        picture = pictures.get(name) or cameras[name].image_size
-        cameras[name], of_camera = fitted_camera(cameras[name], picture, known.source)
-        scaled[name], of_track = fitted_track(name, track, seen[name], picture)
-        notes += of_camera
-        track_notes += of_track
-    return scaled, cameras, notes, track_notes
-
-
-def _as_detected(
-    tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera], files: FileOptions
-) -> dict[str, Camera]:
-    """The cameras of pictures of the size that the detectors saw."""
-    seen = _detector_sizes(tracks, files)
-    return {name: resized_camera(cameras[name], size or cameras[name].image_size) for name, size in seen.items()}
-
-
-def _detector_sizes(tracks: Mapping[str, KeypointTrack], files: FileOptions) -> dict[str, Size | None]:
-    """Size of the pictures that each detector saw, None where neither the file nor the user says."""
-    given = sizes(files.keypoint_size, tracks)
-    return {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
-
-
-def _cameras(
-    tracks: Mapping[str, KeypointTrack], sizes: Mapping[str, Size | None], known: _KnownCameras, named: frozenset[str]
-) -> tuple[dict[str, Camera], list[str]]:
-    """Camera of each track by the track's name; the one camera of a single clip is guessed where nothing is given."""
-    if known.cameras is not None:
-        if known.focal is not None or known.phone is not None:
-            option = "--phone" if known.focal is None else "--focal"
-            raise InputError(option, "is of a camera that no file describes", remedy="leave it out, or the cameras")
-        # a camera that stands somewhere is for one clip, and a lens for all that were taken by one kind of camera
-        serves = known.by_person or (len(tracks) == 1 and not named.intersection(tracks))
-        chosen = {name: _choose(name, known, alone=serves and len(known.cameras) == 1) for name in tracks}
-        served = ", ".join(repr(name) for name in tracks if name not in known.cameras)
-        only = next(iter(known.cameras.values())).name
-        note = f"the camera {only!r} of {known.source} is taken for {served}, there being no other"
-        return chosen, [note] if served else []
-    if len(tracks) > 1 and not known.by_person:
-        problem = f"several views ({', '.join(tracks)}) need their placements"
-        remedy = "give a camera file (`kinemode calibrate` makes one), or --cameras auto to find them from the person"
-        raise InputError("cameras", problem, remedy=remedy)
-    guesses = [_guessed(track, name, sizes[name], known) for name, track in tracks.items()]
-    return {guess.name: guess for guess, _ in guesses}, [note for _, note in guesses]
-
-
-def _guessed(track: KeypointTrack, name: str, size: Size | None, known: _KnownCameras) -> tuple[Camera, str]:
-    """A camera that no file describes, and a note on its lens."""
-    if size is None:
-        remedy = "give the clip, a camera file or --keypoint-size WxH"
-        raise InputError(track.source, "does not say the size of the image", remedy=remedy)
-    aspect = known.aspects.get(name, 1.0)
-    lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]), known.phone)
-    guess = guessed_camera(name, size, aspect, lens.focal, lens.std)
-    wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
-    pixels = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
-    return guess, described(lens, pixels, name)
-
-
-def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:
-    cameras = known.cameras or {}
-    if name in cameras:
-        return cameras[name]
-    if alone:
-        camera = next(iter(cameras.values()))
-        return replace(camera, name=name) if known.by_person else camera
-    remedy = f"cameras: {', '.join(cameras)}; choose with NAME=PATH"
-    raise InputError(known.source, f"there is no camera {name!r}", remedy=remedy)
-
-
 def _observations(
     body: Body,
     tracks: Mapping[str, KeypointTrack],
@@ -514,3 +382,49 @@ def _observations(
 
 def _unlike_instants(frames: np.ndarray | None) -> np.ndarray | None:
     return None if frames is None or np.array_equal(frames, np.arange(len(frames))) else frames
+
+
+OPTION = "--stereo"
+_TOGETHER = 0.1  # of a frame, by how much two pictures that were taken together may be apart
+
+
+def pairs_of(given: Pairs, cameras: Collection[str]) -> dict[str, str]:
+    """The camera on the right of each camera on the left: from `LEFT=RIGHT` texts or a mapping.
+
+    Raises
+    ------
+    InputError: no pair, an unknown camera, a camera paired with itself, a left one in two pairs.
+    """
+    pairs: dict[str, str] = {}
+    for left, right in named_pairs(given):
+        if left is None:
+            raise InputError(f"{OPTION} {right}", "is no pair of cameras", remedy="write LEFT=RIGHT")
+        place = f"{OPTION} {left}={right}"
+        for name in (left, right):
+            if name not in cameras:
+                remedy = f"cameras with clips: {', '.join(cameras) or 'none'}"
+                raise InputError(place, f"there is no camera {name!r}", remedy=remedy)
+        if left == right or left in pairs:
+            problem = "is one camera twice" if left == right else f"{left} makes a pair with {pairs[left]} too"
+            raise InputError(place, problem, remedy="write LEFT=RIGHT")
+        pairs[left] = right
+    return pairs
+
+
+def check_together(pairs: Mapping[str, str], clocks: Mapping[str, CameraClock], line: Timeline) -> None:
+    """Raise InputError for a pair whose pictures at an instant were not taken together: depth would be wrong."""
+    for left, right in pairs.items():
+        a, b = (clocks[name].offset + clocks[name].frames[line.frames[name]] for name in (left, right))
+        apart, frame = float(np.abs(a - b).max(initial=0.0)), 1.0 / max(clocks[left].rate, clocks[right].rate)
+        if apart > _TOGETHER * frame:
+            problem = f"their pictures are up to {1e3 * apart:.0f} ms apart"
+            remedy = "a pair that is synchronous, or --offset where only the clips' beginnings differ"
+            raise InputError(f"{OPTION} {left}={right}", problem, remedy=remedy)
+
+
+def check_depths(path: Path, image_size: tuple[int, int], count: int) -> None:
+    """Raise InputError for a folder that ends before the clip's `count` frames, or as `DepthFolder` does: found before
+    an hour of work, not after."""
+    folder = DepthFolder(path, image_size)
+    if len(folder) < count:
+        raise InputError(path, f"has depth pictures of {len(folder)} frames, the clip has {count}")

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.formats.opensim import upright_world
-from estimator.data.markers.handedness import mirrored
 from estimator.data.markers.load import load_points
 from estimator.data.markers.swaps import mirrored_swaps
 from estimator.data.markers.track import MarkerTrack
@@ -26,6 +25,9 @@ from kinemode.request import AUTO, POINTS, InputOptions
 _SIDES = ("left_", "right_")  # links of limbs begin so
 _FEWEST = 4  # markers that a subject and a file have to share
 _LISTED = 12  # names in a message
+_FEWEST_TRUNK = 4  # points of a frame; three lie in a plane, which a mirror maps to itself
+_FRAMES = 200  # that are checked, spread over the file
+_BETTER = 0.7  # residual of the mirrored fit over that of the other, from which on it counts
 
 
 def load_point_inputs(subject: Subject, files: InputOptions) -> tuple[Subject, Inputs]:
@@ -152,3 +154,26 @@ def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerS
         problem = f"the marker set {taken.name} has links that {subject.source} has not: {first_of(unknown, _LISTED)}"
         raise InputError("markers", problem, remedy="give an own set: kinemode subjects --markers FILE begins one")
     return taken
+
+
+def mirrored(model_points: np.ndarray, points: np.ndarray) -> bool:
+    """Whether points (T, M, 3) fit a model (M, 3) [m] clearly better mirrored than turned, in most frames.
+
+    Of points of one rigid link, or of pelvis and trunk, which differ from front to back: of a flat arrangement both fit
+    alike, and the answer is no. Missing points are NaN (S. Umeyama, IEEE PAMI 13(4), 1991, with scale).
+    """
+    answers = []
+    for frame in points[:: max(1, len(points) // _FRAMES)]:
+        seen = np.isfinite(frame).all(axis=1)
+        if seen.sum() < _FEWEST_TRUNK:
+            continue
+        a, b = model_points[seen], frame[seen]
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        turn, values, turn_back = np.linalg.svd(b.T @ a)
+        sign = np.sign(np.linalg.det(turn @ turn_back))
+        size = max(float((a**2).sum() * (b**2).sum()), 1e-30)
+        proper, improper = (
+            1.0 - (values[0] + values[1] + which * values[2]) ** 2 / size for which in (sign, -sign)
+        )  # of the squared distances, as a share
+        answers.append(improper < _BETTER**2 * proper)
+    return bool(len(answers) and np.mean(answers) > 0.5)

@@ -14,8 +14,8 @@ from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.outcome import ClipOutcome
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
+from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as
-from kinemode.terminal.progress import Reporter, unreported
 from viz.batch.entry import DONE
 
 

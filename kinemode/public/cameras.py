@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
 from kinemode.named import Named, PathLike, chosen_names, kept, named_paths
+from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.target import check_folder
-from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from estimator.data.boards.calibrate import BoardCalibration

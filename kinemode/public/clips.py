@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from kinemode.checks import check_exists
 from kinemode.named import PathLike
+from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.target import check_folder
-from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings

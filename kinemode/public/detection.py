@@ -14,9 +14,9 @@ from kinemode.detection.detectors import DetectorChoice
 from kinemode.named import Named, PathLike, named_paths
 from kinemode.notices import InputWarning
 from kinemode.option import takes
+from kinemode.progress import Reporter
 from kinemode.request import CLIP, KEYPOINTS, DetectorOptions, DetectRequest, FileOptions
 from kinemode.target import check_absent, check_folder, made_folder
-from kinemode.terminal.progress import Reporter
 
 
 @takes(DetectRequest)

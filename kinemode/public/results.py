@@ -12,8 +12,8 @@ from humanoid.support.errors import InputError
 from kinemode.checks import check_exists
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
+from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as
-from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from estimator.runs.contact import Contact

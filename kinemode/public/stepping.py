@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.checks import check_together
+from kinemode.checks import check_exists, check_together
+from kinemode.kinds import is_path
 from kinemode.named import chosen_names, matched, named_paths
-from kinemode.option import constructed_by, with_options
-from kinemode.public.arguments import check_arguments
+from kinemode.option import constructed_by, takes, with_options
+from kinemode.public.arguments import check_arguments, whole
+from kinemode.public.detection import checked_detector
 from kinemode.public.tracking import loaded_subject
-from kinemode.request import BACKGROUND, StepRequest
+from kinemode.request import BACKGROUND, LiveRequest, StepRequest
+from kinemode.target import RunTarget
+
+if TYPE_CHECKING:
+    from kinemode.streams.session import Session
 
 if TYPE_CHECKING:
     import numpy as np
@@ -120,3 +127,45 @@ def _cameras(request: StepRequest) -> tuple[Camera, ...]:
 
 
 Tracker.__doc__ = with_options(Tracker.__doc__, StepRequest)
+
+
+@takes(LiveRequest)
+def live(request: LiveRequest) -> Session:
+    """Track a camera, or a file as if it were one, with a preview that moves; until it ends, or Ctrl-C.
+
+    An image that is overtaken by the next one while another is tracked is dropped.
+
+    Parameters
+    ----------
+    OPTIONS
+
+    Returns
+    -------
+    What became of it: images that were tracked and dropped, statuses, seconds.
+
+    Raises
+    ------
+    InputError: no such camera or clip, a detector that cannot be had; and as `kinemode.Tracker`.
+    """
+    check_together(request)
+    device = _device(request.source)
+    if request.keypoints is None:
+        checked_detector(request)
+    elif is_path(request.keypoints):
+        check_exists(str(request.keypoints))
+    if request.out is not None:
+        RunTarget(Path(request.out), False, request.overwrite).check()
+    loaded = loaded_subject(request.subject)
+    from kinemode.streams.job import track_live
+
+    return track_live(loaded, device, request)
+
+
+def _device(source: int | str | Path) -> int | Path:
+    """The number of a camera, also as text, or the path of a clip that is there."""
+    if not isinstance(source, (str, Path)):
+        return whole("source", source, 0)
+    if str(source).isdecimal():
+        return int(str(source))
+    check_exists(source)
+    return Path(source)

@@ -70,12 +70,12 @@ def fit(request: FitRequest) -> Fit:
     with reading(request, request.out) as (files, _):
         loaded = loaded_subject(request.subject)
         if request.points is not None:
-            from kinemode.from_points import fit_to_points
+            from kinemode.fits import fit_to_points
 
             return fit_to_points(loaded, request)
-        from kinemode import jobs
+        from kinemode.fits import fit_subject
 
-        return jobs.fit_subject(loaded, files, request)
+        return fit_subject(loaded, files, request)
 
 
 @takes(CompareRequest)
@@ -118,17 +118,11 @@ def reading(
 
 def _work(request: TrackRequest) -> Callable[..., Run | dict[str, Run]]:
     """What tracks one person, or everybody, or by points."""
+    from kinemode import jobs
+
     if request.points is not None:
-        from kinemode.from_points import track_points
-
-        return lambda loaded, _, wanted: track_points(loaded, wanted)
-    if wants_all(request.person):
-        from kinemode.everybody import track_everybody
-
-        return track_everybody
-    from kinemode.jobs import track_subject
-
-    return track_subject
+        return lambda loaded, _, wanted: jobs.track_points(loaded, wanted)
+    return jobs.track_everybody if wants_all(request.person) else jobs.track_subject
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:

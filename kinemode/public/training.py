@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
 from kinemode.named import PathLike
+from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.public.tracking import loaded_subject
 from kinemode.target import check_absent, check_folder
-from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

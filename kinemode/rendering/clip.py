@@ -22,10 +22,10 @@ from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
 from kinemode.notices import InputWarning
+from kinemode.progress import Reporter, unreported
 from kinemode.rendering.files import RenderedClip, WantedFiles
 from kinemode.rendering.motions import configurations, is_authored
 from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
-from kinemode.terminal.progress import Reporter, unreported
 
 _FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
 _GIRTHS = (0.5, 1.6)

@@ -19,9 +19,9 @@ from estimator.synthesis.detector import without
 from estimator.synthesis.plate import ORIGIN, MotionArea
 from estimator.synthesis.render import Maps
 from humanoid.kinematics.body import Body, PosedBody
+from kinemode.progress import Progress, Reporter, unreported
 from kinemode.rendering.files import RenderedClip, WantedFiles, clip_files
 from kinemode.target import made_folder
-from kinemode.terminal.progress import Progress, Reporter, unreported
 
 _FARTHEST = 65536.0  # mm, beyond what 16 bits hold
 

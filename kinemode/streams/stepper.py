@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from threadpoolctl import ThreadpoolController
 from estimator.data.cameras.camera import Camera
 from estimator.data.floor import OFF, KnownFloor
 from estimator.data.formats.cameras import declared_floor
-from estimator.data.media.stream import PictureStream
+from estimator.data.media.clip import DEFAULT_FPS, Clip, ClipReport
 from estimator.data.observation import Observation
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
@@ -34,14 +35,15 @@ from kinemode.initialisation import check_cue
 from kinemode.inputs.declared import known_floor as given_floor
 from kinemode.notices import InputWarning
 from kinemode.pictures import cue_choice
+from kinemode.progress import unreported
 from kinemode.request import StreamOptions
 from kinemode.settings import Chosen, choose
 from kinemode.streams.observing import Observer
 from kinemode.streams.step import Delay, Step
-from kinemode.terminal.progress import unreported
 
 _AHEAD, _WARM_UP, _RATE = 4.0, 3, 30.0  # m from the camera, frames, frames per second
 Watcher = Callable[[Observation, FrameResult], None]
+_KEPT = 2  # a cue reads a picture and the one before
 
 
 @dataclass(frozen=True)
@@ -178,3 +180,35 @@ def _chosen_cues(given: str | Iterable[str], chosen: Chosen) -> CueSettings | No
         if name not in chosen.settings.cues.used:
             raise InputError("cues", f"the settings switch {name} off", remedy=f"leave out cues.use_{name}")
     return chosen.settings.cues.using(choice) if choice else None
+
+
+class PictureStream(Clip):
+    """A clip that has no end: pictures are put in, the last two can be read.
+
+    name: what errors call it.
+    """
+
+    def __init__(self, name: str, image_size: tuple[int, int]) -> None:
+        self.path, self.image_size = Path(name), image_size
+        self.fps, self.frame_count, self.rate_known = DEFAULT_FPS, None, False
+        self._latest: dict[int, np.ndarray] = {}
+
+    def put(self, index: int, picture: np.ndarray) -> None:
+        """Take the picture (H, W, 3) uint8 BGR of a frame, the one after the frame that was put in before."""
+        self._latest = {**{i: p for i, p in self._latest.items() if i > index - _KEPT}, index: picture}
+
+    def frame(self, index: int) -> np.ndarray:
+        """See `Clip.frame`; IndexError also for a picture that is not kept any more."""
+        if index not in self._latest:
+            raise IndexError(f"{self.path} has no frame {index}")
+        return self._latest[index]
+
+    def frames(self, start: int = 0) -> Iterator[np.ndarray]:
+        """Those that are there, see `Clip.frames`."""
+        return (picture for index, picture in sorted(self._latest.items()) if index >= start)
+
+    @cached_property
+    def report(self) -> ClipReport:
+        """There is none: raises InputError."""
+        problem = "pictures that come one by one show no whole clip to learn a background or a floor from"
+        raise InputError(str(self.path), problem, remedy="give a picture of the empty scene, or leave out that cue")

@@ -17,7 +17,7 @@ class BatchEntry:
     """One clip of a batch as the table and the page show it.
 
     status: one of `STATUSES`. message: the error of a failed one, else a finding. frames, hard, unobserved, doubtful:
-    see `viz.batch.facts.RunFacts`. error [m]: mean joint error against the row's reference. seconds: of wall-clock
+    as `run_facts` counts them. error [m]: mean joint error against the row's reference. seconds: of wall-clock
     time. processor_seconds: of all its threads. thumbnail, report, run: paths relative to the page, "" where there is
     none.
 

@@ -11,9 +11,8 @@ from estimator.data.cameras.camera import UPS
 from estimator.data.formats.checked_json import LARGEST
 from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person, output_kind, outputs_note
 from estimator.data.formats.markers import check_spread
-from estimator.data.formats.opensim import checked_unit, metres_in
+from estimator.data.formats.opensim import checked_unit, frame_rate, metres_in
 from estimator.data.formats.point_arrays import checked_rate
-from estimator.data.markers.clock import with_clock
 from estimator.data.markers.merging import merged
 from estimator.data.markers.readers import UNIT_OPTION, read_points
 from estimator.data.markers.track import MarkerTrack, PointFile, Said
@@ -21,6 +20,7 @@ from estimator.data.repeats import measured_points
 from humanoid.support.errors import InputError, first_of, shown
 
 _LISTED = 6  # names in a note
+_OFF = 0.02  # by which part a rate may differ from the times
 
 
 def load_points(
@@ -133,3 +133,55 @@ def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) ->
         frame, marker = wrong[0]
         place, remedy = f"frame {frame}, {shown(names[marker])}", "leave it empty where it is missing"
         raise InputError(file.path, f"is infinite, or at least {LARGEST:g} m away", place=place, remedy=remedy)
+
+
+def with_clock(file: PointFile, said: Said) -> PointFile:
+    """The file with a time for every frame: its own where they rise and fit its rate, else by the rate.
+
+    Raises
+    ------
+    InputError: times that do not rise, with the frame, or that contradict the rate; neither times nor a rate.
+    """
+    path, time, fps = file.path, file.time, said.fps
+    if time.shape != (len(file.points),):
+        raise InputError(path, f"has {time.size} times of {len(file.points)} frames", place="time")
+    rate = file.rate if np.isfinite(file.rate) else None
+    if rate is not None:
+        checked_rate(path, rate)
+    if np.isnan(time).all():
+        counted = fps or rate
+        if counted is None:
+            raise InputError(path, "has neither times nor frames per second", remedy="--fps gives them")
+        return file._replace(time=np.arange(len(time)) / counted, notes=file.notes + _taken(file, rate, fps))
+    if not _rises(time):
+        if fps is None:
+            at = int(np.argmax(~(np.abs(time) < LARGEST) | ~np.append(True, np.diff(time) > 0.0)))
+            what = f"{time[at - 1]:g} s is followed by {time[at]:g} s" if at else f"{time[at]:g} s is not a time"
+            remedy = "mend the times, or --fps counts the frames instead"
+            raise InputError(path, f"times do not rise: {what}", place=f"frame {at}", remedy=remedy)
+        note = f"{path.name}: its times do not rise, frames are counted at --fps {fps:g}"
+        return file._replace(time=np.arange(len(time)) / fps, notes=(*file.notes, note))
+    own = frame_rate(time) if len(time) > 1 else rate or fps or frame_rate(time)
+    if fps is not None:
+        kept = _alike(own, fps)
+        return file._replace(time=time if kept else time * own / fps, notes=file.notes + _taken(file, own, fps))
+    if rate is not None and not _alike(own, rate):
+        problem = f"its times have {own:.4g} frames per second, its header declares {rate:.4g}"
+        raise InputError(path, problem, place="time", remedy="correct one of them, or give the right one with --fps")
+    checked_rate(path, own)
+    return file
+
+
+def _rises(time: np.ndarray) -> bool:
+    return bool((np.abs(time) < LARGEST).all() and (np.diff(time) > 0.0).all())
+
+
+def _alike(first: float, second: float) -> bool:
+    return abs(first / second - 1.0) < _OFF
+
+
+def _taken(file: PointFile, own: float | None, fps: float | None) -> tuple[str, ...]:
+    """A note where the user's rate takes the place of the file's."""
+    if fps is None or own is None or _alike(own, fps):
+        return ()
+    return (f"{file.path.name} has {own:.4g} frames per second: --fps {fps:g} is taken",)

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.lags import Lags
 from estimator.data.media.threads import one_thread
-from estimator.data.rigs.clocks import clock_lags
+from estimator.data.moving_rays import MovingRays, speed_disagreement
+from estimator.data.people.up_direction import up_direction
+from estimator.data.rigs.bundle import RigState
 from estimator.data.rigs.filmed import FILM, FilmedPerson
 from estimator.data.rigs.posing import posed_rig
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
 from estimator.data.rigs.steadiness import CameraMove, camera_move, strange_cameras
 from estimator.data.rigs.views import JointView
-from estimator.data.rigs.world import RigWorld, rig_world
-from estimator.data.synchronisation import SURE_MARGIN, synchronised
+from estimator.data.synchronisation import LONGEST, PEAK, SURE_MARGIN, synchronised
 from estimator.numerics.angles import angle_between
 from estimator.numerics.typical import typical_distance
+from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -33,6 +37,13 @@ _PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one 
 _FLAT = 0.06  # m: of points in a plane, across it
 NARROW = 25.0
 """Degrees between cameras, seen from the person, below which they tell little of depth."""
+_LOW = 10.0  # percentile of the ankles' heights that is that of feet on the floor
+_LEVEL = np.radians(60.0)  # between the person's up and the cameras', at most
+_SEEN = 50  # ankles
+_STEP = 1.0 / 30.0  # s: of the instants, at least
+_TRUSTED = 1.0  # s in common at which half of what a lag says is believed
+_SHORTEST = 0.3  # s in common
+_OTHERS = 3
 
 
 @dataclass(frozen=True)
@@ -329,3 +340,106 @@ def _spread(points: np.ndarray) -> np.ndarray:
     """Standard deviations (3,) [m] of points (N, 3) along their principal axes, the largest first."""
     off = points - points.mean(axis=0)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(off.T @ off / len(off))[::-1], 0.0)))
+
+
+@dataclass(frozen=True)
+class RigWorld:
+    """R_world_rig (3, 3), t_world_rig (3,) [m]: x_world = R size x_rig + t, of the world from the first camera's frame.
+    size: metres in a unit of that frame. up_from: who says which way is up, "person" or "cameras"; up_sure: whether the
+    person's balance and the floor tell it to about two degrees."""
+
+    R_world_rig: np.ndarray
+    t_world_rig: np.ndarray
+    size: float
+    up_from: str
+    up_sure: bool = False
+
+    def camera(self, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R_camera_world and t_camera_world of a camera R, t in the rig's frame."""
+        R_camera_world = R @ self.R_world_rig.T
+        return R_camera_world, self.size * t - R_camera_world @ self.t_world_rig
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the rig's frame in the world."""
+        return self.size * points @ self.R_world_rig.T + self.t_world_rig
+
+
+def rig_world(
+    body: Body, names: Sequence[str], state: RigState, instants: np.ndarray, size: float
+) -> RigWorld:  # fmt: skip
+    """The world in which the person stands: up by balance and floor, or as the cameras are held; x is level along the
+    first camera's axis; the origin is on the floor under the middle of the person's places."""
+    level = -state.R[:, 1].mean(axis=0)
+    level /= np.linalg.norm(level)
+    told = up_direction(names, size * state.points, instants)
+    by_person = told is not None and float(told.direction @ level) > np.cos(_LEVEL)
+    up = told.direction if told is not None and by_person else level
+    ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    ahead = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 0.1 else np.cross([1.0, 0.0, 0.0], up)
+    R = np.stack([ahead, np.cross(up, ahead), up])
+    places = size * state.points @ R.T
+    middle = np.nanmedian(places.reshape(-1, 3), axis=0)
+    middle[2] = _floor(body, names, places, size)
+    sure = by_person and told is not None and told.sure
+    return RigWorld(R, -middle, size, "person" if by_person else "cameras", sure)
+
+
+def _floor(body: Body, names: Sequence[str], places: np.ndarray, size: float) -> float:
+    """Height of the floor under places (T, J, 3) [m]: that of low ankles less an ankle's own; of the lowest place where
+    there are none."""
+    ankles = [i for i, name in enumerate(names) if name.endswith("_ankle")]
+    heights = places[:, ankles, 2]
+    heights = heights[np.isfinite(heights)]
+    if len(heights) < _SEEN:
+        return float(np.nanmin(places[..., 2]))
+    lowest = FloorDistances(body, np.array([0.0, 0.0, 1.0]), 0.0).lowest(body.placed(body.neutral[None]))[0]
+    own = body.landmarks(body.at(body.neutral))[[body.landmark_names.index(names[i]) for i in ankles], 2].mean()
+    above = float(own - lowest) if np.isfinite(lowest) else 0.0
+    return float(np.percentile(heights, _LOW)) - size * above
+
+
+def clock_lags(views: Sequence[JointView]) -> list[np.ndarray]:
+    """How much later each clock is read (C,) [s], the first one's 0, for the speeds of all to agree: the best, then
+    others in which one clock has another lag that is better than its neighbours, as walking looks alike a stride later.
+    None where nobody moves, or no two cameras have a time in common."""
+    step = max(_STEP, *(float(np.median(np.diff(view.times))) for view in views))
+    begin, end = min(view.times[0] for view in views), max(view.times[-1] for view in views)
+    grid = np.arange(begin, end + 1.5 * step, step)
+    logs = [MovingRays.of(v.camera, v.pixels, v.times, grid).log_speed for v in views]
+    most = min(round(LONGEST / step), len(grid) - 1)
+    pairs = list(combinations(range(len(views)), 2))
+    table = np.array([_table(logs[a], logs[b], most, step) for a, b in pairs])
+    if np.ptp(table) == 0.0:
+        return []
+    a, b = (np.array([pair[k] for pair in pairs]) for k in range(2))
+    lags = Lags(a, b, table, most)
+    best = lags.best(len(views), [0])
+    return [step * each.astype(float) for each in (best, *_others(lags, best, step))]
+
+
+def _others(lags: Lags, best: np.ndarray, step: float) -> list[np.ndarray]:
+    """The next best, in which one clock is read otherwise."""
+    others: list[tuple[float, np.ndarray]] = []
+    for c in range(1, len(best)):
+        options = np.repeat(best[None], 2 * lags.most + 1, axis=0)
+        options[:, c] = np.arange(-lags.most, lags.most + 1)
+        costs = np.array([lags.of(option) for option in options])
+        inner = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
+        inner = inner[np.abs(options[inner, c] - best[c]) * step > PEAK]
+        others += [(costs[i], options[i]) for i in inner[np.argsort(costs[inner])][:_OTHERS]]
+    return [option for _, option in sorted(others, key=lambda pair: pair[0])[:_OTHERS]]
+
+
+def _table(first: np.ndarray, second: np.ndarray, most: int, step: float) -> np.ndarray:
+    """What speaks against each lag (2 most + 1,) of the second camera, from logarithms of speeds (T, J): half the
+    logarithm of what the one's leave of the variance of the other's, drawn to the usual where little is in common."""
+    values = np.zeros(2 * most + 1)
+    for lag in range(-most, most + 1):
+        i = np.arange(max(0, -lag), len(first) - max(0, lag))
+        a, b = first[i], second[i + lag]
+        seen = np.isfinite(a) & np.isfinite(b)
+        common = step * float(np.count_nonzero(seen.any(axis=1)))
+        if common < _SHORTEST:
+            continue
+        values[lag + most] = speed_disagreement(a, b, seen) * common / (common + _TRUSTED)
+    return values

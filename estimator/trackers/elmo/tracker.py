@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 
+from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED, StepCounts
 from estimator.inference.merge import best_distinct
 from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
-from estimator.inference.reweighting import diffusion_std, reweighted
 from estimator.search.cost_model import per_dof
 from estimator.search.examples.lookup import Lookup
 from estimator.search.examples.person_seen import CUES, can_look_up, sees_person
@@ -24,19 +25,32 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
+from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
 from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import FROM_A_PAPER, together
-from estimator.trackers.elmo.lookup_picture import lookup_picture
+from estimator.trackers.elmo.reweighting import diffusion_std, reweighted
 from estimator.trackers.elmo.settings import ElmoSettings
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, enough_keypoints
 from estimator.trackers.mixture_state import MixtureState, classify_frame, predict_unobserved, search_counts
 from estimator.trackers.spec import Spec, by_search
-from estimator.vision.cues.cue_picture import CuePicture
+from estimator.vision.cues.cue_picture import CuePicture, Dots, PixelLines, dimmed
+from estimator.vision.edge_histogram import edges_by_direction
+from estimator.vision.person_view import square_transform
 from humanoid.kinematics.body import ROOT_JOINT, Body
 from humanoid.support.unused import unused_where
+
+_OWN: dict[str, Any] = {
+    "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
+    "cost": {"stabiliser_weight": 0.25},
+    "cues": {"silhouette": {"evidence": 20.0}},
+}
+"""A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
+does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do
+not look for in every frame, have the same silhouette but for its errors: it counts for less."""
+NAME = "examples"
 
 
 @dataclass(frozen=True)
@@ -241,16 +255,6 @@ def _diagnostics(lookups: Sequence[Lookup], starts: Sequence[Hypothesis], steps:
     }
 
 
-_OWN: dict[str, Any] = {
-    "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
-    "cost": {"stabiliser_weight": 0.25},
-    "cues": {"silhouette": {"evidence": 20.0}},
-}
-"""A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
-does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do
-not look for in every frame, have the same silhouette but for its errors: it counts for less."""
-
-
 def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDEX) -> Spec:
     return Spec(
         name=name,
@@ -281,3 +285,41 @@ SPECS = (
         BY_KEYPOINTS,
     ),
 )
+
+
+def lookup_picture(
+    body: Body, anatomy: Anatomy, side: float, cues: ImageCues, lookup: Lookup, modes: Sequence[np.ndarray]
+) -> CuePicture:
+    """The edges that a person was looked up by, the limbs of the examples, the nearest the strongest, and those of the
+    modes that were reached, the likeliest the strongest.
+
+    side [m]: of the square that was cut out. modes (K) of (nq,).
+    """
+    to_square = square_transform(cues.camera, lookup.frame, side)
+    rows, columns = np.nonzero(np.any(edges_by_direction(lookup.square, lookup.where), axis=0))
+    edges = (np.stack([columns, rows], axis=1) - to_square[:, 2]) / to_square[0, 0]
+    return CuePicture(
+        NAME,
+        "edges, examples and modes",
+        cv2.cvtColor(dimmed(cues.picture), cv2.COLOR_GRAY2BGR),
+        [
+            Dots(edges, "text", 0.7),
+            _limbs(body, anatomy, cues, list(lookup.q), "hypothesis"),
+            _limbs(body, anatomy, cues, modes, "good"),
+        ],
+        [("edges looked up", "text"), ("examples", "hypothesis"), ("modes", "good")],
+    )
+
+
+def _limbs(body: Body, anatomy: Anatomy, cues: ImageCues, poses: Sequence[np.ndarray], colour: str) -> PixelLines:
+    """Both segments of every limb of some poses, fainter from one to the next."""
+    ends, weight = [], []
+    for k, q in enumerate(poses):
+        pixels = cues.camera.project(body.landmarks(body.at(q)))
+        for limb in anatomy.limbs:
+            root, middle, end = pixels[limb.landmarks]
+            ends += [(root, middle), (middle, end)]
+            weight += [1.0 / (1.0 + k)] * 2
+    seen = np.array(ends).reshape(-1, 2, 2)
+    inside = np.isfinite(seen).all(axis=(1, 2))
+    return PixelLines(seen[inside, 0], seen[inside, 1], colour, np.array(weight)[inside])

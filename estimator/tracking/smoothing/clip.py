@@ -17,14 +17,16 @@ from estimator.energy.cost import Cost
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import Solution
 from estimator.energy.priors import Transition
-from estimator.inference.best_path import best_path
+from estimator.inference.best_path import best_path, path_weights
 from estimator.inference.ground import Ground
+from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.newton import STALLED
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.jumps.readings import ACROSS, has_both
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
+from estimator.tracking.smoothing.chain import FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
 from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.lasting_errors import by_whole_error, without_lasting
@@ -35,10 +37,9 @@ from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.smoothed import Smoothed, smooth
 from estimator.tracking.smoothing.stances import Stances
 from estimator.tracking.smoothing.ties import Ties
-from estimator.tracking.smoothing.uncertainty import TrajectoryUncertainty
 from humanoid.collision.clearance import Clearances
 from humanoid.collision.floor import FloorDistances
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList, Spill, SpilledList
 
 _FEW = 3  # Newton steps between two estimates of the pace
@@ -46,6 +47,8 @@ _HOLDS = 2  # rounds in which the points that stand are found again
 _DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
 _SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
+_MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
+_MARGIN = 30  # frames beyond some by which these are computed
 
 
 def smooth_track(
@@ -304,3 +307,43 @@ def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
     start = Solution(held.at(q), STALLED, np.inf, 0)
     return separate(search.seeker, clearance, held, start, contact).q
+
+
+class TrajectoryUncertainty:
+    """Of trajectories through frames at times (T,) [s], rising.
+
+    prior: energy that does not depend on observations. The evidence of frames is correlated for `settings.lasting`.
+    """
+
+    def __init__(self, prior: Cost, times: np.ndarray, motion: MotionPrior, settings: SmoothSettings) -> None:
+        self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
+        self._motion = motion
+
+    def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> Iterator[np.ndarray]:
+        """(nv, nv) of each of the poses q (T, nq), see `FrameChain.covariances`. costs (T): energy of each frame. ties
+        (T): of each frame to the one before.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: nothing holds a pose.
+        """
+        window, count = self._settings.window, len(q)
+        for first in range(0, count, window):
+            last = min(count, first + window)
+            low, high = max(0, first - _MARGIN), min(count, last + _MARGIN)
+            chain = FrameChain(
+                self._body, costs[low:high], self._times[low:high], self._motion.frames(low, high),
+                self._settings.tolerance, ties[low + 1 : high],
+            )  # fmt: skip
+            prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
+            yield from chain.covariances(q[low:high], self._settings.lasting, prior)[first - low : last - low]
+
+    def weights(
+        self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray], between: MotionPrior
+    ) -> list[np.ndarray]:
+        """See `path_weights`: of modes q (T) of (K, nq) with energies (T) of (K,); between: the prior between them."""
+        dt = np.maximum(np.diff(self._times), SHORTEST_STEP)
+        shares = frame_shares(dt, self._settings.lasting)
+        counted = [share * energy for share, energy in zip(shares, energies, strict=True)]
+        between = between._replace(correlation=max(between.correlation, _MOVEMENT))
+        return path_weights(self._body, q, counted, self._times, between)

@@ -1,0 +1,78 @@
+"""The work behind `kinemode.fit`: a subject with a person's lengths, from keypoints and images or from points."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+from threadpoolctl import threadpool_limits
+
+from estimator.trackers.markers import NAME
+from estimator.tracking.fitting import person
+from estimator.tracking.fitting.fit import Fit, bound_note
+from estimator.tracking.fitting.keypoint_noise import given_noise
+from estimator.tracking.fitting.markers import fit_markers
+from estimator.tracking.registry import settings_for
+from estimator.tracking.settings import Settings
+from humanoid.kinematics.body import Body
+from humanoid.subject.keypoint_places import with_layout_places
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError
+from kinemode.initialisation import (
+    check_keypoints,
+)
+from kinemode.inputs.load import load_inputs
+from kinemode.inputs.points import load_point_inputs
+from kinemode.jobs import check_markers
+from kinemode.named import PathLike
+from kinemode.notices import FindingWarning, InputWarning
+from kinemode.pictures import chosen_cues, cue_choice, doubts, notes_on, opened_cues
+from kinemode.request import FileOptions, FitRequest
+
+
+def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit:
+    """What `kinemode.fit` does once its arguments are checked; files: what is read, in place of what the request
+    has."""
+    choice = cue_choice(request.cues)
+    if not loaded.proportions:
+        raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
+    with threadpool_limits(limits=1):
+        inputs = load_inputs(Body(loaded), files)
+        loaded = with_layout_places(loaded, inputs.layout)
+        check_keypoints(loaded, inputs.observations)
+        chosen = chosen_cues(choice, inputs, Settings().cues)
+        with opened_cues(loaded, inputs, chosen) as reader:
+            notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
+            if reader is not None and chosen is not None:
+                notes += (*reader.notes, *doubts(reader, inputs, chosen))
+            for note in notes:
+                warnings.warn(note, InputWarning, stacklevel=4)
+            noise = given_noise(inputs.noise, inputs.observations, Settings().cost.keypoint_noise)
+            seen = [replace(o, noise=noise) for o in inputs.observations]
+            result = person.fit_person(
+                loaded, seen, reader, seed=request.seed, height=request.height, floor=inputs.floor
+            )
+    return kept_fit(result, request.out)
+
+
+def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
+    """The same, written where it is to be; what it says against its input is told to who has called for it."""
+    for note in fit.notes:
+        warnings.warn(note, InputWarning, stacklevel=5)
+    if said := bound_note(fit.subject):
+        warnings.warn(said, FindingWarning, stacklevel=5)
+    if out is not None:
+        fit.subject.write(out)
+    return fit
+
+
+def fit_to_points(loaded: Subject, request: FitRequest) -> Fit:
+    """What `kinemode.fit` does with points once its arguments are known to be of the right kinds."""
+    with threadpool_limits(limits=1):
+        marked, inputs = load_point_inputs(loaded, request)
+        check_markers(inputs)
+        for note in (*marked.notes, *inputs.notes):
+            warnings.warn(note, InputWarning, stacklevel=4)
+        moving, static = inputs.observations, inputs.static
+        result = fit_markers(marked, moving, static, seed=request.seed, track_settings=settings_for(NAME))
+    return kept_fit(result, request.out)
