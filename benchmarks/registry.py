@@ -465,6 +465,12 @@ MEASURES = (
     ),
     # robustness
     Measure(
+        "benchmarks.robustness.structure",
+        "Modules and lines, the files that an observation crosses within a frame, and those that know an option.",
+        "at most 8 files for an observation, 4 for an option",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.robustness.bits",
         "Whether a change of the code changes a bit of what is tracked: fixed cases, hashed and compared.",
         "22 of 22 equal",

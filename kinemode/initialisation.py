@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
-from estimator.data.observation import Observation
+from estimator.data.observation import MIN_POINTS, Observation
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
 from estimator.vision.cues.base import Cue
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import Subject
@@ -20,7 +19,7 @@ from kinemode.settings import Chosen
 
 def check_keypoints(subject: Subject, observations: Sequence[Observation]) -> None:
     """Raise InputError where no frame has enough keypoints for a pose."""
-    if not any(enough_keypoints(o) for o in observations):
+    if not any(o.has_enough_points for o in observations):
         raise _too_few(subject)
 
 
@@ -86,11 +85,11 @@ def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
 
 def notes_on_fit(observations: Sequence[Observation]) -> list[str]:
     """What a user should hear where a subject was to be fitted to the person and there is nothing to fit it to."""
-    if any(enough_keypoints(o) for o in observations):
+    if any(o.has_enough_points for o in observations):
         return []
-    return [f"no frame has {MIN_KEYPOINTS} keypoints: the subject is not fitted to the person, but taken as it is"]
+    return [f"no frame has {MIN_POINTS} keypoints: the subject is not fitted to the person, but taken as it is"]
 
 
 def _too_few(subject: Subject) -> InputError:
-    problem = f"no frame has {MIN_KEYPOINTS} or more of the subject's landmarks"
+    problem = f"no frame has {MIN_POINTS} or more of the subject's landmarks"
     return InputError("keypoints", problem, remedy=f"landmarks: {', '.join(m.name for m in subject.landmarks)}")

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimator.data.observation import Observation, PoseEstimate
+from estimator.data.observation import MIN_POINTS, Observation, PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
@@ -22,7 +22,6 @@ from estimator.runs.unobserved import unseen_by, unseen_joints_note
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.capabilities import capabilities_of
-from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.markers import NAME
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import stature
@@ -350,9 +349,9 @@ def track_points(loaded: Subject, request: TrackRequest) -> Run:
 
 def check_markers(inputs: Inputs) -> None:
     """Raise InputError where no frame has enough markers for a pose."""
-    if not any(enough_keypoints(o) for o in inputs.observations):
+    if not any(o.has_enough_points for o in inputs.observations):
         names = ", ".join(str(path) for path in inputs.points)
-        raise InputError(names, f"no frame has {MIN_KEYPOINTS} of the subject's markers", remedy="check --markers")
+        raise InputError(names, f"no frame has {MIN_POINTS} of the subject's markers", remedy="check --markers")
 
 
 def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) -> dict[str, Run]:

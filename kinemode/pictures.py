@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.trackers.initialisation import enough_keypoints
 from estimator.tracking.unused_settings import UnusedSetting
 from estimator.vision.likelihood.reader import CueReader, ReadAhead, persons_before
 from estimator.vision.likelihood.registry import CUES, cues_of
@@ -74,7 +73,7 @@ def chosen_cues(
 
 def keypoint_share(inputs: Inputs) -> float:
     """Share of the frames whose keypoints are enough for a pose."""
-    return sum(enough_keypoints(o) for o in inputs.observations) / len(inputs.observations)
+    return sum(o.has_enough_points for o in inputs.observations) / len(inputs.observations)
 
 
 def names_of(settings: CueSettings | None) -> tuple[str, ...]:
@@ -84,7 +83,7 @@ def names_of(settings: CueSettings | None) -> tuple[str, ...]:
 
 def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> list[str]:
     """What a user should know of the choice."""
-    usable = [enough_keypoints(o) for o in inputs.observations]
+    usable = [o.has_enough_points for o in inputs.observations]
     count = f"keypoints in {sum(usable)} of {len(usable)} frames"
     if choice is None and chosen is not None:
         return [f"{count}: the pictures are used too ({', '.join(names_of(chosen))})"]
@@ -95,7 +94,7 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
 
 def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
     """The cameras in which a cue is not where the first keypoints are, where there are any."""
-    first = next((o for o in inputs.observations if enough_keypoints(o)), None)
+    first = next((o for o in inputs.observations if o.has_enough_points), None)
     notes: list[str] = []
     if first is None:
         return notes

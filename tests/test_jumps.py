@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders import bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.search.jumps import REACHED, KinematicJumps, only_camera
+from estimator.search.jumps import REACHED, KinematicJumps
 from estimator.search.jumps.angles import limb_turns
 from estimator.search.jumps.descent import placed
 from estimator.search.jumps.interpretations import JointPrior
@@ -197,9 +197,9 @@ def test_a_body_without_limbs_has_no_jumps() -> None:
 def test_depth_is_open_to_one_camera_alone() -> None:
     body = body_of("human34")
     seen = observe(body, body.neutral, (CAMERA, camera_at(110.0)))
-    assert only_camera(seen) is None
+    assert seen.only_camera is None
     seen.confidence[0] = 0.0
-    assert only_camera(seen) is seen.cameras[1]
+    assert seen.only_camera is seen.cameras[1]
 
 
 def test_limbs_change_places_in_the_image() -> None:

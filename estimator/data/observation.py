@@ -10,6 +10,9 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 
+MIN_POINTS = 4
+"""Keypoints and markers; fewer do not constrain a search."""
+
 
 class PoseEstimate(NamedTuple):
     """A pose q (nq,) and its covariance (nv, nv) in the tangent space there, zero where active limits hold it."""
@@ -80,6 +83,24 @@ class Observation:
         if self.markers is None:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(np.isfinite(self.markers).all(axis=1))
+
+    @property
+    def has_enough_points(self) -> bool:
+        """Whether keypoints and markers are enough for a pose."""
+        return self.count + len(self.known_markers) >= MIN_POINTS
+
+    @property
+    def is_observed(self) -> bool:
+        """Whether there is enough to search from a known pose: keypoints, or images in which some cue has features."""
+        return self.has_enough_points or any(len(cues) for cues in self.cues)
+
+    @property
+    def only_camera(self) -> Camera | None:
+        """The camera that alone sees the body; None where several do, since depth is then known."""
+        if self.cues:
+            return self.cameras[0] if len(self.cues) == 1 else None
+        seeing = np.flatnonzero((self.confidence > 0.0).any(axis=1))
+        return self.cameras[int(seeing[0])] if len(seeing) == 1 else None
 
     @property
     def known_pixels(self) -> np.ndarray:

@@ -10,7 +10,6 @@ from estimator.numerics.alignment import similarity_onto
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_modes
 from estimator.search.hypothesis import Hypothesis
-from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.search.settings import BY_INDEX
@@ -44,7 +43,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     likelihood = search.likelihood(observation, modes.modes[0].q)
     case = case._replace(likelihood=likelihood)
     names = [association.name for association in associations]
-    camera = only_camera(observation)
+    camera = observation.only_camera
     if likelihood.cameras or (camera is not None and (search.jumps.limbs or search.jumps.parts)):
         again = [
             Hypothesis(q, names.index(mode.association))

@@ -19,7 +19,6 @@ from estimator.inference.mixture import Mode
 from estimator.inference.origin import Origin, PoseKey, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Association, Candidate, Hypothesis, Refined
-from estimator.search.jumps import only_camera
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.vision.cues.base import PastPose
@@ -39,8 +38,8 @@ class FrameProblem(NamedTuple):
 
     @property
     def only_camera(self) -> Camera | None:
-        """See `estimator.search.jumps.only_camera`."""
-        return only_camera(self.associations[0].term.observation)
+        """See `Observation`."""
+        return self.associations[0].term.observation.only_camera
 
 
 class FrameSearch:

@@ -1,4 +1,4 @@
-"""Which frames are enough: to begin by keypoints or an index of examples, and to be searched."""
+"""Which frames a track can begin with: by keypoints, or by an index of examples."""
 
 from __future__ import annotations
 
@@ -7,19 +7,6 @@ from estimator.search.examples.person_seen import CUES, can_look_up
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.capabilities import Capabilities
-
-MIN_KEYPOINTS = 4  # fewer do not constrain a search
-
-
-def enough_keypoints(observation: Observation) -> bool:
-    """Whether a frame has enough keypoints, or markers, for a pose."""
-    return observation.count + len(observation.known_markers) >= MIN_KEYPOINTS
-
-
-def observable(observation: Observation) -> bool:
-    """Whether a frame has enough to be searched from a pose that is known: keypoints, or pictures in which some cue
-    reads something."""
-    return enough_keypoints(observation) or any(len(cues) for cues in observation.cues)
 
 
 class Initialisation:
@@ -42,5 +29,5 @@ class Initialisation:
     def can_start(self, observation: Observation) -> bool:
         """Whether a frame has enough keypoints, or shows the person where poses are looked up."""
         if self.needs_keypoints:
-            return enough_keypoints(observation)
+            return observation.has_enough_points
         return can_look_up(observation, self.search.evidence)

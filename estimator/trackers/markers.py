@@ -19,7 +19,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -68,7 +68,7 @@ class MarkerTracker(Initialisation, CarriesMixture):
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         search, elapsed = self.search, observation.time - state.time
-        if not observable(observation):
+        if not observation.is_observed:
             return predict_unobserved(search, state.mixture, elapsed, observation)
         likelihood = search.likelihood(observation, state.mixture.modes[0].q)
         case = FrameProblem(search.associations(observation), elapsed, likelihood)

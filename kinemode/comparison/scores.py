@@ -15,7 +15,6 @@ from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from estimator.runs.trajectory_errors import far_px, trajectory_errors
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.initialisation import observable
 from estimator.trackers.spec import mode_search
 from estimator.tracking.settings import Settings
 from kinemode.comparison.times import TrackTime
@@ -155,7 +154,7 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
             if reader is not None:
                 observation = replace(observation, cues=reader.at(t))
             for name, tracked in runs.items():
-                if observable(observation) and np.isfinite(tracked.mode_q[t, 0]).all():
+                if observation.is_observed and np.isfinite(tracked.mode_q[t, 0]).all():
                     energies[name][t] = _energy(search, observation, tracked.mode_q[t, 0])
             progress(t + 1, len(run))
     return energies

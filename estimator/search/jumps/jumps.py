@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation
 from estimator.search.jumps.anatomy import RigidPart, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
 from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions
@@ -93,11 +92,3 @@ class KinematicJumps:
     def _with_limbs(self, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray | None:
         mirrored = part_mirrored(self.body, self.anatomy, on_rays, part)
         return None if mirrored is None else with_limbs_on_rays(self.body, self.anatomy, mirrored, part, on_rays)
-
-
-def only_camera(observation: Observation) -> Camera | None:
-    """The camera that alone sees the body; None where several do, since depth is then known."""
-    if observation.cues:
-        return observation.cameras[0] if len(observation.cues) == 1 else None
-    seeing = np.flatnonzero((observation.confidence > 0.0).any(axis=1))
-    return observation.cameras[int(seeing[0])] if len(seeing) == 1 else None

@@ -13,7 +13,7 @@ from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import classify_frame
 from estimator.trackers.particle_set import (
     DYNAMICS_ALONE,
@@ -79,7 +79,7 @@ class Annealed(Initialisation):
         def disperse(q: np.ndarray, scale: np.ndarray | float) -> np.ndarray:
             return diffused(rng, self.body, q, scale * noise)
 
-        if not observable(observation):
+        if not observation.is_observed:
             return unseen(self.search, state, observation, disperse(particles.states, 1.0))
         energy = FrameEnergy(self.search, observation, before)
         particles, layers = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)

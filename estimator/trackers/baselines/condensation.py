@@ -12,7 +12,7 @@ from estimator.inference.particles import Particles, bootstrap_step, effective_c
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import classify_frame
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
 from estimator.trackers.particle_state import ParticleState
@@ -67,7 +67,7 @@ class Condensation(Initialisation):
     ) -> tuple[ParticleState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         particles, before, dt = state.particles, state.mixture, observation.time - state.time
-        if not observable(observation):
+        if not observation.is_observed:
             return unseen(self.search, state, observation, self._moved(rng, particles.states, dt))
         energy, nq = FrameEnergy(self.search, observation, before), self.body.nq
         states, weights, ancestor, log_evidence = bootstrap_step(

@@ -24,7 +24,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.trackers.baselines.single_mode import without_limits
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -74,7 +74,7 @@ class MultipleHypothesis(Initialisation, CarriesMixture):
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         search, dt = self._tracking, observation.time - state.time
-        if not observable(observation):
+        if not observation.is_observed:
             return predict_unobserved(search, state.mixture, dt, observation)
         likelihood = search.likelihood(observation, state.mixture.modes[0].q)
         case = FrameProblem(search.associations(observation), dt, likelihood)

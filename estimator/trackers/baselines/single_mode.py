@@ -18,7 +18,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, NO_CAPTURE, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -60,7 +60,7 @@ class SingleMode(Initialisation, CarriesMixture):
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         search = self._tracking
-        if not observable(observation):
+        if not observation.is_observed:
             return predict_unobserved(search, state.mixture, observation.time - state.time, observation)
         q = state.mixture.modes[0].q
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)

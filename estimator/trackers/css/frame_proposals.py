@@ -15,7 +15,6 @@ from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import ExampleSearch, example_starts
 from estimator.search.hypothesis import Hypothesis
-from estimator.search.jumps import only_camera
 from estimator.search.jumps.readings import AWAY, TOWARDS, has_both, trunk_readings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import (
@@ -64,7 +63,7 @@ class Proposals:
     ) -> None:
         self._search, self._limb, self._settings, self._rng = search, limb, settings, rng
         self._prior, self._case, self._observation = prior, case, observation
-        self._camera = only_camera(observation)
+        self._camera = observation.only_camera
         names = [association.name for association in case.associations]
         # the association that continues each mode's; the first where the frame has not that of the parent
         self._own = [names.index(m.association) if m.association in names else 0 for m in prior.modes]

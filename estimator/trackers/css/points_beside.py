@@ -22,7 +22,6 @@ from estimator.search.point_features import PointFeatures
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.capabilities import Capabilities, capabilities_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import observable
 from humanoid.support.settings import CheckedSettings, setting
 
 _FIELDS = {
@@ -136,7 +135,7 @@ class PointsBeside:
     ) -> tuple[BesideState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         expected = self._predicted(state, observation)
-        listens = self.settings.exchange != APART and observable(observation)
+        listens = self.settings.exchange != APART and observation.is_observed
         filled = self.filled(expected, observation) if listens else observation
         inner, result = self.inner.step(rng, state.inner, filled)
         after = self._updated(state.inner, expected, observation)

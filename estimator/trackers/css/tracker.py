@@ -27,7 +27,7 @@ from estimator.trackers.css.frame_proposals import Proposals
 from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     ENOUGH,
     CarriesMixture,
@@ -66,7 +66,7 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.TrackerProtocol`."""
         elapsed, by_index = observation.time - state.time, bool(self.search.settings.index)
-        if not observable(observation):
+        if not observation.is_observed:
             after, result = predict_unobserved(self.search, state.mixture, elapsed, observation)
             return replace(after, unseen=state.unseen + elapsed if by_index else 0.0), result
         prior = state.mixture

@@ -32,7 +32,7 @@ from estimator.trackers.dual_chain.seen_features import (
 )
 from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import MixtureState, classify_frame, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
@@ -144,7 +144,7 @@ class DualChain(Initialisation):
         diagnostics = {name: np.array(value) for name, value in pose.diagnostics.items()} | _of_points(
             points.features(after)
         )
-        if observable(observation) or len(detections.mean):
+        if observation.is_observed or len(detections.mean):
             _, result = classify_frame(self.search, observation, mixture, diagnostics)
         else:
             result = result_of(observation, mixture, "unobserved", diagnostics)

@@ -33,7 +33,7 @@ from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.elmo.reweighting import diffusion_std, reweighted
 from estimator.trackers.elmo.settings import ElmoSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation, enough_keypoints
+from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import MixtureState, classify_frame, predict_unobserved, search_counts
 from estimator.trackers.spec import Spec, by_search
 from estimator.vision.cues.cue_picture import CuePicture, Dots, PixelLines, dimmed
@@ -104,7 +104,7 @@ class Elmo(Initialisation):
             return True
         if self.settings.neighbours:
             return can_look_up(observation, self.search.evidence)
-        return enough_keypoints(observation)
+        return observation.has_enough_points
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
         """See `estimator.trackers.base.TrackerProtocol`."""

@@ -16,7 +16,6 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.mixture import Density, KernelMixture, UniformBox, mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.search.cost_model import CostModel
-from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
@@ -108,7 +107,7 @@ class InstantReader:
 
     def shows_person(self, observation: Observation) -> bool:
         """Whether there are enough keypoints, or a view shows the person."""
-        return enough_keypoints(observation) or shows_person(self._views(observation))
+        return observation.has_enough_points or shows_person(self._views(observation))
 
     def pictures(self, observation: Observation) -> LimbLikelihood | None:
         """The likelihood of limbs by the pictures of a frame, None without any."""

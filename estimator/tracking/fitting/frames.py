@@ -8,7 +8,6 @@ import numpy as np
 
 from estimator.data.lifted import with_shares
 from estimator.data.observation import Observation, image_extent
-from estimator.trackers.initialisation import enough_keypoints
 from estimator.tracking.fitting.settings import FitSettings
 
 _FULL = 0.8  # share of a typical frame's keypoints that the frames of a later piece have
@@ -22,7 +21,7 @@ def chosen_pieces(observations: Sequence[Observation], settings: FitSettings) ->
     is its beginning; each other one is where the person looks least like in those before, since frames that are alike
     leave open how a bend of the limbs is shared with their lengths.
     """
-    usable = [o for o in observations if enough_keypoints(o)]
+    usable = [o for o in observations if o.has_enough_points]
     if not usable:
         return []
     if usable[-1].time - usable[0].time <= settings.seconds + _TINY:

@@ -13,7 +13,6 @@ from estimator.numerics.alignment import similarity_onto
 from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.spec import mode_search
 from estimator.tracking.fitting.fit import Fit, bounded_lengths
 from estimator.tracking.fitting.fitted_points import FittedMarkers
@@ -96,7 +95,7 @@ class _Trials(NamedTuple):
 
 def _usable(observations: Sequence[Observation], count: int) -> list[Observation]:
     """Usable frames, evenly spread."""
-    return evenly_spread([o for o in observations if enough_keypoints(o)], count)
+    return evenly_spread([o for o in observations if o.has_enough_points], count)
 
 
 def _fitted(

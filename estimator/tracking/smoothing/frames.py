@@ -11,10 +11,8 @@ from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
 from estimator.energy.term import Term
 from estimator.search.hypothesis import EXCHANGED
-from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import observable
 from estimator.tracking.smoothing.chain import REACH
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties, ties_of
@@ -35,7 +33,7 @@ def spill_of(search: ModeSearch, observations: Sequence[Observation], settings: 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
     """Static energy of a frame in the association of each of its K modes; image features stay assigned as they are
     there."""
-    if not observable(observation):
+    if not observation.is_observed:
         return [search.model.cost(None)] * len(result.weight)
     likelihood = search.likelihood(observation, result.q[0])
     terms = {name: search.term(observation, name) for name in set(result.association)}
@@ -60,12 +58,12 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
 def frame_shifts(search: ModeSearch, observation: Observation, energy: np.ndarray, result: FrameResult) -> np.ndarray:
     """What is added to the energies (K,) of a frame's modes so that readings of the trunk are compared fairly, see
     `ModeSearch.reading_shifts`."""
-    return search.reading_shifts(result.q, energy, only_camera(observation))
+    return search.reading_shifts(result.q, energy, observation.only_camera)
 
 
 def renewed_cost(search: ModeSearch, observation: Observation, association: str, posed: PosedBody) -> Cost:
     """Static energy of a frame in an association, with image features assigned at a pose."""
-    if not observable(observation):
+    if not observation.is_observed:
         return search.model.cost(None)
     assigned = search.likelihood(observation, posed.q).assigned(posed)
     return search.model.cost(search.term(observation, association), image_terms=assigned)
