@@ -37,7 +37,7 @@ _FAR = 5.7
 """Standard deviations from over the feet that one in a hundred captured instants on both feet exceeds, sitting,
 acrobatics and jumps among them (`python -m benchmarks balance`)."""
 _STAYS = 0.5  # s
-_HELD = 0.5  # probability of sitting from which somebody is held
+_HELD = 0.5  # probability of sitting from which a person is held
 
 
 def findings(run: Run) -> tuple[str, ...]:

@@ -172,9 +172,9 @@ def test_damaged_references(valid: Mapping[str, list[Files]], tmp_path: Path) ->
     head, row = trc.split("\n6\t")[0].splitlines()[:5], trc.splitlines()[6]
     for lines, told in (
         ([*head[:3], "Frame#\tTime", "", row], "line 4: has no markers"),
-        ([*head, row, row, row], "time: is no 3 rising numbers"),
+        ([*head, row, row, row], "time: is not 3 rising numbers"),
         ([*head, row.replace(row.split("\t")[3], "1e300")], "line 6: has a number too large .up to 1e.10"),
-        ([*head], "has no points|is no TRC file"),
+        ([*head], "has no points|is not a TRC file"),
     ):
         assert re.search(told, refused("trc", "r.trc", "\n".join(lines).encode(), tmp_path))
 

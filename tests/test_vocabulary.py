@@ -35,6 +35,17 @@ MESSAGES = re.compile(
     r"|frames per second cannot be|: [^ ]+ cannot be$"
 )
 """Phrases that messages and docstrings do without."""
+SPOKEN = re.compile(
+    r"\b(?:told|heard|hears?|looks at|looked at|there twice)\b|\bholds no\b|\bcannot be(?=$|[.;,)])"
+    r"|\b(?:says?|tells?) (?:nothing|so|what|where|which|whether|how|of)\b"
+)
+"""Phrases of speech for files, numbers and models: they declare, contain, give and use."""
+PLAIN = [
+    *(f"estimator/{name}" for name in ("inference", "numerics", "runs", "search", "synthesis", "trackers", "vision")),
+    *(f"humanoid/{name}" for name in ("collision", "kinematics", "limbs", "shape", "subject")),
+    "viz",
+]
+"""Folders in which none of them is left."""
 
 
 def named(tree: ast.AST) -> Iterator[tuple[str, int]]:
@@ -52,11 +63,16 @@ def is_gone(name: str) -> bool:
     return (CLASSES if name.lstrip("_")[:1].isupper() else NAMES).fullmatch(name) is not None
 
 
+def spoken(path: Path, phrases: re.Pattern[str]) -> list[str]:
+    """Where a file's texts have such a phrase."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+    return [f"{path.name}:{n.lineno}: {hit.group(0)}" for n in texts if (hit := phrases.search(n.value))]
+
+
 def forbidden(path: Path) -> list[str]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    names = [f"{path.name}:{line}: {name}" for name, line in named(tree) if is_gone(name)]
-    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
-    return names + [f"{path.name}:{n.lineno}: {hit.group(0)}" for n in texts if (hit := MESSAGES.search(n.value))]
+    return [f"{path.name}:{line}: {name}" for name, line in named(tree) if is_gone(name)] + spoken(path, MESSAGES)
 
 
 @pytest.mark.parametrize("top", ["estimator", "benchmarks"])
@@ -71,6 +87,21 @@ def test_nothing_is_named_by_a_bare_participle(top: str) -> None:
 @pytest.mark.parametrize("top", TOP)
 def test_words_are_the_fields(top: str) -> None:
     assert [hit for path in sorted((ROOT / top).rglob("*.py")) for hit in forbidden(path)] == []
+
+
+@pytest.mark.parametrize("folder", PLAIN)
+def test_nothing_speaks(folder: str) -> None:
+    files = sorted((ROOT / folder).rglob("*.py"))
+    assert files
+    assert [hit for path in files for hit in spoken(path, SPOKEN)] == []
+
+
+def test_planted_speech_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "a.py"
+    path.write_text(
+        '"""The file says so."""\nx = "a value that cannot be"\ny = "cannot be read"\nz = f"{x} looks at {y}"\n'
+    )
+    assert spoken(path, SPOKEN) == ["a.py:1: says so", "a.py:2: cannot be", "a.py:4: looks at"]
 
 
 def test_planted_words_are_found(tmp_path: Path) -> None:

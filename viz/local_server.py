@@ -52,7 +52,7 @@ class LocalServer(ThreadingHTTPServer):
         threading.Thread(target=self.shutdown, daemon=True).start()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that leaves in the middle of an answer is no error."""
+        """A browser that disconnects in the middle of an answer is not an error."""
         if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
@@ -72,7 +72,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         raise NotImplementedError
 
     def do_GET(self) -> None:
-        """Answer, or refuse who does not know the address."""
+        """Answer, or refuse requests without the secret address."""
         route = self.route()
         if route is not None:
             self.get(route)
@@ -97,7 +97,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         return route if known and slash else None
 
     def refuse_other_pages(self) -> None:
-        """Answer who does not know the address."""
+        """Answer requests without the secret address."""
         self.refuse(HTTPStatus.FORBIDDEN, "this address is not known here")
 
     def refuse(self, status: HTTPStatus, problem: str) -> None:

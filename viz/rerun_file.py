@@ -51,7 +51,7 @@ def write_rrd(run: Run, path: Path) -> None:
 
     Raises
     ------
-    InputError: rerun is not installed, or the run holds no tracked frame.
+    InputError: rerun is not installed, or the run contains no tracked frames.
     """
     rr = optional("rerun", "rerun", "rrd files")
     scene = as_scene(run)

@@ -59,8 +59,8 @@ class SourceFigure:
         return np.asarray(known.mean(axis=0)) if len(known) else np.full(3, np.nan)
 
     def feet_among(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
-        """(column of `standing`, index in `names`) of the points of feet that somebody with landmarks `names` has; for
-        a heel that is none of them the ankle."""
+        """(column of `standing`, index in `names`) of the points of feet among landmarks `names`; for a missing heel
+        the ankle."""
         pairs = []
         for k, name in enumerate(self.standing_names):
             side, part = name.split("_", 1)
@@ -70,7 +70,7 @@ class SourceFigure:
         return pairs
 
     def standing_points(self, t: int, names: tuple[str, ...], points: np.ndarray) -> np.ndarray:
-        """Those of somebody's landmarks (L, 3) [m] that are to stand at instant t, (N, 3) [m]."""
+        """Those of the landmarks (L, 3) [m] that are to stand at instant t, (N, 3) [m]."""
         own = [i for k, i in self.feet_among(names) if self.standing[t, k] and np.isfinite(points[i]).all()]
         return points[np.array(own, dtype=np.int64)]
 

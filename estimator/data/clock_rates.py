@@ -28,7 +28,7 @@ _NEAR = 3  # steps around the line in which the lags of pieces are looked for
 _SIDE = 4  # divided steps from a piece's best lag at which its sharpness is measured
 _ROUNDS = 2  # the lags of pieces are measured again along the line that they gave
 _SURE, _LIKELY = 0.999, 0.99  # probabilities, to one side, that clocks do differ
-_SMALL = 0.25  # frames that clocks differ by from the first piece to the last: less is no matter
+_SMALL = 0.25  # frames that clocks differ by from the first piece to the last: less is negligible
 _SCATTER = 0.5  # frames: standard deviation of pieces about a line that is believed
 _ALIKE = 1.0  # frames from the middle to an end: what may be so, and is more, leaves offsets in doubt
 

@@ -102,8 +102,8 @@ def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 def stuck_points(places: np.ndarray) -> np.ndarray:
     """Which points (N,) of detected places (T, N, D) never move, to the last digit, in all frames that have them, ten
-    or more, while hardly any place of the others repeats: what a detector finds trembles. A quarter of the points at
-    most; more are a person who does not move."""
+    or more, while hardly any place of the others repeats: detections jitter. At most a quarter of the points; more are
+    a person who does not move."""
     step = np.linalg.norm(np.diff(places, axis=0), axis=2)
     known = np.isfinite(step)
     stuck = (known.sum(axis=0) >= _STUCK - 1) & ~(known & (step > 0.0)).any(axis=0)

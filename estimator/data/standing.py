@@ -50,8 +50,8 @@ class StandingPoints:
         return replace(observation, standing=self.standing(observation), seated=self.seated(observation))
 
     def standing(self, observation: Observation) -> np.ndarray:
-        """Probability (L,) that each landmark has not moved in the last moments, 0 of those that are no feet or not
-        seen; `observation` follows those that were added."""
+        """Probability (L,) that each landmark has not moved in the last moments, 0 for those that are not of feet or
+        not seen; `observation` follows those that were added."""
         first = observation.time - SPAN - _TINY
         some = [*((t, x) for t, x in self._before if t >= first), (observation.time, observation.known_pixels)]
         result = np.zeros(len(self._feet))

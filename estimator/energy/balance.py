@@ -62,12 +62,12 @@ class BalanceSettings(CheckedSettings):
 
     @property
     def on_both_feet(self) -> MassSpread:
-        """Of who stands on both feet."""
+        """For a person standing on both feet."""
         return MassSpread(self.spread, self.width, self.tail, self.held)
 
     @property
     def on_one_foot(self) -> MassSpread:
-        """Of who stands on one."""
+        """For a person standing on one foot."""
         return MassSpread(self.spread_one_foot, self.width_one_foot, self.tail_one_foot, self.held_one_foot, feet=1)
 
 
@@ -149,7 +149,7 @@ class Balance(RecordedTerm):
     middle of its support, the landmarks that stand.
 
     Where the feet alone hold the body the density of the centre of mass is Gaussian with covariance C = width^2 +
-    spread^2 S, S that of the support's points: who stands with feet apart may be anywhere between them. Where something
+    spread^2 S, S that of the support's points: a person with feet apart may be anywhere between them. Where something
     else does, it is Student's t in the plane with two degrees of freedom: p = exp(-x / 2) / 2, p' = (1 + x / tail)^-2 /
     tail, both over pi |C|^1/2, which is left out, as it does not depend on the centre of mass. The value is 0 over the
     middle.
@@ -193,7 +193,8 @@ class Balance(RecordedTerm):
         return values
 
     def deviations(self, posed: PosedBody) -> float:
-        """How far the centre of mass is from the middle of its support, in standard deviations of who is not held."""
+        """How far the centre of mass is from the middle of its support, in standard deviations for a person who is not
+        held."""
         around, offset, pull = np.empty((len(self._points[0]), 2)), np.empty(2), np.empty(2)
         offset_of(posed.placements, *self._points, self._axes, around, offset)
         return math.sqrt(whitened(around, offset, self._shape, pull, np.empty((2, 2))))

@@ -46,8 +46,8 @@ class Soles(NamedTuple):
 class LevelFeet(RecordedTerm):
     """1/2 sum weight rho((up . d - rise)^2 / (std |d|)^2) over soles d, from heel to toes in the world.
 
-    weight (S,): of each, none of those that weigh less than `LEAST`. up (3,): unit vector in the world. std [rad]: of
-    how level a foot is, and of what is taken for up.
+    weight (S,): of each, none of those that weigh less than `LEAST`. up (3,): unit vector in the world. std [rad]: of a
+    foot's tilt, and of the assumed up.
     """
 
     name, kind = "level feet", SOLES

@@ -26,7 +26,7 @@ class PointTargets(RecordedTerm):
         `Body.landmark_local`.
     target (N, 3): where they should be, in the world [m].
     precision (N, 3, 3): W, symmetric and positive semi-definite [1/m^2]: singular where a direction is not known.
-    weight (N,): of each; 1 unless given.
+    weight (N,): of each; 1 by default.
     potential, nu: see `estimator.numerics.robust`.
     name: of what they are drawn by.
 

@@ -79,8 +79,8 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
 
     Raises
     ------
-    InputError: the file is not readable or not a mixture: something is missing, has another size, is no share between
-        0 and 1 or no axis, or a covariance is not positive definite.
+    InputError: the file is not readable or not a mixture: something is missing, has another size, is not a share
+        between 0 and 1 or not an axis, or a covariance is not positive definite.
     """
     content = mapping(read_json(path), path)
     joints = [str(name) for name in sequence(member(content, "joints", path, ""), path, "joints")]

@@ -11,7 +11,7 @@ from estimator.numerics.axes import axes_across
 _SCATTER = 0.02  # m: of what stands on one floor; what is farther off stands on a box, or does not stand
 _NU = 2.0
 _OFFSET = 0.02  # m: of a kind of point above the sole, from kind to kind
-_TILT = 0.02  # rad: of the floor, and of what is taken for up
+_TILT = 0.02  # rad: of the floor, and of the assumed up
 _EFFECTIVE = 20.0  # places at most that count, as a point that stands is seen in many frames
 _FEWEST = 5
 _ROUNDS = 30
@@ -58,9 +58,9 @@ def fitted_ground(
     """The floor of points (T, P, 3) [m], NaN where missing, that stand with probabilities (T, P); None where fewer than
     five places stand.
 
-    kind (P,): 0, 1, ... of points that are as far above the sole as each other, such as both heels. up (3,): unit
-    vector; above (K,) [m]: how far each kind is expected to be above the sole, 0 unless given; tilt [rad]: standard
-    deviation of the floor from level. Iterated least squares with Student's tails.
+    kind (P,): 0, 1, ... for points that are equally far above the sole, such as both heels. up (3,): unit vector; above
+    (K,) [m]: expected height of each kind above the sole, 0 by default; tilt [rad]: standard deviation of the floor
+    from level. Iterated least squares with Student's tails.
     """
     known = np.isfinite(points).all(axis=2) & (standing > 0.5)
     if known.sum() < _FEWEST:

@@ -39,7 +39,7 @@ class Mode:
     penetration: deepest overlap of two body parts at q [m], 0 if none.
     parent: index of the mode of the previous frame that this one continues, -1 if none.
     velocity (nv,): tangent to q from where the body was before, per second: from the parent's configuration; of a jump
-        from the pose that it jumped to, as a jump is no motion. Zero where there is none (see `Origin.previous`).
+        from the pose that it jumped to, as a jump is not motion. Zero where there is none (see `Origin.previous`).
     association: how the keypoints that it explains are assigned to landmarks: "as_detected" or "exchanged" (left and
         right swapped).
     origin: where it came from and its penalties; None where that is not known, as of modes predicted through a frame

@@ -60,7 +60,7 @@ _FORMER = {"other reading": "other association", "jump in depth": "kinematic jum
 class PreviousPose(NamedTuple):
     """Where a hypothesis has the body in the frame before. Flow is followed from there, velocities count from there.
 
-    q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is no motion.
+    q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is not motion.
     q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
     has_transition: whether the energy has the transition's penalty of the change since q.
     """

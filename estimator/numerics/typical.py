@@ -13,7 +13,7 @@ _MEDIAN = np.sqrt(np.log(2.0))  # over the root mean square, of distances in a p
 
 
 def typical_distance(distances: np.ndarray, axis: int | tuple[int, ...] | None = None) -> np.ndarray:
-    """Root mean square of distances in a plane over an axis, over all unless given, without outliers: of the normal
+    """Root mean square of distances in a plane over an axis, by default over all, without outliers: of the normal
     distribution that has their median; NaN where there are none."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that there are none

@@ -236,7 +236,7 @@ def footing_of(run: Run, contact: Contact, standing: np.ndarray | None = None) -
 
 def footing_by_depth(depth: np.ndarray, contact: Contact, standing: np.ndarray | None = None) -> Footing:
     """Of how deep the lowest part is below the floor (T,) [m] and of contact; standing (T, P) bool: which points ought
-    to stand, those that do by contact unless given."""
+    to stand, by default those that do by contact."""
     stands = contact.standing > 0.5
     off = np.abs(contact.heights[stands if standing is None else standing])
     moved = _moved(contact)[stands]

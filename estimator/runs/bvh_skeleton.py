@@ -44,8 +44,8 @@ class BvhSkeleton(NamedTuple):
 
 
 def bvh_motion(body: Body, q: np.ndarray, time: np.ndarray) -> BvhMotion:
-    """The motion q (T, nq) at times (T,) [s] as a BVH file has it; poses that are missing (NaN) are held from before,
-    at the beginning from after."""
+    """The motion q (T, nq) at times (T,) [s] for a BVH file; missing poses (NaN) are copied from before, at the
+    beginning from after."""
     skeleton = skeleton_of(body)
     aligned = _aligned(body, skeleton)
     places, turns = _local(body, skeleton, aligned, _held(body, q))
@@ -114,7 +114,7 @@ def _is_one_with(body: Body, joint: int, slides: list[bool]) -> bool:
 
 
 def _names(body: Body, joints: list[int]) -> tuple[str, ...]:
-    """The link that each joint moves, else the joint's own name; one word, and none that is taken for an end site."""
+    """The link that each joint moves, else the joint's own name; one word that is not read as an end site."""
     links: dict[int, str] = {}
     for frame in body.model.frames:
         if frame.type == pin.FrameType.BODY and frame.name != "universe":

@@ -20,7 +20,7 @@ MOST = 0.5
 """Share of the frames above which a joint rests on a limit, or the sides are exchanged, in most of them. On good runs,
 beam4cam's and rendered ones, no joint does in a quarter of the frames."""
 FAR = 5.0
-"""Standard deviations above which the median distance of a landmark is no noise. On good runs the largest is 3.6: of
+"""Standard deviations above which the median distance of a landmark is not noise. On good runs the largest is 3.6, of
 ears that the detector guesses on the far side of the head."""
 _CONTRADICTED = 0.25  # of a frame's keypoints
 FEWEST = 5  # fewest frames from which a clip is judged

@@ -197,7 +197,7 @@ def largest_penetration(body: Body, q: np.ndarray) -> float:
 def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:
     """Measure a run against a reference: the landmarks and the joint coordinates that both have by name.
 
-    joints: the landmarks to compare; those of `shared_landmarks` unless given.
+    joints: the landmarks to compare; by default those of `shared_landmarks`.
 
     Raises
     ------

@@ -235,5 +235,5 @@ def low_pass(samples: np.ndarray, cutoff: float, rate: float, extended: int) -> 
 
 
 def _edge(cutoff: float, rate: float) -> float:
-    """Tangent of the cut-off of one pass, as the bilinear transform has it."""
+    """Tangent of the cut-off of one pass, as in the bilinear transform."""
     return float(np.tan(np.pi * cutoff / rate)) / _CORRECTION

@@ -57,8 +57,8 @@ class Gait:
 
 
 def gait_of_run(run: Run, contact: Contact | None = None) -> Gait:
-    """Gait of the best hypothesis; contact: the run's, found unless given. Raises InputError where the subject has no
-    feet and hips as landmarks."""
+    """Gait of the best hypothesis; contact: the run's, by default found here. Raises InputError where the subject has
+    no feet and hips as landmarks."""
     names = run.body.landmark_names
     missing = [name for name in _WANTED if name not in names]
     if missing:

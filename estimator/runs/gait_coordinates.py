@@ -55,7 +55,7 @@ def gait_coordinates(body: Body, q: np.ndarray, model: GaitModel) -> tuple[tuple
 
     Raises
     ------
-    InputError: the body lacks a segment, or is no free one.
+    InputError: the body lacks a segment, or has no free root.
     """
     known = np.isfinite(q).all(axis=1)
     placed = _Segments(body, q[known], ["pelvis", "torso", *_of_both_sides(model)])

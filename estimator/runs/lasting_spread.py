@@ -51,9 +51,9 @@ class LastingPoints(NamedTuple):
 
 
 def points_on_body(body: Body, cameras: int) -> LastingPoints | None:
-    """The points by which a run knows a body, where it is known how unsure their places are: markers of a run without
-    cameras, keypoints of one by several that have fitted them. None of others: a person who was fitted by markers is
-    filmed by a detector of which nothing is known."""
+    """The points by which a run measures a body, where the uncertainty of their places is known: markers of a run
+    without cameras, or keypoints of one with several cameras that have fitted them. None for others: a person fitted by
+    markers may be filmed with an unknown detector."""
     if not cameras and body.marker_names:
         return LastingPoints.markers(body)
     fitted = bool(body.subject.zeros) and bool(np.isfinite(body.keypoint_std).any())

@@ -26,8 +26,8 @@ def check_markers(shared: SharedLandmarks, names: Sequence[str], reference: Refe
 def marker_notes(
     pairs: ComparedFrames, names: Sequence[str], landmarks: np.ndarray, reference: Reference
 ) -> tuple[str, ...]:
-    """What is worth knowing where the reference has markers: which of them are landmarks, which are none of the run's,
-    and by how much its world is turned. landmarks (T, M, 3) [m] of `names`: of the run."""
+    """Notes for a reference with markers: which of them are landmarks, which are not in the run, and by how much its
+    world is turned. landmarks (T, M, 3) [m] of `names`: of the run."""
     if reference.markers is None:
         return ()
     notes = list(reference.notes)

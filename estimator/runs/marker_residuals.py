@@ -9,12 +9,12 @@ import numpy as np
 from estimator.energy.marker_targets import MarkerNoise
 from estimator.runs.run_file import Run
 
-_NEAREST = 3.0  # standard deviations along one axis up to which a marker is no outlier
+_NEAREST = 3.0  # standard deviations along one axis up to which a marker is not an outlier
 
 
 class MarkerResiduals(NamedTuple):
     """names (M). apart (T, M) [m]: from each place on the body at `Run.q` to where the marker was measured, NaN where
-    it was not, or there is no pose. std (M,) [m]: what that may be along each axis."""
+    it was not, or there is no pose. std (M,) [m]: its expected standard deviation along each axis."""
 
     names: tuple[str, ...]
     apart: np.ndarray

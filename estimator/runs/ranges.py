@@ -36,11 +36,11 @@ class RangeOfMotion:
 
 
 def ranges_of_motion(run: Run) -> tuple[RangeOfMotion, ...]:
-    """How far each joint went in the frames in which something was seen; joints without a value there are left out.
+    """Range of each joint over the observed frames; joints without a value there are left out.
 
-    The interval of an extreme is that of the frame in which the joint has it, as `JointAngle` has it, widened to the
-    value where that was smoothed or filtered out of it. That of the range takes the errors of both frames as
-    independent: an error that all frames share, as of a landmark's place, leaves the range alone.
+    The interval of an extreme is that of the frame in which the joint has it, see `JointAngle`, widened to the value
+    where that was smoothed or filtered out of it. That of the range takes the errors of both frames as independent: an
+    error that all frames share, as of a landmark's place, leaves the range alone.
     """
     seen = np.asarray(run.status) != "unobserved"
     return tuple(r for curve in joint_angles(run) if (r := _range(curve, seen)) is not None)

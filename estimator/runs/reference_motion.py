@@ -16,14 +16,14 @@ from humanoid.support.errors import InputError
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the points of a person, or of any body, were, and how its joints were turned.
+    """Points and joint angles over time of a person, or of any body.
 
     names (L): landmark names, COCO's where COCO has one. points (T, L, 3): world frame [m], NaN where unknown.
     time (T,): seconds since the clip's start, or None where only the frame numbers count.
     coordinates: joint angles (T), None where they are not known. upright: whether the points are in a world whose z
     points up, as exports of runs and markers are; otherwise in that of the cameras that the run was made with.
-    markers: where these are a laboratory's markers, those of every landmark that the file calls otherwise; None where
-    they are landmarks. notes: what is worth knowing.
+    markers: for a laboratory's markers, the marker of each landmark that has another name in the file; None where they
+    are landmarks. notes: remarks.
     """
 
     names: tuple[str, ...]

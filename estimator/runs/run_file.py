@@ -53,7 +53,7 @@ class RunWriter:
             raise InputError(path, "exists already", remedy="--resume continues it, --overwrite replaces it")
         with replacing(path) as temporary:
             run_store.create_store(temporary, header.to_json(), path)
-            for suffix in ("-wal", "-shm"):  # a killed run's log must not be taken for the new run's
+            for suffix in ("-wal", "-shm"):  # a killed run's log must not be read as the new run's
                 with suppress(FileNotFoundError):
                     os.unlink(f"{path}{suffix}")
         return cls(path, run_store.open_writing(path), 0)

@@ -168,12 +168,12 @@ class Run(Summarised):
         return arrays
 
     def result(self, i: int) -> FrameResult:
-        """Frame `i` of the file; negative counts from the end. Raises InputError for what is no whole number."""
+        """Frame `i` of the file; negative counts from the end. Raises InputError for anything but a whole number."""
         return frame_result(self._frames[self._frame_number(i)], self.body)
 
     def observation(self, i: int, *, standing: bool = False) -> Observation:
         """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored, and
-        for what is no whole number.
+        for anything but a whole number.
 
         standing: also which points stand, for which the frames just before are read as well.
         """
@@ -455,11 +455,10 @@ class Run(Summarised):
     def posterior(
         self, i: int, calibration: PosteriorCalibration | None = None, *, filtered: bool = False
     ) -> Posterior:
-        """What is known of the pose in frame `i`, all hypotheses together: around the smoothed trajectory, from all
-        frames, where the run has one; else, or if `filtered`, from this and the frames before it.
+        """The posterior of the pose in frame `i` over all hypotheses: around the smoothed trajectory, from all frames,
+        where the run has one; else, or if `filtered`, from this and the frames before it.
 
-        calibration: unless given, the one that was fitted for either. Raises InputError where the frame has no
-        hypotheses.
+        calibration: by default the one that was fitted for either. Raises InputError where the frame has no hypotheses.
         """
         cameras = self.header.cameras
         size_known = self.header.subject_source not in BUILT_IN or "height" in self.header.settings
@@ -482,7 +481,7 @@ class Run(Summarised):
         """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
         [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any.
 
-        Raises InputError for a level outside 0 to 1, or that is no number: one joint's interval is `run[joint]`.
+        Raises InputError for a level outside 0 to 1, or one that is not a number: one joint's interval is `run[joint]`.
         """
         level = checked_level(level, self._example_joint(level))
         body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)

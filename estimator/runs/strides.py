@@ -15,7 +15,7 @@ from humanoid.support.atomic import replacing
 
 _SECONDS = (0.4, 2.5)  # of a stride
 _STEP = (0.2, 0.8)  # of a stride: when the other foot strikes
-_STANCE = (0.1, 0.85)  # of a stride; who runs stands for a third or less
+_STANCE = (0.1, 0.85)  # of a stride; in running it is a third or less
 _SHORTEST = 0.2  # m
 _STANDING = 0.4  # of the walking speed: a foot on the ground is slower
 _MIDDLE = (0.25, 0.6)  # of the stance, in which all of the foot is on the ground

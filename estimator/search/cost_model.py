@@ -99,9 +99,9 @@ class CostModel:
         return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
-        """Standard deviation (C, L) [px] of the keypoints of a frame: of what a detector errs, as the clip has it where
-        that was measured, of their places on the body, of what trembles in the clip, and what a keypoint that was not
-        detected has of its own."""
+        """Standard deviation (C, L) [px] of the keypoints of a frame: from the detector's errors, as measured in the
+        clip where available, from their places on the body, from the clip's jitter, and the extra one of keypoints that
+        were not detected."""
         extent = observation.extents
         measured = np.array(observation.noise) if observation.noise else np.ones(len(extent))
         noise = self.settings.keypoint_noise * measured
@@ -197,7 +197,7 @@ def detected_share(observation: Observation) -> float:
 
 
 def quickness_of(body: Body) -> np.ndarray:
-    """How quickly each degree of freedom (nv,) moves, as the stabilisers have it; 1 of the root."""
+    """Quickness of each degree of freedom (nv,) by the stabilisers; 1 for the root."""
     model, quickness = body.model, np.ones(body.nv)
     for stabiliser in body.subject.stabilisers:
         if model.existJointName(stabiliser.joint):

@@ -55,8 +55,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         return modes
     reached = [Hypothesis(mode.q, names.index(mode.association)) for mode in modes.modes]
     samples = _samples(search, rng, observation, modes, case)
-    # all are searched to convergence: before it, samples on their way to one mode would be taken for better than other
-    # modes
+    # all are searched to convergence: before it, samples on their way to one mode would seem better than other modes
     return search.best_modes([*reached, *samples], case, count, rng, every=True)
 
 
@@ -89,8 +88,8 @@ def _samples(
 
 
 def marker_starts(rng: np.random.Generator, body: Body, markers: np.ndarray) -> list[np.ndarray]:
-    """Configurations (nq,) with the root where markers (M, 3) [m], NaN where missing, have it: the joints at rest, and
-    drawn evenly within their limits.
+    """Configurations (nq,) with the root placed by markers (M, 3) [m], NaN where missing: the joints at rest, and drawn
+    evenly within their limits.
 
     A free root is placed by all markers, and by those of the root's own link and of the next ones, which joints turn
     little against it.

@@ -151,7 +151,7 @@ def _recombined(
     seen: SeenPoints | None,
     how: ExampleSearch,
 ) -> list[Hypothesis]:
-    """Poses with one of their limbs as one of the examples has it; none where nothing is seen of limbs."""
+    """Poses with one of their limbs from one of the examples; none where no limbs are seen."""
     if seen is None:
         return []
     bank = search.examples.limbs(search.model.image.surface, search.jumps.limbs, how.limbs)

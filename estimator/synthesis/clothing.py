@@ -63,8 +63,8 @@ def dressed(surface: Surface, rng: np.random.Generator, others: Mapping[str, Gar
 
 
 def dressed_at_random(surface: Surface, grain: np.ndarray, rng: np.random.Generator) -> Clothes:
-    """Any colours and patterns, alike on both sides of the body; parts that are named for what they are wear one
-    garment, as `dressed` has it. grain: of `periodic_noise`."""
+    """Any colours and patterns, alike on both sides of the body; parts of the same name wear one garment, see
+    `dressed`. grain: of `periodic_noise`."""
     known = {id(g): g for g in _CLOTHES.values()}
     by_garment = {key: _random_garment(rng) for key in known}
     sleeves = rng.random() < 0.5  # whether forearms wear the shirt

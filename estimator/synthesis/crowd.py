@@ -35,7 +35,7 @@ def crowd(
     noise_px: float = 2.5,
     hidden: Mapping[str, Sequence[int]] | None = None,
 ) -> dict[str, list[list[tuple[int, Person]]]]:
-    """Who is detected in each frame of each camera, in random order: by camera name T lists of (number, detection).
+    """People detected in each frame of each camera, in random order: by camera name T lists of (number, detection).
 
     people (N): configurations (T, nq) of each. hidden: numbers of the people a camera does not see at all. Noise,
     outliers and missing points are those of `detector.keypoints`; a person without a point in the image is not

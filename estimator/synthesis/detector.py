@@ -74,7 +74,7 @@ def of_points(
 def first_frame(body: Body, q: np.ndarray, cameras: Sequence[Camera], fps: float = 30.0) -> list[KeypointTrack]:
     """Exact places of all landmarks in the first frame of q (T, nq), and in no other, one track for each camera.
 
-    That is what a person clicks who starts a tracker by hand (CSS section 5). Landmarks outside the image are missing.
+    These are what a person clicks to start a tracker by hand (CSS section 5). Landmarks outside the image are missing.
     """
     points = _landmarks(body, q[:1], body.landmark_names)
     tracks = []

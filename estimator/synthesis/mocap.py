@@ -66,8 +66,8 @@ def load_mocap(path: str | Path, *, unit: float | None = None, up: str | None = 
     """Read a BVH file of a person: the joints of MotionBuilder's names, which most converters use.
 
     unit: metres in one unit of the file. By default it is 0.0564 for skeletons of the CMU database and otherwise makes
-    thigh and shank together 0.83 m. up: the file's axis that points up, one of `UPS`; unless given it is found from the
-    rest pose, if that stands, and the frames.
+    thigh and shank together 0.83 m. up: the file's axis that points up, one of `UPS`; by default found from the rest
+    pose, if that stands, and the frames.
 
     Raises
     ------

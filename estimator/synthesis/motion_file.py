@@ -19,15 +19,15 @@ _NORM = 1e-2  # by how much a quaternion may be off one
 def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
     """Configurations (K, nq) at times (K,) [s] from the table's first row on, straight from row to row.
 
-    Columns are called as the entries of q (`Body.q_names`), with or without a unit behind them: _rad (which counts
+    Columns are named after the entries of q (`Body.q_names`), with or without a unit behind them: _rad (which counts
     where there is none), _deg, _m, _cm, _mm; joints that turn without limits also by their angle. Joints without a
-    column stay at rest, a free root too. Columns that exports have beside q are passed over. Rows
-    without any number are left out.
+    column stay at rest, a free root too. Columns that exports have beside q are ignored. Rows without any number are
+    left out.
 
     Raises
     ------
-    InputError: a column that is no joint's (with the nearest names), a missing cell, a value outside its limits, a root
-        that is given in part.
+    InputError: a column of no joint (with the nearest names), a missing cell, a value outside its limits, a root that
+        is given in part.
     """
     columns = _columns(body, table)
     kept = np.isfinite(table.values[:, list(columns.values())]).any(axis=1)

@@ -44,7 +44,7 @@ ORIGIN = MotionArea(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 
 
 def place_of(points: np.ndarray, floor: float | None = None) -> MotionArea:
-    """The place that points (T, N, 3) [m] of a body need; the floor is under the lowest of them unless given."""
+    """The place that points (T, N, 3) [m] of a body need; by default the floor is under the lowest of them."""
     flat = points.reshape(-1, 3)
     low, high = flat[:, 2].min(), flat[:, 2].max()
     outline = cv2.convexHull(flat[:, :2].astype(np.float32))[:, 0].astype(float)
@@ -53,8 +53,8 @@ def place_of(points: np.ndarray, floor: float | None = None) -> MotionArea:
 
 @dataclass(frozen=True)
 class Plate:
-    """The empty scene in one camera, enlarged: image (H, W, 3) float32, nearness (H, W) as `raster.paint` has it (0
-    where there is nothing), floor (H, W) bool."""
+    """The empty scene in one camera, enlarged: image (H, W, 3) float32, nearness (H, W) as in `raster.paint` (0 where
+    there is nothing), floor (H, W) bool."""
 
     image: np.ndarray
     nearness: np.ndarray

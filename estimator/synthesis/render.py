@@ -161,7 +161,7 @@ class Renderer:
         return [painted_plate(c, self._behind, floor, rng, empty) for c in self.cameras]
 
     def _plate(self, camera: int, time: float) -> Plate:
-        """What is behind the person, or before who is hidden."""
+        """What is behind the person, or in front of a hidden one."""
         plate = self._screened[camera] if self.settings.hides(time) else self._scenery(camera, time)
         for board in self._swinging:
             plate = _covered(plate, self.cameras[camera], board.at(time))

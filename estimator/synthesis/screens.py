@@ -81,8 +81,8 @@ class SwingingDistractor:
 def swinging_boards(
     rng: np.random.Generator, count: int, colour: np.ndarray, place: MotionArea, azimuth: float
 ) -> list[SwingingDistractor]:
-    """Boards (count) of about a colour (3,) BGR, behind a place as seen from `azimuth` [rad], as high as chest and
-    head of who stands there."""
+    """Boards (count) of about a colour (3,) BGR, behind a place as seen from `azimuth` [rad], as high as chest and head
+    of a person standing there."""
     made = []
     for k in range(count):
         size, height = rng.uniform([0.08, 0.1], [0.3, 0.35]), rng.uniform(0.7, 1.5)

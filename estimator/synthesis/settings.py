@@ -35,11 +35,11 @@ class SceneSettings:
     shutter: share of the time between frames for which the shutter is open; 0 freezes the motion. sub_frames: pictures
         averaged over that time.
     lens_blur [px]: standard deviation of the lens's blur. noise: of the sensor, in grey values.
-    occluder: what stands between the first camera and the person. hidden [s]: from when until when (that instant not
-        included) a screen before every camera hides the person wholly, as ((1.0, 2.0),) or ("1.0:2.0",).
-    sleeves: how far the shirt's go; long ones leave only hands and head bare. boards: of wood in the colour of skin, on
-        the wall and beside the person, so many; swinging: so many swing behind the person, and are on no picture of the
-        empty scene.
+    occluder: what stands between the first camera and the person. hidden [s]: interval (end not included) in which a
+        screen before every camera hides the person completely, as ((1.0, 2.0),) or ("1.0:2.0",).
+    sleeves: how far the shirt's go; long ones leave only hands and head bare. boards: number of wooden boards in the
+        colour of skin, on the wall and beside the person; swinging: number of boards that swing behind the person, and
+        are on no picture of the empty scene.
     pan, shake [px]: how far the moving background swings slowly, and trembles.
 
     Raises

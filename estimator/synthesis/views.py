@@ -16,7 +16,7 @@ _FOCAL = 660.0
 _DISTORTION = (-0.09, 0.04, 0.0008, -0.0005, 0.0)
 _MARGIN = 0.05  # share of the picture's sides that stays free of the person
 _STEP = 80.0  # [deg] between neighbouring cameras, less where they are many
-_THREE_QUARTER = 35.0  # [deg] azimuth of the first camera unless given
+_THREE_QUARTER = 35.0  # [deg] default azimuth of the first camera
 _NEAREST, _FARTHEST = 0.5, 60.0  # [m]
 _SMALLEST = 0.01  # [m] that a parallel camera shows across its picture
 

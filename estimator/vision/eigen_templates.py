@@ -10,7 +10,7 @@ import numpy as np
 SHARE = 0.8
 """Of the variance that an eigenspace holds (Sigal et al., CVPR 2004, section 5)."""
 
-_LEAST = 1e-6  # of the variance of a direction: what is always the same is no proof against what differs a little
+_LEAST = 1e-6  # of the variance of a direction: a constant direction is no proof against a small difference
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ def ray_places(views: Sequence[PatchView], box: np.ndarray, spacing: float, lead
     """Places (N, 3) [m] about `spacing` [m] apart along the rays of the foreground pixels of one view, inside box
     (2, 3), that project to a foreground pixel in every view (Sigal et al., CVPR 2004, section 5).
 
-    leading: the view whose rays they are, that with the fewest foreground pixels unless given. A row or column of its
+    leading: the view whose rays they are, by default that with the fewest foreground pixels. A row or column of its
     pixels is left out where its neighbours' rays are nearer to each other than `spacing` at the middle of the box.
     """
     if leading is None:

@@ -16,7 +16,7 @@ from humanoid.shape.surface import surface_of
 _AT_JOINT = 0.075  # m: a landmark this close to a joint gives its place
 _APART = 0.08  # m: landmarks closer than this do not determine the scale
 _NEARLY_ALL = 0.97  # of a part's nodes lie within its width: single ones stand out
-_SCALE = 0.8  # quantile of the scales that pairs of landmarks show: who points at the camera looks short
+_SCALE = 0.8  # quantile of the scales that pairs of landmarks show: those pointing at the camera look short
 _FARTHEST, _THICKEST = 1e5, 32767  # px: what can be drawn
 _SHIFT = 4  # bits of a pixel's fraction that shapes are drawn with
 
@@ -44,7 +44,7 @@ class Limbs:
     def mask(self, pixels: np.ndarray, seen: np.ndarray, size: tuple[int, int], width: float) -> np.ndarray:
         """Mask (H, W) bool of the body in a picture of `size` (width, height), at `width` times its own width.
 
-        pixels (L, 2), seen (L,) bool: of the landmarks. Parts whose common landmark is not seen are taken for one.
+        pixels (L, 2), seen (L,) bool: of the landmarks. Parts whose common landmark is not seen count as one.
         """
         mask = np.zeros(size[::-1], np.uint8)
         scale = width * self.scale(pixels, seen)

@@ -37,9 +37,9 @@ class Prediction(NamedTuple):
 
     pixels (N, 2), depth (N,) [m], state (N,): of the nodes, see `estimator.vision.visibility`.
     back_facing, occluded: how many nodes are. contours: see `Contours`.
-    buffer (rows, columns): 1 / depth [1/m], or as `estimator.data.cameras.projection.nearness` has it of a parallel
-    camera, whose depths count from far before its plane; zero where there is no body. owner: part, or -1. frame: pixel
-    of the buffer's first cell and size of a cell, (left, top, size).
+    buffer (rows, columns): 1 / depth [1/m], or `estimator.data.cameras.projection.nearness` for a parallel camera,
+    whose depths count from far before its plane; zero where there is no body. owner: part, or -1. frame: pixel of the
+    buffer's first cell and size of a cell, (left, top, size).
     """
 
     pixels: np.ndarray

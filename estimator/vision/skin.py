@@ -94,11 +94,11 @@ def learned_skin(
     source: str,
     foreground: np.ndarray | None = None,
 ) -> SkinModel:
-    """Learn what skin looks like from a picture (H, W, 3) uint8 BGR and points on it (K, 2) [px].
+    """Learn the colour of skin from a picture (H, W, 3) uint8 BGR and points on it (K, 2) [px].
 
-    Only the shares of red and green in a colour count, which light and shade leave as they are (differences of colour,
-    as Cr and Cb, shrink in shade). Colours elsewhere are those of the whole picture but the discs. No face is taken for
-    smaller than a disc, no hand for smaller than half of one.
+    Only the shares of red and green in a colour count, which light and shade do not change (differences of colour, such
+    as Cr and Cb, shrink in shade). Colours elsewhere are those of the whole picture except the discs. A face is assumed
+    no smaller than a disc, a hand no smaller than half of one.
 
     faces (K,) bool: which points are on the face. size [px]: the person's in the image, the root mean square distance
     of the keypoints from their centre. source: of the picture, for errors. foreground (H, W) bool: where the person

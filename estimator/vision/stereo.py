@@ -155,7 +155,7 @@ def undistortion_maps(
     """Maps for `cv2.remap` that show a camera's picture as a pinhole camera with K (3, 3) would see it.
 
     camera: of the picture that is given. size: width, height of the picture to be shown [px]. turn (3, 3): the shown
-    camera's rotation from `camera`, none unless given.
+    camera's rotation from `camera`, by default none.
 
     Raises InputError: a parallel camera, whose pictures no pinhole camera sees.
     """

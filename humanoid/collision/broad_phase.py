@@ -161,8 +161,8 @@ def extreme_point(
     sign: float,
     point: np.ndarray,
 ) -> None:
-    """Fill point (3,) with that of solid k furthest along sign * n, n (3,) a unit vector; of its capsule if it is no
-    ellipsoid. world (S, 12), segment (S, 6), radius (S,), radii (S, 3): see `candidates`."""
+    """Fill point (3,) with that of solid k furthest along sign * n, n (3,) a unit vector; of its capsule if it is not
+    an ellipsoid. world (S, 12), segment (S, 6), radius (S,), radii (S, 3): see `candidates`."""
     if radii[k, 0] == 0.0:
         along = n[0] * segment[k, 3] + n[1] * segment[k, 4] + n[2] * segment[k, 5]
         end = sign if along >= 0.0 else -sign

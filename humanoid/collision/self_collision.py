@@ -91,7 +91,7 @@ class SelfCollision:
     searches that fail, see `compiled_contacts`.
 
     A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
-    contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
+    contracted away, are not a pair, nor are links that overlap by over 3 mm at `body.neutral`.
 
     One object serves one thread: it reuses buffers and coal's queries. Results own their arrays and do not depend on
     earlier calls, except for distances of hulls, by less than 1e-8 m.

@@ -213,8 +213,8 @@ class Body(Summarised):
 
     @cached_property
     def extent(self) -> float:
-        """Root mean square distance [m] of the landmarks from their centre as somebody sees them who faces the body in
-        its neutral pose: what the extent of keypoints is in a picture."""
+        """Root mean square distance [m] of the landmarks from their centre, seen from the front with the body in its
+        neutral pose: the counterpart of the extent of keypoints in a picture."""
         if not self.landmark_names:
             return _LEAST_EXTENT
         points = self.landmarks(self.at(self.neutral))[:, 1:]

@@ -184,7 +184,7 @@ def _integrate_free(q, v, moved):  # type: ignore[no-untyped-def]
     else:
         a, b, c = math.sin(t) / t, (1.0 - math.cos(t)) / square, (t - math.sin(t)) / (square * t)
         half, cosine = math.sin(0.5 * t) / t, math.cos(0.5 * t)
-    if cosine < 0.0:  # of the two quaternions of a turn, that nearer to the one before, as Pinocchio has it
+    if cosine < 0.0:  # of the two quaternions of a turn, that nearer to the one before, as in Pinocchio
         half, cosine = -half, -cosine
     along = c * (w0 * v[0] + w1 * v[1] + w2 * v[2])
     u0 = a * v[0] + b * (w1 * v[2] - w2 * v[1]) + along * w0

@@ -90,7 +90,7 @@ def _hung(joint_parent: np.ndarray, nodes: list[int]) -> tuple[np.ndarray, np.nd
     """`Bodies.parent` and `Bodies.hung`."""
     parent, hung = joint_parent.copy(), np.zeros(len(joint_parent), dtype=bool)
     parent[0] = -1
-    if nodes[0] == 0:  # the world is no body
+    if nodes[0] == 0:  # the world is not a body
         children = 1 + np.flatnonzero(joint_parent[1:] == 0)
         largest = int(max(children, key=lambda j: nodes[j]))
         parent[children], parent[0] = largest, -2

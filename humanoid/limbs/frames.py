@@ -10,7 +10,7 @@ from humanoid.limbs.bodies import Bodies
 from humanoid.limbs.merging import Group
 
 _AS_FAR = 0.98  # of the farthest joint's distance: joints as far as this are the end together, as both shoulders
-_SHORT = 0.1  # of the longest body: a joint nearer than this to the proximal joint is no end
+_SHORT = 0.1  # of the longest body: a joint nearer than this to the proximal joint is not an end
 _ROUND = 0.05  # of the sum of a section's two variances: below this difference it has no main axes
 _STEEP = 0.7  # cosine; where z is nearer to a direction than this, the section is turned by another
 

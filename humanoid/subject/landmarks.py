@@ -57,7 +57,7 @@ FORMATS: dict[str, tuple[str | None, ...]] = {
 same number of keypoints the first is used unless one is named.
 
 mediapipe33: MediaPipe Pose. coco17: COCO. coco18, body25: OpenPose. halpe26, halpe136: Halpe full body, whose first 26
-are the body. wholebody133: COCO-WholeBody, whose first 23 are body and feet. h36m17: Human3.6M, as VideoPose3D has it.
+are the body. wholebody133: COCO-WholeBody, whose first 23 are body and feet. h36m17: Human3.6M, as in VideoPose3D.
 body25b: OpenPose's experimental BODY_25B.
 """
 

@@ -39,7 +39,7 @@ _HEAD = ("name", "about", "subject", "noise")
 @dataclass(frozen=True)
 class MarkerSet:
     """name, about: what it is. markers: on the links of `subject`. pairs: names of markers that mirror each other.
-    noise [m]: of a measured place, as one standard deviation along each axis. notes: what is worth knowing."""
+    noise [m]: of a measured place, as one standard deviation along each axis. notes: remarks."""
 
     name: str
     about: str

@@ -37,7 +37,7 @@ def marker_start(names: Sequence[str], source: str, links: Sequence[str], begin:
     """The text of a file for `humanoid.subject.marker_set.marker_set`, which loads once a marker is in it.
 
     names: of a file's points. source: the file's name. links: of the subject. begin: the built-in set, or the file,
-    whose places go before those of the others.
+    whose places take precedence over those of the others.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def _partners(names: Sequence[str], sets: Iterable[MarkerSet]) -> dict[str, str]
 
 
 def _text(word: str) -> str:
-    """A text as TOML has it, whose escapes are those of JSON."""
+    """A text in TOML, whose escapes are those of JSON."""
     return json.dumps(word, ensure_ascii=False)
 
 

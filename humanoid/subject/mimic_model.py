@@ -17,14 +17,14 @@ from humanoid.support.errors import InputError
 
 def with_mimics(model: pin.Model, mimics: Sequence[Mimic], source: str) -> pin.Model:
     """A model, its joints of one degree of freedom each, with some of them following others; the same object where none
-    does.
+    follows.
 
     The followers stay joints, with placements, but have no entries in configuration and velocity (nq, nv are smaller).
     Other joints keep their order, as far as masters come first.
 
     Raises
     ------
-    InputError: a master hangs on its own follower, so that no order has it first.
+    InputError: a master hangs on its own follower, so that it is first in no order.
     """
     if not mimics:
         return model

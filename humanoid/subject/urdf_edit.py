@@ -105,7 +105,7 @@ def lock_joints(document: Document, names: Sequence[str]) -> None:
 
     Raises
     ------
-    InputError: a name is no joint, or the joint is planar or floating, or follows another.
+    InputError: a name is not a joint, or the joint is planar or floating, or follows another.
     """
     joints = {j.get("name", ""): j for j in elements(document.root, "joint")}
     mimics = read_mimics(document)

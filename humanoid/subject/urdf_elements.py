@@ -416,7 +416,7 @@ def scaled_urdf(text: str, source: str, scales: Mapping[str, float]) -> str:
 
     Raises
     ------
-    InputError: a key is no proportion, a value not within scale_min and scale_max.
+    InputError: a key is not a proportion, or a value is not within scale_min and scale_max.
     """
     document = read_document(text, source)
     proportions = {p.joint: p for p in read_elements(document).proportions}

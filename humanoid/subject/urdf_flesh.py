@@ -169,7 +169,7 @@ def numbers_text(values: np.ndarray | tuple[float, ...]) -> str:
 
 
 def limb_capsule(flesh: Flesh) -> tuple[float, float] | None:
-    """Radius and length of the cylindrical part [m] of a superquadric limb's capsule; None for what is no limb.
+    """Radius and length of the cylindrical part [m] of a superquadric limb's capsule; None for anything but a limb.
 
     It uses the solid's half-axes. A limb has a nearly round section (half-axes a, b within a factor of 1.25) and is
     long: c >= 1.5 r with the mean radius r = (a + b) / 2. Its flesh has to cover the joints at its ends, its capsule

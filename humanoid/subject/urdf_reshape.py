@@ -23,7 +23,7 @@ def reshape(document: Document, shapes: Mapping[int | str, Sequence[float]]) -> 
 
     Raises
     ------
-    InputError: there is no such part, or its parameters are no surface.
+    InputError: there is no such part, or its parameters are not a surface.
     """
     links = [link for link in elements(document.root, "link") for _ in elements(link, "flesh")]
     parts = [e for link in elements(document.root, "link") for e in elements(link, "flesh")]

@@ -34,7 +34,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Raises
     ------
-    InputError: naming `path` and the reason, where it is no place for a file, or the disk does not take it.
+    InputError: naming `path` and the reason, where a file is not possible there, or writing fails.
     """
     path = Path(path)
     if path.exists() and not path.is_file():

@@ -159,8 +159,8 @@ def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerS
 def mirrored(model_points: np.ndarray, points: np.ndarray) -> bool:
     """Whether points (T, M, 3) fit a model (M, 3) [m] clearly better mirrored than turned, in most frames.
 
-    Of points of one rigid link, or of pelvis and trunk, which differ from front to back: of a flat arrangement both fit
-    alike, and the answer is no. Missing points are NaN (S. Umeyama, IEEE PAMI 13(4), 1991, with scale).
+    Of points of one rigid link, or of pelvis and trunk, which differ from front to back: for a flat arrangement both
+    fit alike, and the answer is no. Missing points are NaN (S. Umeyama, IEEE PAMI 13(4), 1991, with scale).
     """
     answers = []
     for frame in points[:: max(1, len(points) // _FRAMES)]:

@@ -174,5 +174,5 @@ def _clip(entry: BatchEntry) -> str:
 
 
 def address(path: str) -> str:
-    """A path as a link has it, whatever characters it has; nothing in it is taken for a scheme, query or place."""
+    """A path as a link, with any characters in it; nothing in it is read as a scheme, query or place."""
     return escape(quote(os.fsencode(Path(path).as_posix())))

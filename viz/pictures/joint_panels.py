@@ -24,14 +24,14 @@ class JointPanel(NamedTuple):
 
 
 def chosen_joints(names: Sequence[str], wanted: str | Iterable[str] | None) -> tuple[str, ...]:
-    """The joints that are asked for, in their own order.
+    """The requested joints, in their own order.
 
-    wanted: names, parts of names and sides ("left"), separated by commas or as several texts; unless given the limbs of
-    a body with more than twelve panels, and all joints otherwise.
+    wanted: names, parts of names and sides ("left"), separated by commas or as several texts; by default the limbs of a
+    body with more than twelve panels, and all joints otherwise.
 
     Raises
     ------
-    InputError: a text that is no part of any name, with the nearest names.
+    InputError: a text that is not part of any name, with the nearest names.
     """
     if wanted is None:
         return _usual(names)

@@ -32,7 +32,7 @@ def draw_limbs(
     """Draw limbs into an image (H, W, 3) uint8 BGR in place, nearer ones over farther ones.
 
     t (L, 3) [m], R (L, 3, 3): placements in the world; those of N samples (N, L, 3), (N, L, 3, 3) are outlines alone,
-    as strong as their weights (N, L), for each limb relative to its largest, all alike unless given; filled: opacity of
+    as strong as their weights (N, L), for each limb relative to its largest, by default all equal; filled: opacity of
     the cones of a single pose. Blue is left, orange right. Limbs that reach behind the camera, or whose placement is
     not finite, are left out.
 

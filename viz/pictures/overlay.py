@@ -60,7 +60,7 @@ def pictures(
 ) -> Iterator[np.ndarray]:
     """One picture an instant (H, W, 3) uint8 BGR, the chosen cameras side by side.
 
-    rows: the instants, all unless given. longest: longer side of a camera's picture [px]. limbs: see `drawn`.
+    rows: the instants, by default all. longest: longer side of a camera's picture [px]. limbs: see `drawn`.
     """
     views = [camera_view(scene.cameras[c], longest) for c in chosen]
     painter = BodyPainter(scene.body)

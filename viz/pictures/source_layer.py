@@ -56,7 +56,7 @@ class SourceLayer:
         self._draw_head(canvas, thickness)
 
     def draw_names(self, canvas: np.ndarray) -> None:
-        """Who is who, on the floor below both."""
+        """Labels of source and subject, on the floor below both."""
         for said, place in (("source", self.source.place(self.t)), ("subject", self._place())):
             pixel, depth = self.view.project(np.array([*place[:2], self.source.level]))
             if _drawable(pixel, depth):

@@ -48,7 +48,7 @@ def _add_standing(
     rows: list[int],
     whose: str,
 ) -> None:
-    """Discs on the floor under somebody's landmarks (T, L, 3) [m] at instants `rows` (T)."""
+    """Discs on the floor under landmarks (T, L, 3) [m] at instants `rows` (T)."""
     pairs = source.feet_among(names)
     columns, own = [k for k, _ in pairs], [i for _, i in pairs]
     places = points[:, own].copy()

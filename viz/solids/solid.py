@@ -61,7 +61,7 @@ def without_side(name: str) -> str:
 
 
 def sides_among(names: Iterable[str]) -> tuple[Side, ...]:
-    """The sides that names speak of, left and right before trunk; none where all is trunk: then there is no side."""
+    """The sides in names, left and right before trunk; none where all is trunk."""
     sides = {side_of(name) for name in names}
     return tuple(side for side in SIDES if side in sides) if sides - {"trunk"} else ()
 

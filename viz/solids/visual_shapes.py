@@ -83,7 +83,7 @@ def _materials(document: Document) -> dict[str, tuple[Rgb, float]]:
 
 
 def _look(material: ET.Element) -> tuple[Rgb, float] | None:
-    """Colour and opacity; None where the element holds no colour that can be read."""
+    """Colour and opacity; None where the element has no valid colour."""
     colour = material.find("color")
     try:
         parts = [float(part) for part in colour.get("rgba", "").split()] if colour is not None else []

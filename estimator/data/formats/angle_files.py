@@ -20,7 +20,7 @@ _TO_METRES = {"_m": 1.0, "_cm": 1e-2, "_mm": 1e-3}
 
 
 class AngleFile(NamedTuple):
-    """coordinates, their time (T,) [s], and what is worth knowing."""
+    """coordinates, their time (T,) [s], and notes."""
 
     coordinates: Coordinates
     time: np.ndarray

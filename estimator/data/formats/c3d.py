@@ -22,7 +22,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.extras import optional
 
 _MILLIMETRES = 1e3
-_CHANNELS = ("ANGLES", "SCALARS", "FORCES", "MOMENTS", "POWERS", "REACTIONS")  # lists of labels that are no points
+_CHANNELS = ("ANGLES", "SCALARS", "FORCES", "MOMENTS", "POWERS", "REACTIONS")  # lists of labels that are not points
 _MOST_LABELS = 255  # of one parameter; what follows goes to LABELS2, LABELS3, ...
 
 
@@ -39,8 +39,8 @@ def write_c3d(
 ) -> None:
     """Write points (T, L, 3) of the z-up world [m] in millimetres, and channels as their own kinds of points.
 
-    As capture software has it, a channel is a point whose x is the value, listed under POINT:ANGLES or POINT:SCALARS
-    with its unit in POINT:ANGLE_UNITS or POINT:SCALAR_UNITS. What is missing (NaN) has the residual -1, else it is 0.
+    As in capture software, a channel is a point whose x is the value, listed under POINT:ANGLES or POINT:SCALARS with
+    its unit in POINT:ANGLE_UNITS or POINT:SCALAR_UNITS. What is missing (NaN) has the residual -1, else it is 0.
     Numbers are in single precision. time (T,) [s]: frames count as evenly spaced.
 
     Raises

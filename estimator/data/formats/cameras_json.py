@@ -47,7 +47,7 @@ _DERIVED = ("centre_world",)  # follows from the others
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """One camera as the file has it."""
+    """One camera of the file."""
     entry = {
         "name": camera.name,
         "image_size": [int(n) for n in camera.image_size],

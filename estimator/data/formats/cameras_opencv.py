@@ -89,7 +89,7 @@ def _remedy() -> str:
 
 
 def _entry(root: Mapping[str, Any], source: str | Path, place: str, suffix: str = "") -> dict[str, Any]:
-    """One camera as our own JSON has it; suffix: of the members' names."""
+    """One camera in our own JSON; suffix: of the members' names."""
     entry: dict[str, Any] = {}
     for key in ("K", "distortion", "R", "t"):
         value = _of(root, key, suffix)

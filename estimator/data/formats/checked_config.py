@@ -56,7 +56,7 @@ def parsed_yaml(content: bytes, source: str | Path) -> Mapping[str, Any]:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(source, "is not text") from None
-    if text.startswith("%YAML"):  # %YAML:1.0 is no directive of YAML's
+    if text.startswith("%YAML"):  # %YAML:1.0 is not a directive of YAML
         text = "#" + text
     try:
         return mapping(yaml.load(text, _Loader), source)

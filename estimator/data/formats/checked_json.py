@@ -127,7 +127,7 @@ def shaped(value: Any, shape: tuple[int, ...], source: str | Path, place: str) -
 
 
 def _culprit(value: Any) -> tuple[Any] | None:
-    """The first value in nested lists that is no number, if there is one."""
+    """The first value in nested lists that is not a number, if any."""
     if isinstance(value, list):
         return next((culprit for v in value if (culprit := _culprit(v)) is not None), None)
     return None if isinstance(value, (int, float)) and not isinstance(value, bool) else (value,)

@@ -1,4 +1,4 @@
-"""HDF5 files that anybody may have written: what is read of them, and nothing in them run."""
+"""HDF5 files from untrusted sources: data is read, and nothing in them is run."""
 
 from __future__ import annotations
 

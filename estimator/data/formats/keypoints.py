@@ -24,14 +24,15 @@ _LONGEST_GAP = 1000  # frames that may be missing for each that is there
 class KeypointTrack:
     """One person's keypoints over time in one camera.
 
-    layout: name of the keypoint format (a key of `humanoid.subject.landmarks.FORMATS`, or its name in the file). names
-    (J): landmark of each keypoint, None where none corresponds.
+    layout: name of the keypoint format (a key of `humanoid.subject.landmarks.FORMATS`, or its name in the file).
+    names (J): landmark of each keypoint, None where none corresponds.
     pixels (T, J, 2): [px], NaN where missing.
     confidence (T, J): 0 to 1, 0 exactly where missing.
     world (T, J, 3): the same points in space [m], see `estimator.data.formats.keypoints_own`, NaN in frames without;
         None where no frame has it.
     image_size: width, height [px], None where the file does not give it. fps: likewise.
-    notes: corrections and remarks. source: the file.
+    notes: corrections and remarks.
+    source: the file.
     """
 
     layout: str
@@ -189,7 +190,7 @@ def _numbering_notes(reading: Reading, first: int) -> tuple[str, ...]:
 
 
 def _refuse_normalised(frames: Mapping[int, Sequence[Person]], path: Path) -> None:
-    """Fractions of the image are no pixels: no person is as small as that."""
+    """Refuse fractions of the image as pixels: no person is that small."""
     if all(_small(p) for people in frames.values() for p in people if p.size > 0.0):
         remedy = "pixels are needed; OpenPose: leave --keypoint_scale at 0"
         raise InputError(path, "the coordinates are fractions of the image", remedy=remedy)

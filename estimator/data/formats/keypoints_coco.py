@@ -21,7 +21,7 @@ from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, check
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError, shown
 
-_HIDDEN = 0.5  # confidence of a point that somebody placed without seeing it
+_HIDDEN = 0.5  # confidence of a point that was annotated without being visible
 _FLAGS = (0.0, 1.0, 2.0)
 
 

@@ -49,7 +49,8 @@ def read_deeplabcut(reading: Reading) -> None:
 
     Raises
     ------
-    InputError: with the line, where the file is none of DeepLabCut's, is cut short or has what is no number.
+    InputError: with the line, where the file is not one of DeepLabCut's, is truncated or has a cell that is not a
+    number.
     """
     fill(reading, _table(reading.source))
 

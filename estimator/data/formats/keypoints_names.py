@@ -51,7 +51,7 @@ def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
 
 
 def naming_beside(path: Path) -> Naming:
-    """What stands beside a keypoint file about its names; raises InputError where it is no list or object of names."""
+    """The names in a file beside a keypoint file; raises InputError where it is not a list or object of names."""
     for ending in _ENDINGS:
         beside = path.with_name(path.name.removesuffix(path.suffix) + ending)
         if beside.is_file():

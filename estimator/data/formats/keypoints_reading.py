@@ -120,5 +120,5 @@ def checked_names(value: Any, source: str | Path, place: str) -> tuple[str, ...]
 
 
 def as_landmarks(names: Sequence[str]) -> tuple[str, ...]:
-    """The landmark each name means; a name that means none of ours stays, as a robot's subject may have it."""
+    """The landmark for each name; an unknown name stays, as a robot's subject may have it."""
     return tuple(landmark_name(name) or name for name in names)

@@ -106,7 +106,7 @@ def _declared(data: h5py.Dataset) -> tuple[str, ...] | None:
 
 
 def refuse_hdf5(path: Path) -> None:
-    """Raise InputError for an HDF5 file that holds no keypoints, with what it has and what was looked for."""
+    """Raise InputError for an HDF5 file without keypoints, with its contents and what was expected."""
     with opened(path) as file:
         if {"instances", "points", "metadata"} <= set(file):
             remedy = "export it: in SLEAP, File, Export Analysis HDF5; or sleap-convert --format analysis"

@@ -1,4 +1,4 @@
-"""Joint coordinates over time from csv and npz: as they are exported, or as anybody may write them."""
+"""Joint coordinates over time from csv and npz, exported by kinemode or written by other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of arrays: those that anybody may have written, and our own with a header of JSON."""
+"""Files of arrays: from untrusted sources, and our own with a header of JSON."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    InputError: it is no .npz, is damaged, has objects in it, or unpacks to more than 400 MB.
+    InputError: it is not an .npz, is damaged, has objects in it, or unpacks to more than 400 MB.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -81,7 +81,7 @@ def read_npy(path: Path) -> np.ndarray:
 
     Raises
     ------
-    InputError: it is no .npy, is cut short, has objects in it, or has more than 400 MB.
+    InputError: it is not an .npy, is truncated, has objects in it, or has more than 400 MB.
     """
     try:
         size = path.stat().st_size

@@ -110,7 +110,7 @@ def read_trc(path: Path, up: str = "y", unit: str | None = None, option: str = "
     """
     lines = read_text(path).splitlines()
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
-        raise InputError(path, "is no TRC file", place="line 1")
+        raise InputError(path, "is not a TRC file", place="line 1")
     header = dict(zip(_header_cells(lines[1].lower()), _header_cells(lines[2]), strict=False))
     said = unit_of(header.get("units", ""))
     metres = metres_in(said if unit is None else unit, path, "line 3, Units", option)

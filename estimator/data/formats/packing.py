@@ -56,7 +56,7 @@ def unpack(blob: bytes) -> dict[str, np.ndarray]:
 
 
 def _index(text: bytes) -> Iterator[tuple[str, np.dtype[Any], tuple[int, ...]]]:
-    """Names, types and shapes of the arrays; ValueError where it is no index."""
+    """Names, types and shapes of the arrays; ValueError where it is not an index."""
     try:
         entries = json.loads(text)
     except RecursionError:

@@ -44,5 +44,5 @@ def checked_rate(path: str | Path, fps: float) -> float:
 def rising_times(path: str | Path, time: np.ndarray, count: int) -> np.ndarray:
     """Times (count,) [s] that rise; raises InputError for others."""
     if time.shape != (count,) or not np.isfinite(time).all() or np.any(np.diff(time) <= 0.0):
-        raise InputError(path, f"is no {count} rising numbers", place="time", remedy="the time of each frame [s]")
+        raise InputError(path, f"is not {count} rising numbers", place="time", remedy="the time of each frame [s]")
     return time

@@ -16,15 +16,15 @@ _STILLER = 0.5  # speed of the planted end over that of the other
 _SEEN = 0.5  # of the points that a frame needs
 _END = 0.25  # of the extent that counts as an end
 _ALONG = 0.82  # cosine of 35 degrees: between an axis and the mean direction from the feet to the head
-_ALWAYS = 0.9  # length of the mean of these directions, of somebody who does not turn over
+_ALWAYS = 0.9  # length of the mean of these directions, for a person who does not turn over
 _FASTER = 0.05  # [m/s] that the upper end has to move at
 
 
 def up_by_names(names: Sequence[str], points: np.ndarray) -> str | None:
     """The axis, one of `UPS`, along which the head is above the feet in points (T, M, 3) with these names (M).
 
-    None where too few names are of head and feet, or where the way from one to the other turns or is along no axis, as
-    of somebody who bends down or rolls over. Of somebody who lies it is the axis along which the body lies.
+    None where too few names are of head and feet, or where the direction between them turns or is along no axis, as
+    when a person bends down or rolls over. For a lying person it is the axis along which the body lies.
     """
     head, foot = (_middles(points[:, end]) for end in body_ends(names))
     mean = mean_direction(head - foot)
@@ -41,10 +41,10 @@ def _middles(points: np.ndarray) -> np.ndarray:
 
 
 def up_by_motion(points: np.ndarray, time: np.ndarray) -> str | None:
-    """The axis, one of `UPS`, that points up in points (T, M, 3) [m] of somebody upright; None where it is not clear.
+    """The axis, one of `UPS`, that points up in points (T, M, 3) [m] of an upright person; None where it is not clear.
 
-    The body is longest along it in nearly all frames, and at its lower end some point stands still while the upper end
-    moves, as feet do on a floor. Who lies, spreads the arms or does not move leaves it open.
+    The body is longest along it in nearly all frames, and at its lower end some point rests while the upper end moves,
+    as feet do on a floor. A person who lies, spreads the arms or does not move leaves it open.
     """
     seen = np.isfinite(points).all(axis=2)
     enough = seen.mean(axis=1) >= _SEEN * seen.mean(axis=1).max(initial=0.0)

@@ -85,7 +85,8 @@ def _checked(said: Said) -> Said:
 
 
 def _sound(file: PointFile, said: Said) -> PointFile:
-    """The points of a file in metres, those that have a name and are no zeros; raises InputError where none are."""
+    """The points of a file in metres, those that have a name and are not zero; raises InputError where there are
+    none."""
     path, notes = file.path, list(file.notes)
     unit = said.unit or file.unit
     if not unit:

@@ -95,12 +95,12 @@ def _changes(paths: np.ndarray, seen: np.ndarray, time: np.ndarray, t: int, star
 
 
 def _confirmed(state: np.ndarray, paths: np.ndarray, seen: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The frames (T,) that are exchanged in `state`, without those changes that frames on either side speak against;
-    paths (T, 2, 3) with the labels put right as `state` has it.
+    """The frames (T,) that are exchanged in `state`, without those changes that frames on either side contradict; paths
+    (T, 2, 3) with the labels corrected by `state`.
 
-    A path of which a few points are outliers may seem to change once, and never back. From one marker to the other it
-    is as far and the same way on both sides of a change that is one. A marker that is seen alone is read as where both
-    are seen, before and after, where these agree.
+    A path of which a few points are outliers may seem to change once, and never back. At a true change, the vector from
+    one marker to the other is the same on both sides. A marker that is seen alone is read as where both are seen,
+    before and after, where these agree.
     """
     both = np.flatnonzero(seen.all(axis=1))
     between, state = (paths[:, 1] - paths[:, 0])[both], state.copy()

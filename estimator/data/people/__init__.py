@@ -1,1 +1,1 @@
-"""Which of several people in several cameras is the subject; who everybody is."""
+"""Which of several people in several cameras is the subject, and which detections are of one person."""

@@ -35,16 +35,16 @@ def subject_tracks(
     Parameters
     ----------
     files, cameras: by the same names; the cameras are those of pictures of the size that the files were made from.
-    persons: who is wanted in each camera, "auto" or a person of that file (see `people_choice.select`); a camera that
-        is not named is "auto".
-    times: of each frame of a file [s], on one clock; without them frames of the same number were taken together.
+    persons: the chosen person in each camera, "auto" or a person of that file (see `people_choice.select`); "auto" for
+    a camera that is not named.
+    times: of each frame of a file [s], on one clock; without them frames of the same number were recorded together.
 
-    Where there are several people and several cameras, those left to "auto" are chosen to fit each other and
-    the ones given; otherwise each file chooses for itself, and what does not fit is noted.
+    Where there are several people and several cameras, those left to "auto" are chosen to fit each other and the ones
+    given; otherwise each file is chosen from alone, with a note on what does not fit.
 
     Raises
     ------
-    InputError: a person that a file has not; no person in any camera fits one in another.
+    InputError: a person that a file does not have; no person in any camera fits one in another.
     """
     given = {name: str(persons.get(name, AUTO)) for name in files}
     instants = instants_of(times or {})

@@ -29,7 +29,7 @@ class PairAffinities:
 
     first, second (R,): rows of the table. distance (R,): see `RayPairs`. compared_frames (F,): the frames in which all
     detections were compared, so that people who were compared there and are not listed do not fit at all. scale:
-    distance at which nothing speaks for or against one person.
+    distance at which there is no evidence for or against one person.
     """
 
     first: np.ndarray

@@ -12,7 +12,7 @@ from estimator.data.people.groups import exchange_pieces, grouped
 from estimator.data.people.pieces import Table
 
 _PASSES = 3  # through all groups, which settle in the first or second
-_LOOKS = 5  # instants whose size is taken for a person's
+_LOOKS = 5  # instants whose size is used for a person's
 _ALIKE = 1.4  # ratio of two sizes beyond which it is another person: arms are raised, people crouch
 _SPEED = (
     0.25  # body sizes a frame that an unseen person may have moved: 7 a second, a sprinter's, at 30 frames a second

@@ -23,8 +23,8 @@ from estimator.data.people.pieces import Table, table_of
 from humanoid.support.errors import InputError
 
 FEWEST = 10
-"""Frames that somebody has to be seen in, by two cameras at once where there are several."""
-_LONGEST_ABSENCE = 60  # instants after which somebody who comes is somebody else
+"""Least number of frames in which a person is seen, by two cameras at once where there are several."""
+_LONGEST_ABSENCE = 60  # instants after which a returning person counts as another one
 
 Tracks = dict[str, KeypointTrack]
 

@@ -76,7 +76,7 @@ def _exchange(
     mine, theirs = ((group == g).astype(float) for g in two)
     sign = np.where(group[pieces] == two[0], 1.0, -1.0)
     alone = sign * (affinity[pieces] @ (theirs - mine))  # what each would gain if the others stayed
-    both = sign[:, None] * affinity[np.ix_(pieces, pieces)] * sign  # and what that counts of those who go along
+    both = sign[:, None] * affinity[np.ix_(pieces, pieces)] * sign  # and the affinities of those that change along
     ends = np.concatenate([[0.0], np.cumsum(alone)])
     corner = np.zeros((len(ends), len(ends)))
     corner[1:, 1:] = np.cumsum(np.cumsum(both, axis=0), axis=1)

@@ -38,8 +38,8 @@ def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names
 
 
 def selection_note(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> str:
-    """Who was chosen in camera c: some rows of the table. ids_there: how many ids its file has. given: the person that
-    the user named, or "auto"."""
+    """The person chosen in camera c: some rows of the table. ids_there: number of ids in its file. given: the user's
+    choice, or "auto"."""
     if given != AUTO:
         return f"person {given}, as given"
     if not len(rows):
@@ -82,7 +82,8 @@ def left_out(lengths: Sequence[int], fewest: int) -> tuple[str, ...]:
 def seen_by_one(
     names: Sequence[str], table: Table, rows: np.ndarray, people: np.ndarray, fewest: int
 ) -> tuple[str, ...]:
-    """People (D,) whom one camera alone sees, at some rows (D,) of the table; those of fewer frames are no news."""
+    """People (D,) whom one camera alone sees, at some rows (D,) of the table; those of fewer frames are not
+    reported."""
     notes = []
     for c, name in enumerate(names):
         here = rows & (table.camera == c)

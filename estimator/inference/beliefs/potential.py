@@ -110,7 +110,7 @@ def potential_of(
 
     Raises
     ------
-    InputError: sizes differ, a covariance is not positive definite, weights or lambda0 are no shares.
+    InputError: sizes differ, a covariance is not positive definite, weights or lambda0 are not shares.
     """
     mean = np.array(mean, dtype=float, ndmin=2)
     if mean.shape[1] != space.size:

@@ -114,7 +114,7 @@ class StrataTarget(NamedTuple):
 
 
 class Weighted(NamedTuple):
-    """Samples (N, size), logarithms (N,) of weights that sum to 1, and a status as `Belief` has it."""
+    """Samples (N, size), logarithms (N,) of weights that sum to 1, and a status, see `Belief`."""
 
     points: np.ndarray
     log_weight: np.ndarray

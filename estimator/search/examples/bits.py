@@ -46,7 +46,7 @@ def learned_bits(
 
     Raises
     ------
-    ValueError: there is no pair of a kind.
+    ValueError: no pair of one kind.
     """
     if not len(similar[0]) or not len(dissimilar[0]):
         raise ValueError(

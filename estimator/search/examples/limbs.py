@@ -74,16 +74,15 @@ class LimbBank:
         self._T_root_parts = [_about(placements, part.root, part.joints) for part in self._parts]
 
     def with_limb(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
-        """A pose q (nq,) with its k-th limb, and what that carries, as other poses (N, nq) have it, (N, nq); not
-        clamped."""
+        """Poses (N, nq): q (nq,) with its k-th limb, and what that carries, from other poses (N, nq); not clamped."""
         changed = np.repeat(q[None], len(others), axis=0)
         changed[:, self._places[k]] = others[:, self._places[k]]
         return changed
 
     def best(self, q: np.ndarray, k: int, others: np.ndarray, seen: SeenPoints, count: int) -> np.ndarray:
-        """Of a pose q (nq,) with its k-th limb as the bank's poses or others (N, nq) have it the `count` that lie best
-        on what is seen, or as many as are not alike, (C, nq): by a cheap likeness of ELMO's eq. 1, both ways, in which
-        no part hides another."""
+        """The `count` poses (C, nq), or as many as are distinct, that fit the observation best, among q (nq,) with its
+        k-th limb from the bank's poses or others (N, nq): by a cheap likeness of ELMO's eq. 1, both ways, in which no
+        part hides another."""
         changed, placements = self.with_limb(q, k, np.concatenate([others, self.q])), self._placed(q, k, others)
         order, parts = np.argsort(self._scores(q, k, placements, seen), kind="stable"), self._parts[k]
         middles = points_of_each(PlacedBodies(changed, placements), np.arange(len(parts.joints)), parts.middle)

@@ -45,7 +45,7 @@ class PersonView(NamedTuple):
 
 
 def sees_person(observation: Observation, evidence: PersonEvidence) -> bool:
-    """Whether some camera has points of the person's surface, or somebody's silhouette, and a picture."""
+    """Whether some camera has points of the person's surface, or a silhouette, and a picture."""
     return any(_shown(cues, evidence.cue) for cues in observation.cues)
 
 
@@ -104,14 +104,14 @@ def largest_part(mask: np.ndarray) -> np.ndarray:
 
 
 def standing_places(mask: np.ndarray, camera: Camera, up: np.ndarray, stature: float) -> np.ndarray | None:
-    """Places (N, 3) in the world [m] of the surface of somebody who stands, without the feet, as depth would have them:
-    on an upright plane that faces the camera, at the distance at which they are as tall as they are known to be.
+    """Places (N, 3) in the world [m] of the surface of a standing person, without the feet, like those of depth: on an
+    upright plane that faces the camera, at the distance at which the person has the known height.
 
     mask (H, W) bool: of one person, in the camera's picture. up (3,): of the world, which the camera's place has to be
-    known in. stature [m]: from the soles to the top of the head. The top is looked for above the middle of the person,
-    so that raised arms do not count; a person who bends or sits is taken for one who is farther away.
+    known in. stature [m]: from the soles to the top of the head. The top is searched above the middle of the person, so
+    that raised arms do not count; a person who bends or sits is placed farther away.
 
-    None where their height is not seen: head or feet leave the picture, or too little of them is there.
+    None where their height is not seen: head or feet leave the picture, or too little of them is visible.
     """
     rows, columns = np.nonzero(mask)
     if not len(rows) or np.ptp(rows) < LEAST_SHARE * len(mask):

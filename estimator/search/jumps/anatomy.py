@@ -178,7 +178,7 @@ class _Probe:
     def _limb(self, a: int, b: int, c: int) -> TwoSegmentLimb | None:
         dofs = np.flatnonzero(self.moves[c] & ~self.moves[a])
         if not 2 <= len(dofs) <= 4 or self.levers[a, dofs[-1]] < SHORT * self.size:
-            return None  # the last one is no hinge between two segments
+            return None  # the last one is not a hinge between two segments
         before = int(self.body.tree.dof_parent[dofs[0]])
         if len(dofs) < 4 and self._belongs(before, a, int(dofs[0])):
             dofs = np.append(before, dofs)
@@ -200,7 +200,7 @@ class _Probe:
         return float(self.levers[limb.landmarks[0], limb.dofs[:-1]].max())
 
     def parts(self, limbs: list[TwoSegmentLimb]) -> tuple[RigidPart, ...]:
-        """Runs of joints that are no limb's, and a free root before them."""
+        """Runs of joints that are not of a limb, and a free root before them."""
         taken = {int(d) for limb in limbs for d in limb.dofs}
         roots = {int(limb.landmarks[0]) for limb in limbs}
         runs = self._runs(taken)

@@ -115,7 +115,7 @@ def _options(
 
 
 def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, on_rays: PoseOnRays, camera: Camera) -> float:
-    """Of what is no limb's."""
+    """Of what is not of a limb."""
     limbs = [d for limb in anatomy.limbs for d in limb.dofs]
     others = np.setdiff1d(np.arange(body.nv), np.array(limbs, dtype=np.int64))
     return prior.energy(on_rays.q, others) + prior.tilt(on_rays.q, camera)

@@ -69,7 +69,7 @@ class KinematicJumps:
         return interpretations(self.body, self.anatomy, self._prior, pose_on_rays(self.body, q, camera), camera)
 
     def exchange(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
-        """q (nq,) with left and right limbs on each other's rays: limbs that pass are taken for one another.
+        """q (nq,) with left and right limbs on each other's rays: limbs that pass each other are confused.
 
         Which pair of limbs, or all of them, and which of the depths their segments can have there, is random; None
         where they cannot.

@@ -20,7 +20,7 @@ class LimbProposal:
     def __init__(self, body: Body, least: float = 0.3, most: float = 1.2) -> None:
         self.body = body
         self._spread = np.log([least, most])  # rad, of the joints' change
-        first = range(body.first_joint_dof, body.nv)  # a free root is no limb
+        first = range(body.first_joint_dof, body.nv)  # a free root is not a limb
         self._behind = [np.flatnonzero([self._moves(d, e) for e in range(body.nv)]) for d in first]
 
     def _moves(self, dof: int, other: int) -> bool:

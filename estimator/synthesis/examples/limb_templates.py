@@ -62,12 +62,12 @@ def train_templates(
 ) -> LimbTemplates:
     """Templates of a subject's limbs for a rig; equal arguments give equal templates.
 
-    limbs: names of those that get one, and the other side's with them; all unless given. poses: so many are painted.
-    progress: called with how many of how many are done.
+    limbs: names of those that get one, and the other side's with them; by default all. poses: number of painted poses.
+    progress: called with the number of finished ones and of all.
 
     Raises
     ------
-    InputError: nothing of the subject can be painted, a limb that is none, too few poses, cameras that see no place in
+    InputError: nothing of the subject can be painted, an unknown limb, too few poses, cameras that see no place in
     common, or a limb that too few poses show to all of them.
     """
     if poses < FEWEST:

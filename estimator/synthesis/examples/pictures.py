@@ -43,7 +43,7 @@ class Example(NamedTuple):
 
 
 class Variant(NamedTuple):
-    """A body as the pictures have it."""
+    """A body as in the pictures."""
 
     body: Body
     surface: Surface
@@ -133,7 +133,7 @@ class ExamplePainter:
 
 def _background(rng: np.random.Generator) -> np.ndarray:
     """Uneven, so that the outline stands out from it here more, there less, and in one of two pictures speckled, (H, W,
-    3) float32: some of it is taken for the person's."""
+    3) float32: some of it is mistaken for the person."""
     coarse = rng.uniform(20.0, 230.0) + _UNEVEN * rng.standard_normal((4, 4))
     grey = cv2.resize(coarse.astype(np.float32), (_CANVAS, _CANVAS), interpolation=cv2.INTER_CUBIC)
     if rng.random() < 0.5:

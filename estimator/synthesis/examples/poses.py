@@ -1,4 +1,4 @@
-"""Random poses of a standing body: arms anywhere within their limits, the rest as its stabilisers have it."""
+"""Random poses of a standing body: arms anywhere within their limits, the rest by its stabilisers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PoseSampler:
         return q
 
     def near(self, q: np.ndarray, rng: np.random.Generator, farthest: float) -> np.ndarray:
-        """A pose in which every landmark is within `farthest` [m] of where q (nq,) has it, most of them not near it."""
+        """A pose in which every landmark is within `farthest` [m] of its place at q (nq,), most of them not near it."""
         body = self.body
         before = body.landmarks(body.at(q))
         step = 0.15 * rng.standard_normal(body.nv)

@@ -19,7 +19,7 @@ from humanoid.kinematics.body import ROOT_Q, PosedBody, directions_in_world, poi
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.shape.surface import Surface
 
-_WIDEST = 320  # px of the pictures that are painted: patches are no finer
+_WIDEST = 320  # px of the pictures that are painted: patches are not finer
 _PLACES = 60  # tried for a pose, until one is seen by all
 _LIGHT = 0.3, 0.75  # ambient
 _NOISE = 1.0, 4.0  # grey values

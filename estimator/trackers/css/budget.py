@@ -34,8 +34,8 @@ class BudgetSettings(CheckedSettings):
 
 
 class Source(NamedTuple):
-    """What hypotheses come from: its share of the budget beside the other sources', and what draws so many of them (or
-    fewer, where there are no more)."""
+    """A source of hypotheses: its share of the budget relative to the other sources, and the function that draws that
+    many (or fewer, where there are no more)."""
 
     share: float
     draw: Callable[[int], list[Hypothesis]]

@@ -210,8 +210,8 @@ class PointsBeside:
         return replace(expected, mean=mean, covariance=covariance)
 
     def _by_pose(self, mixture: Mixture, std: np.ndarray, camera: Camera) -> Normals:
-        """Where the hypotheses, a step of standard deviation std (nv,) later, expect each landmark (L), all together as
-        one normal density (J Sigma J'); NaN where one has it behind the camera."""
+        """Prediction of each landmark (L) by all hypotheses, a step of standard deviation std (nv,) later, as one
+        normal density (J Sigma J'); NaN where one has it behind the camera."""
         q, weights = np.array([m.q for m in mixture.modes]), mixture.weights
         pixels, jacobian = self._features.in_image(self.body, q, camera, np.arange(self._features.count))
         sigma = np.array([m.covariance for m in mixture.modes]) + np.diag(np.square(std))

@@ -1,4 +1,4 @@
-"""Poses drawn part by part: trunks first, then each limb, from where the past and the image have it.
+"""Poses drawn part by part: trunks first, then each limb, from the past and the image.
 
 Given trunk, head and neck the limbs are independent (Taycher et al. 2004, section 4), so each is drawn and weighted by
 its own evidence alone. Weights of joint draws collapse.

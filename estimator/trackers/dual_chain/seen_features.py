@@ -53,7 +53,7 @@ class SeenFeatures(Protocol):
 
 class SkinFeatures:
     """Face and hands as blobs of skin; the face also by its keypoints where there are any, and by a detector whose
-    model file is given (empty: none). Raises InputError where that file is no such model."""
+    model file is given (empty: none). Raises InputError where that file is not such a model."""
 
     def __init__(self, model: CostModel, settings: SkinSettings, face_model: str = "") -> None:
         self._model, self._settings = model, settings

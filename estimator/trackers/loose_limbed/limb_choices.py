@@ -12,7 +12,7 @@ from estimator.trackers.loose_limbed.limb_places import PlacementCluster, Places
 from humanoid.limbs.limb import LimbGraph
 
 HALF_TURN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.pi])  # about a limb's own axis
-FREE_TWIST = 1.0  # rad: how little is known of the turn about its axis of a limb that was taken for its mirror image
+FREE_TWIST = 1.0  # rad: standard deviation of the turn about its axis of a limb that was mistaken for its mirror image
 
 
 class Choice(NamedTuple):
@@ -53,7 +53,7 @@ def choices(graph: LimbGraph, places: Places, mistakes: Mistakes) -> list[Choice
         _exchanged(graph, base, limbs, mistakes.exchange) for limbs in [*([every] if every else []), *outwards]
     ]
     turned = [_turned(base, middle, mistakes.exchange)] if every else []
-    # who turns round has every limb turned, not only those of the middle
+    # a person who turns round has every limb turned, not only those of the middle
     turned += [_turned(c, range(len(graph.limbs)), mistakes.exchange) for c in exchanged[:1]]
     apart = [c for limbs in outwards for c in _apart(graph, places, base, limbs, mistakes)]
     return _distinct([base, *apart, *exchanged, *turned, *_next_places(places, base, mistakes.least)])

@@ -62,7 +62,8 @@ def _places(limb: Limb, belief: Belief, apart: float, count: int) -> tuple[Place
         return ()
     weights = weights / weights.sum()
     R = placements_of(points)[1]
-    # limbs that are turned about their own axis differ by how far their flesh is moved: a trunk's front is no arm's
+    # limbs that are turned about their own axis differ by how far their flesh is moved: a trunk's front is wider than
+    # an arm's
     side = 0.5 * float(max(limb.proximal.max(), limb.distal.max())) * R[:, :, 0]
     of = clusters(np.concatenate([*ends(limb, points).transpose(1, 0, 2), side], axis=1), weights, apart, count)
     places = []

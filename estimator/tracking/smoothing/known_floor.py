@@ -52,8 +52,8 @@ def believed_floor(body: Body, cameras: Sequence[Camera], known: KnownFloor, q: 
 
 class FeetOnFloor(NamedTuple):
     """standing (T, P): probability that each point of the feet stands. floor: what they stand on, None without one.
-    raised: what they rest on while the body lies deep below it, which is no floor; None where they do not. belt: of a
-    treadmill, None without one."""
+    raised: what they rest on while the body lies deep below it, which is not a floor; None where they do not. belt: of
+    a treadmill, None without one."""
 
     standing: np.ndarray
     floor: Ground | None

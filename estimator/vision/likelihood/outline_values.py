@@ -21,7 +21,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 _OUTSIDE = 1e-3  # least share of either in a picture
 _FARTHEST = 255  # px to an edge that are distinguished
-_NONE = 255  # the orientation of what is no edge
+_NONE = 255  # the orientation of pixels without an edge
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class _View:
         used = [(CUES[name], settings.of(name)) for name in settings.used]
         self._follows = any(cue.follows for cue, _ in used)
         prepared: dict[str, Any] = {}
-        for cue, own in sorted(used, key=lambda each: not each[0].needs_depth):  # who knows where the person is, first
+        for cue, own in sorted(used, key=lambda each: not each[0].needs_depth):  # those that locate the person first
             prepared[cue.name] = cue.prepare(pictures, own)
             pictures.person_masks = pictures.person_masks or cue.person_masks(prepared[cue.name])
         self._used = [(cue, own, prepared[cue.name]) for cue, own in used]

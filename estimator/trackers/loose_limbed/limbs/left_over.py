@@ -1,4 +1,5 @@
-"""What of the person in the pictures no limb of a pose covers: where a limb may be that was taken for another."""
+"""The part of the person in the pictures that no limb of a pose covers, where a limb may be that was confused with
+another."""
 
 from __future__ import annotations
 

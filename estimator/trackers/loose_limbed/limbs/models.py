@@ -1,4 +1,4 @@
-"""Learned densities of what limbs, and what is no limb, look like, and their file."""
+"""Learned densities of the appearance of limbs and of the background, and their file."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _MOST_LEVELS = 12
 class LimbModels:
     """Densities of the `FEATURES`, quantised.
 
-    bins (9): borders between the levels of each, rising. background: of places that are no limb. limbs: of each limb
-    by its name. any_limb: of all of them together, for limbs of other names.
+    bins (9): borders between the levels of each, rising. background: of places without a limb. limbs: of each limb by
+    its name. any_limb: of all of them together, for limbs of other names.
     """
 
     bins: tuple[np.ndarray, ...]

@@ -95,7 +95,7 @@ def _node(instant: Instant, limb: int) -> Node:
 
 
 def _of_limb(log_ratio: LimbLogRatio | None, limb: int) -> LogLikelihood | None:
-    """The likelihood of one limb as a node has it."""
+    """The likelihood of one limb, as a node's."""
     if log_ratio is None:
         return None
 

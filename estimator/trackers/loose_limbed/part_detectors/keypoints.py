@@ -60,7 +60,7 @@ NOTHING = PartProposals(np.zeros((0, 7)), np.zeros(0))
 
 class _Pairs(NamedTuple):
     """Landmarks placed by pairs of views: points (K, L, 3) [m], NaN where they are not; gap (K, L): how far the rays
-    miss each other [m]; confidence (K, L), 0 where there is no point; log_prior (K,) of whose left is taken for right.
+    miss each other [m]; confidence (K, L), 0 where there is no point; log_prior (K,) of the exchange of left and right.
     """
 
     points: np.ndarray
@@ -234,7 +234,7 @@ def _by_views(
 
 
 def _likeliest(fits: Fits, settings: KeypointDetectorSettings) -> Fits:
-    """Those of enough weight, whose turns are then tried: what is spread over many turns is no less likely for it."""
+    """Those of enough weight, whose turns are then tried. Being spread over many turns makes a fit no less likely."""
     best = fits.log_weight.max(initial=-np.inf)
     return fits.of(np.flatnonzero(fits.log_weight > best + np.log(max(settings.least, 1e-300))))
 

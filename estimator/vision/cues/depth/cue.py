@@ -90,8 +90,8 @@ class DepthMatcher(Matcher):
         ]
 
     def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[NodePointPairs, NodePointPairs]:
-        """From nodes to points and back. A body of which nothing is in the picture pays with all its nodes: what is
-        seen is somebody's."""
+        """From nodes to points and back. A body outside the picture is charged for all its nodes: what is seen belongs
+        to a person."""
         surface = self.view.surface
         nodes = np.flatnonzero(prediction.visible) if prediction.visible.any() else np.arange(len(surface.joint))
         places = points_in_world(posed, surface.joint[nodes], surface.local[nodes])

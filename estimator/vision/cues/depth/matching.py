@@ -30,8 +30,8 @@ def closest_points(points: DepthPoints, places: np.ndarray, nodes: np.ndarray) -
 
 
 def closest_nodes(points: DepthPoints, places: np.ndarray, nodes: np.ndarray) -> NodePointPairs:
-    """For some of the points the closest of the nodes (N,) int at places (N, 3) [m]: what is seen has to be somebody's,
-    or an arm could hide in the trunk."""
+    """For some of the points the closest of the nodes (N,) int at places (N, 3) [m]: what is seen must be explained, or
+    an arm could hide in the trunk."""
     chosen = spread_over(len(points), BACK)
     return NodePointPairs(nodes[closest(points.places[chosen], places)[0]], chosen)
 

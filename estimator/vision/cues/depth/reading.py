@@ -27,7 +27,7 @@ _TRIES = 1000
 _LOWEST = 0.25  # share of all points
 _NEAR = 0.04  # m of the floor, beside the noise of a point
 _BELOW = 0.15  # m
-_NARROW = 0.1  # m, standard deviation across a strip that is no floor
+_NARROW = 0.1  # m, standard deviation across a strip that is not floor
 _MOST_BELOW, _LEAST_ON = 0.05, 0.03  # shares of all points that may lie so far below a floor, and have to lie on it
 
 

@@ -91,8 +91,8 @@ def flow_field(previous_bgr: np.ndarray, bgr: np.ndarray, settings: FlowSettings
 def changed_box(before: np.ndarray, now: np.ndarray) -> tuple[int, int, int, int]:
     """Left, top, width and height [px] of a rectangle outside of which two images (H, W) uint8 differ by noise alone.
 
-    Where the camera stands still that is a rectangle about those who move, a small part of the image. Blocks of pixels
-    are compared by their mean difference; where it is large in most of them the camera moves, and all is taken.
+    With a static camera that is a rectangle about the people who move, a small part of the image. Blocks of pixels are
+    compared by their mean difference; where it is large in most of them the camera moves, and the whole image is used.
     """
     height, width = now.shape
     blocks = max(1, width // _BLOCK), max(1, height // _BLOCK)

@@ -95,7 +95,7 @@ class _Votes(NamedTuple):
 
     @staticmethod
     def of(pictures: list[np.ndarray], known: list[KnownBody | None], settings: SilhouetteSettings) -> _Votes:
-        """Who is seen at a place stays there until the place changes, and came when it changed.
+        """A person seen at a place stays there until the place changes, and came when it changed.
 
         Pictures in which the body is known together have so many votes that a colour beside the body wins against any
         other that shows while the body is not known, if it shows in a share `seen` of the frames.

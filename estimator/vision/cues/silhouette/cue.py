@@ -114,7 +114,7 @@ class Outline(Cue):
         return OutlineMatcher(view)
 
     def doubt(self, cues: ImageCues, keypoints: np.ndarray, instant: int) -> str:
-        """A background learned from a clip takes a person who hardly moves for part of the scene."""
+        """A background learned from a clip includes a person who hardly moves."""
         silhouette: Silhouette = cues[self.name]
         x, y = np.clip(keypoints + 0.5, 0, np.array(cues.camera.image_size) - 1).astype(int).T
         known = silhouette.known[y, x]

@@ -144,7 +144,7 @@ def _of_parts(label, is_large, mask):  # type: ignore[no-untyped-def]
 
 @one_thread()
 def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouette:
-    """Silhouette of a mask (H, W) bool; `known` (H, W) bool: where the background is, everywhere unless given."""
+    """Silhouette of a mask (H, W) bool; `known` (H, W) bool: where the background is, by default everywhere."""
     known = np.ones(mask.shape, dtype=bool) if known is None else known
     inside = np.ascontiguousarray(mask, dtype=np.uint8)
     outline, boundary, normal = _outline(inside)
