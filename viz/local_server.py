@@ -76,7 +76,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         route = self.route()
         if route is not None:
             self.get(route)
-        elif self.known_host() and self.path == "/favicon.ico":  # browsers ask for it by themselves
+        elif self.known_host() and self.path == "/favicon.ico":  # browsers request it unprompted
             self.send(HTTPStatus.NO_CONTENT)
         else:
             self.refuse_other_pages()
@@ -88,7 +88,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         return self.headers.get("Host") in self.server.hosts
 
     def route(self) -> str | None:
-        """What is asked for, below the secret part of the address; None where the asker does not know that."""
+        """The requested path, below the secret part of the address; None for requests without that part."""
         if not self.known_host():
             return None
         _, _, rest = self.path.partition("?")[0].partition("/")

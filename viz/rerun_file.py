@@ -155,7 +155,7 @@ class _Log:
         self._columns("world/landmarks", rows, columns)
 
     def hypotheses(self) -> None:
-        """The others' skeletons, each as transparent as it is unlikely."""
+        """The skeletons of other hypotheses, more transparent the smaller their weight."""
         rr, scene = self._rr, self._scene
         lines = skeleton(scene.body)
         shown: set[int] = set()

@@ -116,7 +116,7 @@ class Scene:
 
 
 def as_scene(source: Scene | Run) -> Scene:
-    """What a run file holds so far, with its clips where they still are.
+    """The content of a run file so far, with its clips where available.
 
     Raises InputError for a run without a single tracked frame.
     """

@@ -31,7 +31,7 @@ _INSTEAD = {"heel": "ankle"}  # of a foot without the landmark
 
 @dataclass(frozen=True)
 class SourceFigure:
-    """What a body followed, beside it in its world, z up.
+    """The source that a body followed, beside it in its world, z up.
 
     names (L): landmarks. points (T, L, 3) [m]: `ASIDE` from where the body followed them, NaN where missing. segments
     (S, 2) int: the bones, by their ends. sides (S): of the bones. standing (T, P) bool: when the points

@@ -42,7 +42,7 @@ def pictured_scene(source: Scene | Run) -> Scene:
 
 def _seen(scene: Scene, rows: np.ndarray) -> np.ndarray:
     """Points (T, N, 3) [m] that are to be in the picture at instants `rows` (T,): the body's landmarks; where it stands
-    beside whom it follows, that one's, too, and the body's joints, as not all robots have a landmark on their heads."""
+    beside its source, the source's too, and the body's joints, as not all robots have a landmark on their heads."""
     placed = scene.body.placed(scene.q[rows])
     landmarks = scene.body.landmarks_of(placed)
     if scene.source is None:

@@ -17,7 +17,7 @@ from estimator.data.cameras.epipolar import essential_matrix, sampson
 
 SIMPLE_FACTORS = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 8 / 3, 3.0, 4.0)
 _MOST_FRAMES = 300
-_FEWEST = 50  # pairs of points that a median is believed of
+_FEWEST = 50  # fewest pairs of points for a median
 SUSPICIOUS, _TOO_FAR = 0.01, 0.02  # of the picture's longer side: median distances; good keypoints stay below both
 _ALL_ORDERS = 4  # cameras of which every order is tried
 _BETTER = 0.4  # what is left of the distance where another size is believed

@@ -20,7 +20,7 @@ from estimator.data.clip_pieces import ClipPieces
 from estimator.data.lag_lines import LagLine, fitted_line
 from estimator.data.lag_tables import best_line, lag_table
 
-MOST_SLOWER = 0.01  # clocks differ by so much at most: 29.7 for 30
+MOST_SLOWER = 0.01  # largest difference of clocks: 29.7 for 30
 _WITHIN = 0.95  # of that: what is more may be more still
 _STEP = 1.0 / 30.0  # instants are not closer than this while lines are searched [s]
 _PARTS = 4  # a step between instants is divided so finely at the end
@@ -37,7 +37,7 @@ _ALIKE = 1.0  # frames from the middle to an end: what may be so, and is more, l
 class ClockRates:
     """How C clocks run beside those that are held.
 
-    scales (C,): seconds of the common clock for a second of each; 1 where it is not surely another. stds (C,): their
+    scales (C,): seconds of the common clock for a second of each; 1 where no other is certain. stds (C,): their
     standard deviations, 0 where nothing was measured. doubtful (C,): whether pieces of the clip have different lags,
     but no one rate that is sure. first (C,): when each clock's first frame was by the line of the pieces' lags [s], NaN
     where there is none.
@@ -50,7 +50,7 @@ class ClockRates:
 
     @property
     def differ(self) -> bool:
-        """Whether a clock surely runs at another rate."""
+        """Whether a clock certainly runs at another rate."""
         return bool((self.scales != 1.0).any())
 
 

@@ -39,8 +39,8 @@ def fitted_line(table: np.ndarray, offsets: np.ndarray, step: float, near: int) 
     The deviation of its slope is the larger of two: by the residuals, and without each piece in turn (the jackknife,
     Efron 1982).
 
-    table (K, 2 most + 1): what speaks against each lag of a piece, NaN where it has too little. offsets (K,): moments
-    of the pieces [s]. step [s]: between lags. near: steps from the best lag at which a piece's rise is its weight.
+    table (K, 2 most + 1): misfit at each lag of a piece, NaN where it has too little data. offsets (K,): moments of the
+    pieces [s]. step [s]: between lags. near: steps from the best lag at which a piece's rise is its weight.
     """
     lags, rises = best_lags(table, near)
     kept = np.isfinite(lags)

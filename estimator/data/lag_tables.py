@@ -1,4 +1,4 @@
-"""What speaks against each lag between two cameras, in pieces of a clip, and the line of lags that suits all best."""
+"""Misfit at each lag between two cameras, in pieces of a clip, and the line of lags that fits all best."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def lag_table(
     step: float,
     most: int,
 ) -> np.ndarray | None:
-    """What speaks against each lag of the second of two cameras, -most to most steps [s], in each piece of the first
-    one's clip: (K, 2 most + 1), NaN where a piece has too little. None for cameras that stand at one place."""
+    """Misfit at each lag of the second of two cameras, -most to most steps [s], in each piece of the first one's clip:
+    (K, 2 most + 1), NaN where a piece has too little data. None for cameras at the same place."""
     courses = pair_courses(cameras, pixels, times, step)
     if not courses:
         return None
@@ -35,7 +35,7 @@ def lag_table(
 def _of_pieces(
     course: PairCourse, lag: int, instants: tuple[np.ndarray, np.ndarray, float], pieces: ClipPieces
 ) -> np.ndarray:  # fmt: skip
-    """What speaks against one lag in each piece (K,)."""
+    """Misfit at one lag in each piece (K,)."""
     i, piece, each = instants
     count = len(pieces.middles)
     partnered = (i + lag >= 0) & (i + lag < course.count)

@@ -10,8 +10,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Lags:
-    """What speaks against each lag of P pairs of cameras a, b (P,): table (P, 2 most + 1), by how many instants b is
-    taken later than a, from -most to most."""
+    """Misfit at each lag of P pairs of cameras a, b (P,): table (P, 2 most + 1), by the lag of b after a in instants,
+    from -most to most."""
 
     a: np.ndarray
     b: np.ndarray
@@ -19,7 +19,7 @@ class Lags:
     most: int
 
     def of(self, lags: np.ndarray) -> float:
-        """Mean of the table where each camera is taken so many instants later, lags (C,)."""
+        """Mean of the table for cameras delayed by lags (C,) in instants."""
         apart = np.clip(lags[self.b] - lags[self.a], -self.most, self.most)
         return float(self.table[np.arange(len(self.a)), apart + self.most].mean())
 

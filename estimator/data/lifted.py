@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 
-ALIKE = 0.3  # s, in which such a network errs alike: frames so far apart count as independent
+ALIKE = 0.3  # s, correlation time of such a network's errors: frames this far apart count as independent
 _TINY = 1e-6  # s
 
 

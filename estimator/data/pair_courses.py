@@ -1,4 +1,4 @@
-"""What speaks against each lag between two cameras: rays of moving points that do not meet, speeds that differ."""
+"""Misfit at each lag between two cameras: rays of moving points that do not meet, and speeds that differ."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def pair_courses(
 
 
 class PairCourse:
-    """What speaks against each lag of a pair: the second camera's rays are taken so many instants later."""
+    """Misfit at each lag of a pair, in instants by which the second camera's rays are delayed."""
 
     def __init__(self, pair: Pair, first: MovingRays, second: MovingRays, step: float, floor: float) -> None:
         self.pair, self.step, self.count, self._floor = pair, step, len(first.rays), floor

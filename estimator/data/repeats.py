@@ -1,7 +1,7 @@
 """Values that were not measured: places that repeat to the last digit while everything else moves, and rest poses.
 
 Programs fill a gap with the last place that was known, and a film that was copied to another rate has pictures twice.
-What truly rests comes to rest and leaves it smoothly, or trembles by the noise of what measures it.
+What truly rests comes to rest and leaves it smoothly, or jitters by measurement noise.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LEAST = 3  # frames of a place that was filled in; two alike may be chance wher
 _ABRUPT = 1.0
 """Extents of the body a second (root mean square distance of its points from their middle, some 0.5 m) from which a
 point stops dead or leaps."""
-_RARE = 0.01  # share of steps that are none
+_RARE = 0.01  # share of steps of size zero
 _FAR = 0.02  # extents: of the leap itself, 1 cm of a person
 _FASTEST = 25.0  # extents a second, 12 m/s: the fastest sprinter
 _FIRST = 3  # frames before the motion, at most
@@ -71,7 +71,7 @@ def _is_cut(places: np.ndarray, first: int, after: int) -> bool:
 
 
 def _typical(step: np.ndarray, frames: tuple[int, int]) -> list[float]:
-    """The median of steps (T, N) at some frames, NaN at those that are not there or have too few."""
+    """The median of steps (T, N) at some frames, NaN at those that are missing or have too few."""
     known = [step[t][np.isfinite(step[t])] if 0 <= t < len(step) else step[:0, 0] for t in frames]
     return [float(np.median(own)) if len(own) >= _FEWEST else float("nan") for own in known]
 
@@ -130,8 +130,8 @@ def _extent(places: np.ndarray) -> float:
 
 
 class Unmeasured(NamedTuple):
-    """What of places (T, N, D) was not measured. first: so many frames at the beginning. repeated (T,): frames; filled
-    (T, N): places of others."""
+    """Entries of places (T, N, D) that were not measured. first: number of frames at the beginning. repeated (T,):
+    frames; filled (T, N): places of others."""
 
     first: int
     repeated: np.ndarray
@@ -201,7 +201,7 @@ def _without_repeats(track: KeypointTrack, times: np.ndarray) -> KeypointTrack:
 
 
 def _without(track: KeypointTrack, wrong: np.ndarray, notes: tuple[str, ...]) -> KeypointTrack:
-    """The track without keypoints wrong (T, N) and with notes on them, as it is where none is."""
+    """The track without keypoints wrong (T, N) and with notes on them, unchanged where there are none."""
     if not wrong.any():
         return track
     pixels, confidence = track.pixels.copy(), track.confidence.copy()

@@ -76,7 +76,7 @@ def _lifted_poses(body: Body, tracks: Sequence[KeypointTrack], count: int) -> li
 
 
 def keypoint_jitter(pixels: np.ndarray) -> float:
-    """Standard deviation [px] of what trembles in a track of keypoints, pixels (T, L, 2) with NaN where missing.
+    """Standard deviation [px] of the jitter in a track of keypoints, pixels (T, L, 2) with NaN where missing.
 
     From the median size of the second differences in time: bodies move smoothly, errors of detectors do not, and
     outliers do not reach a median. Errors that last for several frames are seen in part. Zero for a track too short.

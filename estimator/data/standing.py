@@ -138,6 +138,6 @@ def _of_height(pixels: np.ndarray, metres: float) -> np.ndarray:
 
 
 def _log_odds(value: np.ndarray, narrow: float, more: float, axes: int) -> np.ndarray:
-    """Log of the ratio of two normal densities over so many axes, of deviation `narrow` and with `more` besides."""
+    """Log of the ratio of two normal densities over a number of axes, of deviation `narrow` and with `more` besides."""
     stands, moves = narrow**2, narrow**2 + more**2
     return np.asarray(0.5 * np.square(value) * (1.0 / moves - 1.0 / stands) + 0.5 * axes * np.log(moves / stands))

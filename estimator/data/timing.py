@@ -203,7 +203,7 @@ def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> Ke
     times (N,): of the track's first N frames [s]; others do not count.
     Between two frames a point lies on the line from the one to the other and is as sure as the less sure of the two; it
     is missing where it is missing in either, or where the frames are more than `LONGEST_BRIDGE` apart. Of the world the
-    nearer frame's is taken. A track whose first frames are the instants comes back as it is.
+    nearer frame's is taken. A track whose first frames are the instants is returned unchanged.
     """
     count = len(times)
     if _follows(places, count):

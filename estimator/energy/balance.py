@@ -122,8 +122,8 @@ def _feet_of(body: Body) -> _Feet | None:
 
 
 def balance_terms(body: Body, observation: Observation, settings: BalanceSettings) -> list[Balance]:
-    """Balance over the feet that rest in the pictures of a frame; nothing in flight, without feet, or for a robot
-    unless the settings ask for it."""
+    """Balance over the feet that rest in the pictures of a frame; none in flight, without feet, or for a robot unless
+    the settings enable it."""
     feet, standing = _feet_of(body), observation.standing
     if feet is None or standing is None or settings.weight <= 0.0 or (feet.from_urdf and not settings.robots):
         return []
@@ -159,7 +159,7 @@ class Balance(RecordedTerm):
     support (P,): landmarks. masses: joint (M,), local (M, 3) [m] and share (M,) of points that carry the body's mass;
         the shares sum to one. up (3,): unit vector in the world. stance: see there.
 
-    The Hessian is Gauss-Newton's with the potential's slope, also where the exact one is asked for: it leaves out the
+    The Hessian is Gauss-Newton's with the potential's slope, also where the exact one is requested: it leaves out the
     curvature of the kinematics and how C bends with the feet.
     """
 

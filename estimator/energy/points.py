@@ -41,8 +41,8 @@ class LoadedPoints(NamedTuple):
 
     @staticmethod
     def passing(joints: np.ndarray) -> LoadedPoints:
-        """The same, with whatever places and loads, until the thread asks for the next: terms that are many, as a
-        smoother keeps, then have no buffers of their own."""
+        """The same, with arbitrary places and loads, valid until the thread's next call: the many terms of a smoother
+        then need no buffers of their own."""
         return _BUFFERS.of(joints)
 
 

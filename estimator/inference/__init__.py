@@ -1,1 +1,1 @@
-"""Particles, annealing, walks, clusters; modes, mixtures of them and paths through them. Knows no image."""
+"""Particles, annealing, walks, clusters; modes, mixtures of them and paths through them. Independent of images."""

@@ -42,9 +42,9 @@ def anneal(
 ) -> tuple[Particles, Layers]:
     """One frame: select, disperse and weigh, layer by layer, with a power of the likelihood that each layer chooses.
 
-    The noise shrinks with the set, in every dimension for itself (Deutscher, Davison and Reid 2001), so that what the
-    image holds is settled first. It never exceeds that of the dynamics: in many dimensions half of the particles fill
-    nearly as wide a range as all of them, and noise in proportion to the set alone would blow it up.
+    The noise shrinks with the set, in every dimension separately (Deutscher, Davison and Reid 2001), so that what the
+    image constrains is settled first. It never exceeds that of the dynamics: in many dimensions half of the particles
+    fill nearly as wide a range as all of them, and noise in proportion to the set alone would blow it up.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def anneal(
 def annealing_power(energies: np.ndarray, survival: float, halvings: int = 50) -> float:
     """The power beta for which weights exp(-beta E) leave a given share of the particles alive.
 
-    energies (N,). survival: alpha, effective count over N, below 1 (Deutscher, Blake and Reid 2000, section 4). Where
-    so many particles share the lowest energy that no power leaves fewer alive, a very large one. halvings: of the
-    interval that the power is looked for in.
+    energies (N,). survival: alpha, effective count over N, below 1 (Deutscher, Blake and Reid 2000, section 4). A very
+    large one where too many particles share the lowest energy for any power. halvings: of the interval that the power
+    is looked for in.
     """
     excess = energies - np.min(energies)
     spread = float(np.mean(excess))

@@ -214,7 +214,7 @@ class _Motion(NamedTuple):
         return np.take_along_axis(off, nearest, axis=2)[..., 0], own
 
     def _of_feet(self) -> np.ndarray:
-        """Velocities (T, 2, 3) of the middles of what is known of each foot."""
+        """Velocities (T, 2, 3) of the middles of the known points of each foot."""
         return np.asarray(np.nanmean(self.velocity, axis=2))
 
     def _drift(self, up: np.ndarray) -> float:

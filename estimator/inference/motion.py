@@ -13,9 +13,9 @@ class MotionPrior(NamedTuple):
 
     velocity_std (nv,) [per second], acceleration_std (nv,) [per second squared]: standard deviations. nu: of the
     Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible. correlation [s]: how long a
-    movement lasts; what follows sooner counts as much less as it is sooner, or every frame of a faster camera would
-    count as a movement of its own. 0: each counts in full. memory [s]: the time in which an acceleration forgets
-    itself, by a factor of e; what counts is what is new in each beside what is left of the one before (a first-order
+    movement lasts; frames that follow sooner count proportionally less, or every frame of a faster camera would count
+    as a movement of its own. 0: each counts in full. memory [s]: the time in which an acceleration forgets itself, by a
+    factor of e; what counts is what is new in each beside what is left of the one before (a first-order
     autoregression). pace (T, nv): how quick a person is about each frame, as a factor of acceleration_std; None: 1.
     """
 
@@ -31,7 +31,7 @@ class MotionPrior(NamedTuple):
         return self if self.pace is None else self._replace(pace=self.pace[low:high])
 
     def left(self, span: float) -> float:
-        """How much of an acceleration is left after so many seconds."""
+        """Remaining share of an acceleration after a time [s]."""
         return math.exp(-span / self.memory) if self.memory > 0.0 else 0.0
 
     def innovation(self, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -36,7 +36,7 @@ class Family(str, Enum):
     LIMB_JUMP = "limb elsewhere"
     LIMB_EXCHANGE = "limbs exchanged"
     EXAMPLE = "example"  # a pose of an index that looks like the picture
-    LIMBS = "limbs"  # put together from where each limb by itself is believed to be
+    LIMBS = "limbs"  # assembled from the beliefs of single limbs
     PARTICLES = "particles"  # their mean, which nothing was searched from
 
     __str__ = str.__str__
@@ -49,7 +49,7 @@ class Family(str, Enum):
 
     @staticmethod
     def of_text(text: str) -> Family:
-        """The family that a run names; raises ValueError for text that is none."""
+        """The family by its name in a run; raises ValueError for any other text."""
         return Family(_FORMER.get(text, text))
 
 

@@ -1,4 +1,4 @@
-"""Weighted samples: resampling and the bootstrap step. Nothing here knows what a state is."""
+"""Weighted samples: resampling and the bootstrap step. Independent of what a state is."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """From samples of what was expected to samples of what a likelihood leaves of it, through its powers, with moves.
 
 A sequential Monte Carlo sampler (Del Moral, Doucet and Jasra 2006) along the path of annealed importance sampling (Neal
-2001): between two powers samples are weighed and selected, and at each they are moved by kernels that leave the density
-of that power as it is. So it ends in samples of the posterior, unlike `estimator.inference.annealing`. A state may be
-anything.
+2001): between two powers samples are weighted and selected, and at each they are moved by kernels that leave the
+density of that power invariant. So it ends in samples of the posterior, unlike `estimator.inference.annealing`. A state
+may be anything.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ class Walk:
     have the size and the direction of the density, and trades groups with it.
 
     A move is accepted by what is expected and received first, and only then by the likelihood, which costs most
-    (Christen and Fox 2005): both leave the density as it is.
+    (Christen and Fox 2005): both leave the density invariant.
     """
 
     rng: np.random.Generator

@@ -1,2 +1,2 @@
 """Numbers alone: robust potentials, rigid alignment, linear systems, rotations, distances between points, damped Newton
-steps, quadratic programs. Knows neither body nor image."""
+steps, quadratic programs. Independent of bodies and images."""

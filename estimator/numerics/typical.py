@@ -21,8 +21,8 @@ def typical_distance(distances: np.ndarray, axis: int | tuple[int, ...] | None =
 
 
 def measured_deviation(distances: np.ndarray, data: float) -> float:
-    """Standard deviation along an axis, without outliers, of distances in a plane of which 1 was expected: as `data`
-    independent numbers show it beside `PRIOR_DATA` that are as expected; 1 where there are none."""
+    """Standard deviation along an axis, without outliers, of distances in a plane of which 1 was expected: estimated
+    from `data` independent numbers and `PRIOR_DATA` prior ones that are as expected; 1 where there are none."""
     known = distances[np.isfinite(distances)]
     if not len(known):
         return 1.0

@@ -13,7 +13,7 @@ from humanoid.subject.landmarks import relative_spread
 
 LEAST_PRECISION = 1e-6
 """Of what neither landmarks nor rest positions hold."""
-_SEEN = 0.02  # m: how sure landmarks are seen, beside the rest positions
+_SEEN = 0.02  # m: standard deviation of observed landmarks, relative to the rest positions
 _NEAR = 1e-6  # m^2: of a body in the camera itself
 
 

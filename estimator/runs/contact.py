@@ -114,7 +114,7 @@ class Contact(Summarised):
 
     @property
     def hand_stances(self) -> list[Stance]:
-        """Of the hands, one after the other, where they were asked for; without slides."""
+        """Of the hands, one after the other, where requested; without slides."""
         stretches = [] if self.hands is None else stances_of(self.hands)
         return [
             Stance(self.hand_names[k], float(self.time[first]), float(self.time[after - 1]), np.nan)

@@ -65,7 +65,8 @@ class JointScore:
 
     @staticmethod
     def mean(scores: list[JointScore]) -> JointScore:
-        """The mean of the scores of several joints, which counts each alike; a bias of several is none: NaN."""
+        """The mean of the scores of several joints, which counts each alike; the bias is NaN, as it is undefined for
+        several."""
         columns = ("mean_absolute", "rms", "mean_absolute_without_bias", "rms_without_bias")
         means = {name: float(np.mean([getattr(score, name) for score in scores])) for name in columns}
         return JointScore(scores[0].unit, bias=np.nan, frames=min(score.frames for score in scores), **means)

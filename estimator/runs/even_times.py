@@ -1,4 +1,4 @@
-"""A motion at even times, for formats that know one rate alone."""
+"""A motion at even times, for formats with a single rate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class EvenMotion(NamedTuple):
 
 
 def even_motion(body: Body, q: np.ndarray, time: np.ndarray, seen: np.ndarray) -> EvenMotion:
-    """Configurations q (T, nq) at rising time (T,) [s] at the usual rate of the frames, over the same span: as they are
+    """Configurations q (T, nq) at rising time (T,) [s] at the usual rate of the frames, over the same span: unchanged
     where the frames are evenly spaced, else between neighbouring ones along the shortest way on the configuration
     manifold. seen (T,) bool: which frames were observed."""
     if len(time) < 3 or evenly_spaced(time):

@@ -191,7 +191,7 @@ def _unit(quaternions: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
 
 
 def _passed(samples: np.ndarray, clock: _Clock, cutoff: float, reflection: Reflection) -> np.ndarray:
-    """Samples (N, M) at the times of a clock, filtered; as they are where the cut-off leaves them so."""
+    """Samples (N, M) at the times of a clock, filtered; unchanged where the cut-off has no effect."""
     if cutoff > (0.5 - _ROUNDING) * clock.rate:
         return samples
     even = samples if clock.even else CubicSpline(clock.own, samples)(clock.even_times)
@@ -201,7 +201,7 @@ def _passed(samples: np.ndarray, clock: _Clock, cutoff: float, reflection: Refle
 
 
 def _continued(samples: np.ndarray, extended: int, reflection: Reflection) -> np.ndarray:
-    """Samples (N, M) with so many more at either end; a short motion is reflected more than once."""
+    """Samples (N, M) extended by a number of them at either end; a short motion is reflected more than once."""
     for _ in range(2):  # the beginning, then the end, which is the beginning of the reverse
         wanted = len(samples) + extended
         while len(samples) < wanted:

@@ -34,7 +34,7 @@ class JointAngle(Summarised):
         that was filtered afterwards can lie outside.
     hypotheses, weights (T, K): every hypothesis and its weight, NaN where a frame has fewer.
     lower, upper: the joint's limits, infinite where it has none. seen: whether anything shows the joint in the run;
-        else its value is the prior's, and the interval holds nearly all of its limits.
+        else its value is the prior's, and the interval covers nearly all of its limits.
 
     All are NaN in frames without a pose.
     """

@@ -32,7 +32,7 @@ def lasting_by_landmarks(
 
 
 class LastingPoints(NamedTuple):
-    """Points of a body, (N): on which joint, where in its frame [m], how unsure that is [m]."""
+    """Points of a body, (N): their joints, places in the joints' frames [m], and standard deviations of these [m]."""
 
     joint: np.ndarray
     local: np.ndarray

@@ -177,8 +177,8 @@ class Marginals:
 
 
 def _below(gap: np.ndarray, std: np.ndarray, lean: np.ndarray) -> np.ndarray:
-    """Probability of components below what is so far (..., K) above their means, not cut off; std, lean: as in
-    `Marginals`, of shapes that go with it."""
+    """Probability of components, not cut off, below values at a distance (..., K) above their means; std, lean: as in
+    `Marginals`, of matching shapes."""
     below = np.asarray(ndtr(gap / np.maximum(std, _SMALLEST)))
     leaning = np.broadcast_to(lean != 0.0, below.shape)
     if leaning.any():

@@ -40,7 +40,7 @@ def opensim_model(body: Body, name: str) -> Model:
     """The model of a body: one segment for each joint, or for each group of turns about one point, as at a hip.
 
     What hangs on fixed (also locked) joints is part of the segment that carries it. A joint that follows another has a
-    coordinate of its own, coupled to its leader's: OpenSim's joints know no coordinates of others.
+    coordinate of its own, coupled to its leader's: OpenSim's joints do not share coordinates.
 
     Raises InputError for a joint that neither turns nor slides.
     """

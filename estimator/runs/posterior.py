@@ -1,4 +1,4 @@
-"""What is known of the pose after a frame: a density over configurations, made of the frame's weighted modes.
+"""The posterior of the pose after a frame: a density over configurations, made of the frame's weighted modes.
 
 Every mode gives a Gaussian in its tangent space (CSS section 4.2), cut off at the joint limits. A mode that leans on
 a limit has no variance there; its density falls off from the limit exponentially, with a mean distance that is part
@@ -246,8 +246,8 @@ def _other(
     body: Body, result: FrameResult, own: int, k: int, pose: np.ndarray, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """A smoothed pose (nq,) and its covariance (nv, nv) as they would be by mode k instead of the mode `own`: moved by
-    as much as these differ, as sure as the smoothed one, on the limits that k leans on. Where the smoothed pose leans
-    on a limit and k does not, k's own covariance has to do."""
+    their difference, with the smoothed one's covariance, on the limits that k leans on. Where the smoothed pose leans
+    on a limit and k does not, k's own covariance is used."""
     moved = body.integrate(pose, body.difference(result.q[own], result.q[k]))
     leans = np.diagonal(result.covariance[k]) <= 0.0
     on_limit = leans[body.bounded_v]
@@ -266,7 +266,8 @@ def _prior_precision(stabilisers: Stabilisers, body: Body, posed: PosedBody) -> 
 
 
 def _with_prior(prior: np.ndarray, covariance: np.ndarray, prior_weight: float) -> np.ndarray:
-    """Covariance (nv, nv) of a mode with the prior on rest positions, of such a precision, counted so many times."""
+    """Covariance (nv, nv) of a mode with the prior on rest positions, of a given precision, counted a number of
+    times."""
     free = np.flatnonzero(np.diagonal(covariance) > 0.0)
     if prior_weight == 1.0 or len(free) == 0:
         return covariance.astype(np.float64)

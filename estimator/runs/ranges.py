@@ -1,4 +1,4 @@
-"""Ranges of motion: how far every joint went in a run, and how sure that is."""
+"""Ranges of motion: the range of every joint in a run, and its uncertainty."""
 
 from __future__ import annotations
 

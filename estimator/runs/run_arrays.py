@@ -112,7 +112,7 @@ def extra_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int) -> None:
-    """The keypoints of a frame, and what was known of the pose; raises DamageError as `check_frame` does."""
+    """The keypoints of a frame, and the prior estimate of the pose; raises DamageError as `check_frame` does."""
     check_arrays(arrays, _OBSERVATION, {"C": cameras, "L": len(body.landmark_names), "2": 2})
     confidence, pixels = arrays["confidence"], arrays["pixels"]
     if not ((confidence >= 0.0) & (confidence <= 1.0)).all():

@@ -84,7 +84,7 @@ class RunHeader:
         return cast(Literal["free", "fixed"], self.subject_base)
 
     def deciding(self) -> dict[str, Any]:
-        """JSON values of everything the result depends on, by the name a user knows it by."""
+        """JSON values of everything the result depends on, by its name for users."""
         return {
             "subject": self.subject_urdf,
             "base": self.subject_base,
@@ -192,7 +192,7 @@ class RunHeader:
 
 
 def with_findings(text: str, findings: Sequence[str], contradicted: Sequence[int] = ()) -> str:
-    """A header's text with a run's findings, which are notes too, and the rows of frames that they speak against."""
+    """A header's text with a run's findings, which are notes too, and the rows of frames that they contradict."""
     values = json.loads(text)
     values["notes"] = list(dict.fromkeys([*values["notes"], *findings]))
     values["findings"] = list(findings)
@@ -209,7 +209,7 @@ _LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs",
 
 @dataclass(frozen=True)
 class _Entries:
-    """The entries of a header, each checked when it is asked for; InputError names the entry."""
+    """The entries of a header, each checked on access; InputError names the entry."""
 
     value: Mapping[str, Any]
     source: str

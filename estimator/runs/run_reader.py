@@ -57,7 +57,7 @@ class Run(Summarised):
     """A run file as of the moment it was opened, finished or still being written.
 
     Arrays have one row for each of the T frames in the file, and K columns, the largest number of hypotheses of any
-    frame; where a frame has fewer, numbers are NaN and indices -1. They are read when first asked for.
+    frame; where a frame has fewer, numbers are NaN and indices -1. They are read on first access.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Run(Summarised):
 
     @staticmethod
     def open(path: str | Path) -> Run:
-        """Open a run file; raises InputError for a file that is none, is newer than this program, or is damaged."""
+        """Open a run file; raises InputError for a file that is not one, is newer than this program, or is damaged."""
         path = Path(path)
         run_store.check(path)
         with run_store.reading(path) as connection:
@@ -114,7 +114,7 @@ class Run(Summarised):
 
     @cached_property
     def _frames(self) -> list[dict[str, np.ndarray]]:
-        """The arrays of every frame as they are stored."""
+        """The stored arrays of every frame."""
         return list(self._stored())
 
     def _each(self) -> Iterator[dict[str, np.ndarray]]:
@@ -137,8 +137,7 @@ class Run(Summarised):
             raise InputError(self.file, f"is damaged: {self.frame_count - count} of its frames are missing")
 
     def streamed(self) -> Iterator[FrameResult]:
-        """One frame after the other, read when it is asked for and not kept: of a long run all are more than fits into
-        memory."""
+        """One frame after the other, read on access and not kept: all frames of a long run do not fit into memory."""
         return (frame_result(arrays, self.body) for arrays in self._stored())
 
     def paths(self) -> Iterator[FrameResult]:
@@ -268,7 +267,7 @@ class Run(Summarised):
 
     @cached_property
     def status(self) -> np.ndarray:
-        """(T,) text, see `FrameResult.status`; "hard" where the findings speak against a frame, see `RunHeader`."""
+        """(T,) text, see `FrameResult.status`; "hard" where the findings contradict a frame, see `RunHeader`."""
         status = np.array([str(f["status"]) for f in self._each()], dtype=np.str_)
         against = [t for t in self.header.contradicted if t < len(status)]
         status[against] = np.where(status[against] == TRACKED, HARD, status[against])
@@ -403,14 +402,14 @@ class Run(Summarised):
 
     @property
     def floor(self) -> Ground | None:
-        """The floor that the smoothed trajectory is above, as it was known or found; None where there is none, and
-        before the run is complete."""
+        """The floor that the smoothed trajectory is above, given or found; None without one, and before the run is
+        complete."""
         return floor_in(self._smoothed)
 
     @cached_property
     def smoothed(self) -> Smoothed | None:
-        """The smoothed trajectory with what is known of it, before calibration; None before the run is complete, and of
-        one that was not smoothed."""
+        """The smoothed trajectory with its uncertainty, before calibration; None before the run is complete, and of one
+        that was not smoothed."""
         if not self._smoothed:
             return None
         with run_store.reading(self.file) as connection:
@@ -420,8 +419,8 @@ class Run(Summarised):
 
     @cached_property
     def _smoothed(self) -> Mapping[str, np.ndarray]:
-        """What is kept of the smoothing, as it is stored, of a long run without the covariances; nothing before the run
-        is complete."""
+        """The stored arrays of the smoothing, for a long run without the covariances; none before the run is
+        complete."""
         with run_store.reading(self.file) as connection:
             row = connection.execute("SELECT data FROM smoothed ORDER BY rowid").fetchone()
         if row is None:
@@ -469,7 +468,7 @@ class Run(Summarised):
 
     @cached_property
     def spread(self) -> Spread:
-        """How sure every frame is of every degree of freedom, with the ends of the 90 % intervals."""
+        """The uncertainty of every degree of freedom in every frame, with the ends of the 90 % intervals."""
         return spread_of(self, LEVEL)
 
     @property
@@ -498,8 +497,8 @@ class Run(Summarised):
 
     @cached_property
     def unseen_joints(self) -> tuple[str, ...]:
-        """The joints that nothing shows in the whole run, see `estimator.runs.unobserved.unseen_joints`: their angles
-        are the prior's, and their intervals hold nearly all of their limits."""
+        """The joints that are unobserved in the whole run, see `estimator.runs.unobserved.unseen_joints`: their angles
+        are the prior's, and their intervals cover nearly all of their limits."""
         return unseen_in(self)
 
     @cached_property

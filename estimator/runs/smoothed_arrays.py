@@ -119,7 +119,7 @@ def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
 
 
 def _check_floor(arrays: Mapping[str, np.ndarray], kinds: int) -> None:
-    """The floor among arrays, if any, for so many kinds of points."""
+    """The floor among arrays, if any, for a number of kinds of points."""
     if _FLOOR + "normal" not in arrays:
         return
     shapes = {"normal": (3,), "height": (), "std": (), "above": (kinds,)}

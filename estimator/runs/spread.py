@@ -1,4 +1,4 @@
-"""How sure a run is of every degree of freedom, frame by frame."""
+"""The uncertainty of every degree of freedom in a run, by frame."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Spread(NamedTuple):
 
 
 def checked_level(level: Any, joint: str) -> float:
-    """A probability; raises InputError for another number, and for what is none, as the name of a joint. joint: one
-    for the example that it gives."""
+    """A probability; raises InputError for any other number, and for anything else, such as the name of a joint. joint:
+    for the example in the message."""
     if isinstance(level, bool) or not isinstance(level, (int, float, np.integer, np.floating)):
         taken = f"a probability, as run.interval({LEVEL}); of one joint: run[{joint!r}].low and .high"
         raise misplaced("level", level, taken)

@@ -92,7 +92,7 @@ def unobserved_stretches(run: Run) -> tuple[tuple[float, float], ...]:
 
 
 def unobserved_note(run: Run) -> str:
-    """A line that names the stretches, and the joints that nothing shows; empty where there are none."""
+    """A line that names the stretches, and the unobserved joints; empty where there are none."""
     of_joints, stretches = unseen_joints_note(run.unseen_joints), unobserved_stretches(run)
     if not stretches:
         return of_joints

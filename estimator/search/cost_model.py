@@ -93,7 +93,7 @@ class CostModel:
 
     @property
     def image(self) -> ImageModel:
-        """What the image terms of all frames share, made when it is first asked for."""
+        """What the image terms of all frames share, made on first use."""
         if self._image is None:
             self._image = ImageModel(self.body, self.cues)
         return self._image
@@ -144,8 +144,8 @@ class CostModel:
     def since(
         self, q_previous: np.ndarray, dt: float, observed: Reprojection | None
     ) -> list[PointTargets | Transition]:
-        """What the change since `q_previous` (nq,), `dt` seconds ago, costs, and what holds points there that stand in
-        what is observed: the last terms of `cost`."""
+        """Penalty of the change since `q_previous` (nq,), `dt` seconds ago, and terms that hold the observed standing
+        points: the last terms of `cost`."""
         standing = None if observed is None else observed.observation.standing
         if standing is None or self.settings.standing_weight <= 0.0:
             return [self.transition(q_previous, dt)]
@@ -163,7 +163,7 @@ class CostModel:
         return known[2]
 
     def standing_ties(self, standing: np.ndarray | None, dt: float) -> list[StandingTie]:
-        """What holds two successive frames' standing points together, `dt` seconds apart; standing (L,): see
+        """Terms that tie the standing points of two successive frames, `dt` seconds apart; standing (L,): see
         `Observation`."""
         s = self.settings
         if standing is None or s.standing_weight <= 0.0:

@@ -111,7 +111,7 @@ def term_settings() -> dict[str, Any]:
 
 
 def terms_of(context: TermContext, made: str = PER_BODY) -> list[Term]:
-    """The terms of all kinds that are made so often, see `TermSource`."""
+    """The terms of all kinds with this frequency, see `TermSource`."""
     settings = context.cost.terms
     sources = [source for source in TERMS.values() if source.made == made]
     return [term for source in sources for term in source.make(context, settings.get(source.name))]

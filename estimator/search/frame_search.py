@@ -66,11 +66,11 @@ class FrameSearch:
         self.flows.update(zip(new, self.case.likelihood.follow(pasts), strict=True))
 
     def score(self, h: Hypothesis) -> float:
-        """Log-weight of a hypothesis as it is, by all but the flow."""
+        """Log-weight of an unsearched hypothesis, by all but the flow."""
         return self._score_assigned(h, self._assigned(h.q, brief=True))
 
     def score_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
-        """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
+        """Log-weights of unsearched hypotheses without pictures; all are placed at once."""
         if not hypotheses:
             return []
         energies, placed = np.empty(len(hypotheses)), self._body.placed(np.array([h.q for h in hypotheses]))

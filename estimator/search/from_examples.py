@@ -52,8 +52,8 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
 
 
 def example_starts(body: Body, lookups: Sequence[Lookup], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
-    """A start at every example, in one association of the keypoints. away: what is taken off the scores of those whose
-    back is turned to the only camera that sees them."""
+    """A start at every example, in one association of the keypoints. away: what is subtracted from the scores of those
+    with their back to the only camera that sees them."""
     starts = []
     for lookup in lookups:
         penalties = np.zeros(len(lookup.q))

@@ -20,7 +20,7 @@ class Hypothesis(NamedTuple):
     q (nq,): configuration. association: index of the frame's association that it is searched under (see
     `FrameProblem`). origin: what kind it is: where it comes from, where it has the body in the frame before, from where
     flow is followed, and its penalty. parent: index of the mode that it comes from, -1 for none. prior_score:
-    log-weight that the parent hands on, a flat penalty taken off. moves_along: whether q is about the pose in the frame
+    log-weight passed on by the parent, less a flat penalty. moves_along: whether q is about the pose in the frame
     before, and goes with what keypoints and flow make of that pose; a proposal that has a motion of its own does not.
     pull: index of what draws its limbs, -1 for nothing (see `FrameProblem`).
     """

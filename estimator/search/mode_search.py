@@ -51,7 +51,7 @@ class ModeSearch:
     """Finds the modes of frames of one body under one cost model.
 
     steps: of all searches so far.
-    distinct_by [m]: poses of which all landmarks are nearer than that are one.
+    distinct_by [m]: poses with all landmarks nearer than that count as one.
     """
 
     def __init__(self, model: CostModel, settings: ModeSearchSettings | None = None) -> None:
@@ -75,7 +75,7 @@ class ModeSearch:
 
     @cached_property
     def examples(self) -> Examples:
-        """Those of the index, read when they are first asked for; raises InputError where there is none."""
+        """Those of the index, read on first access; raises InputError where there is none."""
         if not self.settings.index:
             raise InputError("search.index", "no index of examples is named", remedy=REMEDY)
         return Examples(load_index(self.settings.index, self.body), self.body, self.evidence)
@@ -85,7 +85,7 @@ class ModeSearch:
         return observation.exchanged(self.mirror) if association == EXCHANGED else observation
 
     def term(self, observation: Observation, association: str) -> Reprojection:
-        """The keypoint term of a frame in one association; made once while one frame is asked about."""
+        """The keypoint term of a frame in one association; made once for a frame."""
         if self._last_terms is None or self._last_terms[0] is not observation:
             self._last_terms = observation, {}
         terms = self._last_terms[1]
@@ -169,8 +169,8 @@ class ModeSearch:
     def screened(
         self, hypotheses: Sequence[Hypothesis], case: FrameProblem, count: int, pictures: bool = True
     ) -> list[Hypothesis]:
-        """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
-        few searches."""
+        """The `count` unsearched hypotheses of lowest energy, with or without the pictures': many cheap evaluations
+        before a few searches."""
         frame = self.frame(case)
         scores = [frame.score(h) for h in hypotheses] if pictures else frame.score_keypoints(hypotheses)
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
@@ -200,7 +200,7 @@ class ModeSearch:
         return searched
 
     def apart(self, refined: list[Refined]) -> list[Refined]:
-        """Those whose parts could be kept apart; all of them if that is none."""
+        """Those whose parts could be separated; all of them if there are none."""
         return [r for r in refined if r.mode.penetration <= self.settings.contact.limit] or refined
 
     def best_of_readings(self, searched: Sequence[Scored], case: FrameProblem, count: int) -> list[Scored]:

@@ -20,7 +20,7 @@ class ModeSearchSettings(CheckedSettings):
     start: source of the first pose: "keypoints", or "index", the examples similar to the frame's picture, which needs
     no keypoints. index: file of these (`kinemode train-index`), for trackers that look poses up. explore: search given
     to every start. follow: before it, on keypoints and flow alone, where there are pictures. refine: search given to
-    those kept. spare: how many more than asked for are refined, since refined modes may coincide. reassign_tolerance:
+    those kept. spare: how many more than requested are refined, since refined modes may coincide. reassign_tolerance:
     features of the pictures are assigned again until a search moves no joint by more [rad or m]. distinct: two modes
     differ if some landmark is further apart than this fraction of the body's size. exchange: also search every frame
     with left and right of its keypoints exchanged (detectors do confuse them). readings: keep a mode of either reading

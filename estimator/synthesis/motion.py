@@ -16,7 +16,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
 MOTION_SECONDS = REACH.seconds
-_GRID_RATE = 120.0  # the root's path is found on a grid of its own, at any times asked for
+_GRID_RATE = 120.0  # the root's path is computed on a grid of its own, for any requested times
 _FLOOR_SMOOTHING = 0.04  # [s]
 _SOLES = ("heel", "big_toe", "small_toe")
 _LEVEL = 28.0  # [deg] how far the ankles go to keep the soles level

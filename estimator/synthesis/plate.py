@@ -36,7 +36,7 @@ class MotionArea:
 
     @property
     def radius(self) -> float:
-        """Of the circle around the centre that holds the outline."""
+        """Of the circle around the centre that contains the outline."""
         return float(np.linalg.norm(self.outline - self.centre, axis=1).max())
 
 

@@ -47,7 +47,7 @@ def cluttered_room(rng: np.random.Generator) -> tuple[Quads, list[Quads]]:
 def enlargement_holding(cameras: np.ndarray) -> float:
     """How many times larger `cluttered_room` has to be for the back wall to stand behind cameras (C, 3) [m], too.
 
-    Only that wall is asked for: whoever enlarges the room by the cameras' distance has them before the other three.
+    Only that wall is considered: with the room enlarged by the cameras' distance they are before the other three.
     """
     return float(np.max(-cameras[:, 0])) / (-_WALLS[0] - _BEFORE_WALL)
 

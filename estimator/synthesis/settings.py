@@ -40,7 +40,7 @@ class SceneSettings:
     sleeves: how far the shirt's go; long ones leave only hands and head bare. boards: number of wooden boards in the
         colour of skin, on the wall and beside the person; swinging: number of boards that swing behind the person, and
         are on no picture of the empty scene.
-    pan, shake [px]: how far the moving background swings slowly, and trembles.
+    pan, shake [px]: how far the moving background swings slowly, and shakes.
 
     Raises
     ------
@@ -124,8 +124,8 @@ class ViewSettings:
 
     count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the left;
     None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that the
-    person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, so far to its
-    right and parallel to it, NAME_right; 0 for none. parallel: whether the cameras are parallel (orthographic), for
+    person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, this far to
+    its right and parallel to it, NAME_right; 0 for none. parallel: whether the cameras are parallel (orthographic), for
     which a baseline gives no depth.
     """
 

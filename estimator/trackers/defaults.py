@@ -14,7 +14,7 @@ what a missing edge costs, which must not drown all else."""
 ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False}}
 """The trackers of the papers do not look back."""
 AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
-"""The trackers of the papers take keypoints as they are."""
+"""The trackers of the papers use keypoints unchanged."""
 NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
 """They do not ask whether feet stand."""
 NOT_BALANCED: dict[str, Any] = {"cost": {"terms": {"balance": {"weight": 0.0}}}}
@@ -26,7 +26,7 @@ ALL_AS_QUICK: dict[str, Any] = {"cost": {"quickness": False}}
 NOT_LIFTED: dict[str, Any] = {"cost": {"lifted_weight": 0.0}}
 """Nor what another network makes of the picture."""
 NO_CAPTURE: dict[str, Any] = {"cost": {"pose_prior_weight": 0.0}}
-"""They know no captured poses."""
+"""They use no captured poses."""
 LEAST_SQUARES: dict[str, Any] = {
     "cost": {
         "potential": "gaussian",

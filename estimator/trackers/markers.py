@@ -125,8 +125,8 @@ _QUICK: dict[str, Any] = {"search": {"refine": {"decrease_tolerance": 1e-6, "exa
 """Markers constrain the pose enough for the true curvature to be safe early; a descent that promises less energy has
 ended."""
 _SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
-"""What is wrong in a frame of markers lasts less long than what a detector gets wrong; what is wrong in all frames
-alike, their places, is counted beside it (`estimator.runs.lasting_spread`)."""
+"""Errors of markers are correlated for a shorter time than those of a detector. Errors common to all frames, those of
+their places, are added (`estimator.runs.lasting_spread`)."""
 SPEC = Spec(
     name=NAME,
     sentence="points in space: a descent or two a frame, a search of many where they constrain little",

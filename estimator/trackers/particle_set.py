@@ -110,7 +110,7 @@ def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarra
 
 @dataclass(frozen=True)
 class Summary:
-    """How a particle set becomes hypotheses. modes: at most so many. radius [m]: of a cluster, see `clusters`."""
+    """How a particle set becomes hypotheses. modes: their largest number. radius [m]: of a cluster, see `clusters`."""
 
     modes: int
     radius: float

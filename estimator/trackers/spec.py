@@ -1,4 +1,4 @@
-"""What is known of a tracker by its name, before one is made."""
+"""Description of a tracker by its name, before one is made."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The limit is physiology's: the fastest sprinter measured, 1.95 m tall, ran 12.3 m/s (Graubner and Nixdorf, Biomechanical
 analysis of the sprint and hurdles events at the 2009 IAAF World Championships, New Studies in Athletics 26, 2011), 6.3
 body lengths a second. The fastest hand or foot beside the trunk of 105 captured clips, a dancer's, moves 8.7 lengths a
-second. Lengths rather than metres, because one camera knows no metres, and for bodies of any size.
+second. Lengths rather than metres, because one camera measures no metres, and for bodies of any size.
 """
 
 from __future__ import annotations

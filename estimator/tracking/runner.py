@@ -51,7 +51,7 @@ def run(
 
 
 def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues: Cues | None) -> Iterator[FrameResult]:
-    """Each as soon as it is there; the pictures of each frame are read once, in order."""
+    """Each as soon as it is available; the pictures of each frame are read once, in order."""
     for observation in observations:
         result = frames.push(_seen(observation, cues))
         if result is not None:
@@ -81,7 +81,8 @@ def run_into(
     last: LastFrame | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """`run`, each frame stored as soon as it is done; `progress` is called with how many of how many are."""
+    """`run`, each frame stored as soon as it is done; `progress` is called with the number of finished frames and of
+    all."""
     frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
     for done, result in enumerate(_results(frames, observations[first:], cues), first + 1):
         writer.append(result, frames.stored())

@@ -77,7 +77,7 @@ class CameraPictures:
         self.notes: tuple[str, ...] = ()
 
     def note(self, text: str) -> None:
-        """Something about this camera's pictures that the user should know."""
+        """Add a note for the user about this camera's pictures."""
         self.notes += (f"{self.camera.name}: {text}",)
 
     def picture(self, instant: int) -> np.ndarray:

@@ -233,8 +233,8 @@ class SelfCollision:
 
     def _ask(self, pairs: list[int], margin: float, contacts: _Buffers, count: int, every_point: bool) -> int:
         """Ask coal for some pairs of the solids in `_world`, and write those below the margin into buffers that hold
-        `count` contacts already; returns how many they hold then. Witness points that `_sharpen` does not use are left
-        out, unless `every_point`."""
+        `count` contacts already; returns their new number of entries. Witness points that `_sharpen` does not use are
+        left out, unless `every_point`."""
         near, distances, points_a, points_b, normals = contacts
         transforms, result, pointless = self._transforms, self._result, self._requests[0]
         for k in pairs:

@@ -64,7 +64,7 @@ class LimbGraph:
         return tuple(pair for i, j in self.edges for pair in ((i, j), (j, i)))
 
     def index(self, name: str) -> int:
-        """The place of a limb. Raises InputError for a name that is none."""
+        """The place of a limb. Raises InputError for an unknown name."""
         if name not in self.names:
             raise InputError(name, "there is no such limb", place="limb", remedy=nearest(name, self.names, "limbs"))
         return self.names.index(name)

@@ -35,7 +35,7 @@ RULES: dict[str, Rule] = {"paper": Rule(0.5, 0.5, 0.2, 0.5), "fine": Rule(0.1, 0
 class Group:
     """Bodies that make a limb, the topmost first, and the one of them that carries it.
 
-    fixed: whether it was asked for, so that nothing is merged with it that has surface. name: what it was called then.
+    fixed: whether it was requested, so that nothing with a surface is merged with it. name: its given name.
     """
 
     members: tuple[int, ...]
@@ -95,7 +95,7 @@ class Groups:
 
 
 def merged(bodies: Bodies, rule: Rule, fixed: Sequence[Group] = ()) -> list[Group]:
-    """The limbs of a body, inner ones first; `fixed` ones are as they are, but for bodies without surface.
+    """The limbs of a body, inner ones first; `fixed` ones are unchanged, except for bodies without surface.
 
     Bodies without surface go first, then what is shorter than the rule's limit, the shortest first and the root last,
     into the neighbour with the most neighbours (of equals, the one that it hangs on). Lengths are measured again each

@@ -38,9 +38,9 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True)
 class LandmarkCandidate:
-    """A landmark that could be: `xyz` [m] in the frame of `link`.
+    """A possible landmark: `xyz` [m] in the frame of `link`.
 
-    active: whether the file gives it, or only mentions it. about: what a reader should know of it. kind: what it is.
+    active: whether the file gives it, or only mentions it. about: a remark for the reader. kind: what it is.
     """
 
     name: str

@@ -93,7 +93,7 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[ConvexSolid, ...]:
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
     for mesh in collada_meshes(subject.urdf, tag):
         check_collada(mesh)
-    plain = in_metres(parse(subject.urdf, subject.source).plain_urdf)  # with all that Pinocchio's reader asks for
+    plain = in_metres(parse(subject.urdf, subject.source).plain_urdf)  # with all that Pinocchio's reader requires
     try:
         with quiet():  # Eigen complains of vertices that are not finite, which are refused below
             geometries = pin.buildGeomFromUrdfString(model, plain, kind)

@@ -16,7 +16,7 @@ from humanoid.shape.surface_hulls import HullPart, hull_nodes, hull_parts
 from humanoid.subject.subject import Flesh
 from humanoid.support.errors import InputError
 
-_ROUNDS = 3  # of matching the spacing to the number of nodes asked for
+_ROUNDS = 3  # of matching the spacing to the requested number of nodes
 _HIDDEN = 1e-3  # m; a part whose front rises this little over its own tangent planes hides nothing worth a test
 
 
@@ -63,7 +63,7 @@ def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> tuple[Nodes, ...]:
     return _spread_nodes(tuple(flesh), nodes)
 
 
-@lru_cache(maxsize=16)  # a third of a second, asked for by every tracker, renderer and picture of the same few bodies
+@lru_cache(maxsize=16)  # a third of a second, needed by every tracker, renderer and picture of the same few bodies
 def _spread_nodes(flesh: tuple[Flesh, ...], nodes: int) -> tuple[Nodes, ...]:
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * sum(surface_area(f) for f in flesh) / nodes)  # of equilateral triangles
     for _ in range(_ROUNDS):
@@ -122,6 +122,6 @@ def _joined(
 
 
 def _is_convex(local: np.ndarray, normal: np.ndarray) -> bool:
-    """No node lies outside the tangent plane of another by more than a millimetre; some hundred of them are asked."""
+    """No node lies outside the tangent plane of another by more than a millimetre; some hundred of them are tested."""
     some = slice(None, None, 1 + len(local) // 400)
     return bool((local[some] @ normal[some].T - np.einsum("ni,ni->n", local, normal)[some]).max() < _HIDDEN)

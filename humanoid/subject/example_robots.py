@@ -52,7 +52,7 @@ def _path(share: Path, robot: ExampleRobot) -> Path:
 
 
 def installed() -> dict[str, ExampleRobot]:
-    """The robots whose URDF is there."""
+    """The robots whose URDF is installed."""
     share = share_folder()
     return {} if share is None else {name: r for name, r in ROBOTS.items() if _path(share, r).is_file()}
 

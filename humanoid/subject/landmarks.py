@@ -116,7 +116,7 @@ def without_side(name: str) -> str:
 
 
 def landmark_name(name: str) -> str | None:
-    """The landmark another program's name means (`RBigToe`, `left_foot_index`, `Nose`, ...), None if there is none."""
+    """The landmark another program's name means (`RBigToe`, `left_foot_index`, `Nose`, ...), None without one."""
     text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.strip())
     text = re.sub(r"[\s\-]+", "_", re.sub(r"^([LR])_?(?=[A-Z])", _side, text)).lower()
     side, _, part = text.partition("_") if text.startswith(("left_", "right_")) else ("", "", text)

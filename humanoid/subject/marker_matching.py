@@ -11,7 +11,7 @@ from humanoid.subject.marker_set import LANDMARKS, MarkerSet, marker_set, marker
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of, shown
 
-_FEWEST = 6  # names that a set has to know
+_FEWEST = 6  # fewest names that a set must have
 _LISTED = 12  # names in a message
 _OWN = "start a set of your own with kinemode subjects --markers FILE"
 

@@ -1,4 +1,4 @@
-"""Sets of markers: where each point that is measured in space sits on a subject's links.
+"""Sets of markers: places of measured points on a subject's links.
 
     [set]
     name = "opencap"
@@ -8,8 +8,8 @@
     [markers]
     "r.ASIS" = {link = "pelvis", xyz = [0.075, -0.12, 0.07], std = 0.015, mirror = "L.ASIS"}
 
-xyz [m] is in the link's frame, std [m] how unsure that place is. mirror names the marker of the other side; where the
-file has no such marker it is made: on the link of the other side, across the plane y = 0.
+xyz [m] is in the link's frame, std [m] the standard deviation of that place. mirror names the marker of the other side;
+where the file has no such marker it is made: on the link of the other side, across the plane y = 0.
 """
 
 from __future__ import annotations

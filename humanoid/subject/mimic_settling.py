@@ -1,4 +1,4 @@
-"""What follows from <mimic>, written into the URDF: limits that hold for both, followers that cannot move."""
+"""Consequences of <mimic>, written into the URDF: limits valid for both, followers that cannot move."""
 
 from __future__ import annotations
 

@@ -144,8 +144,8 @@ class Subject(Summarised):
         self, places: Mapping[str, tuple[np.ndarray, float]], zeros: Sequence[Zero] = ()
     ) -> Subject:
         """This subject with the places at which keypoints are marked, by landmark: offset from the landmark (3,) in its
-        link's frame, and how unsure it is [m], those of other landmarks stay; and with what is known by them of its
-        joints' zeros."""
+        link's frame, and its standard deviation [m], those of other landmarks stay; and with the zeros of its joints
+        that follow from them."""
         text = urdf_elements.with_keypoint_places(self.urdf, self.source, places, zeros)
         return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
 
@@ -197,7 +197,7 @@ def _remade(text: str, source: str, base: Base, notes: tuple[str, ...]) -> Subje
 
 
 def _base_of(document: Document, base: Base) -> Literal["free", "fixed"]:
-    """The base asked for, or the file's own, or the natural one."""
+    """The requested base, or the file's own, or the natural one."""
     own = document.root.find("subject")
     if base == "auto":
         return "free" if (natural_base(document) if own is None else own.get("base")) == "free" else "fixed"
@@ -320,7 +320,7 @@ def _loaded(
     notes += settle_mimics(document)
     if document.root.find("landmark") is None:
         notes += add_link_landmarks(document)
-    base = _base_of(document, base)  # of the file as it is, before joints are locked
+    base = _base_of(document, base)  # of the unchanged file, before joints are locked
     set_base(document, base)
     lock_joints(document, [*locked, *([lock] if isinstance(lock, str) else lock)])
     if name in _LOCKED:

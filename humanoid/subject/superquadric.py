@@ -11,9 +11,9 @@ The domain is u = (latitude in [-pi/2, pi/2], longitude in [-pi, pi]). Barr's el
 angle-preserving transformations, IEEE CG&A 1981) is tapered, then bent (A. Barr, Global and local deformations of solid
 primitives, SIGGRAPH 1984).
 
-Both bends are one, in the plane that holds the z axis and k = (bx, by), so that neither goes before the other: the axis
-becomes an arc of a circle through the origin, and sections stay plane and normal to it. With m = 1 - k . (x, y) and
-w = |k|^2 z^2,
+Both bends are one, in the plane of the z axis and k = (bx, by), so that their order does not matter: the axis becomes
+an arc of a circle through the origin, and sections stay plane and normal to it. With m = 1 - k . (x, y) and w = |k|^2
+z^2,
 
     (x, y)' = (x, y) + k z^2 C(w) m,    C(w) = (1 - cos sqrt(w)) / w
     z'      = z S(w) m,                 S(w) = sin sqrt(w) / sqrt(w)

@@ -1,4 +1,4 @@
-"""A URDF file as an XML tree that knows its lines, read without entities, and the numbers in it."""
+"""A URDF file as an XML tree with line numbers, read without entities, and the numbers in it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The elements kinemode adds to a URDF: subject, flesh, landmark, marker, zero, upright, stabiliser and proportion.
 
-URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
+URDF parsers skip unknown elements, so one file serves Pinocchio, yourdfpy and kinemode.
 
     <subject base="free|fixed"/>
     <link ...><flesh .../></link>                     see `humanoid.subject.urdf_flesh`
@@ -99,10 +99,10 @@ class Marker:
 
 @dataclass(frozen=True)
 class Zero:
-    """How unsure the zero of a degree of freedom is, as a fit by markers leaves it.
+    """Uncertainty of the zero of a degree of freedom after a fit by markers.
 
-    name: the joint, or of a free root `root_vx` to `root_wz`. std [rad or m]: by how much it may be off in all frames
-    alike.
+    name: the joint, or of a free root `root_vx` to `root_wz`. std [rad or m]: standard deviation of its common error in
+    all frames.
     """
 
     name: str

@@ -53,8 +53,8 @@ def check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints
 
 
 def compose_mimics(document: Document) -> None:
-    """Let every joint of a checked URDF follow one that follows none: what follows a follower follows its master, with
-    multipliers and offsets put together."""
+    """Let every joint of a checked URDF follow one that follows none: a follower's follower follows its master, with
+    combined multipliers and offsets."""
     joints = {joint.get("name", ""): joint for joint in elements(document.root, "joint")}
     for joint in joints.values():
         mimic = mimic_of(joint)

@@ -53,7 +53,7 @@ def _part_index(source: str, names: Sequence[str], key: int | str) -> int:
 
 
 def mirror_parts(links: Sequence[str]) -> np.ndarray:
-    """The part that mirrors each part, (B,) int, itself where there is none.
+    """The part that mirrors each part, (B,) int, itself without one.
 
     links (B): the links of the parts. Two parts mirror each other if their links' names differ in left and right, and
     if they come equally far among the parts of their links. `superquadric.MIRROR` turns the parameters of the one into

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ REMEDIES = {
 def replacing(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and all of it has reached the disk.
 
-    Where it does not end well nothing is left but the old file, as it was.
+    Otherwise only the old file is left, unchanged.
 
     Raises
     ------

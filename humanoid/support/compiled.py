@@ -46,7 +46,8 @@ def jit(function: Function) -> Function:
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Whether a function's code is there, compiled by this process or kept by an earlier one, for some arguments."""
+    """Whether a function's code is available, compiled by this process or cached by an earlier one, for some
+    arguments."""
     if not isinstance(function, Dispatcher) or function.signatures:
         return True
     cache = cast(Any, function)._cache

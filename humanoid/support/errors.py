@@ -86,7 +86,7 @@ def _fitting(parts: list[str]) -> list[str]:
     parts = [_QUOTED.sub(lambda quote: shortened(quote[0], _LONGEST_QUOTE), part) for part in parts]
     lengths = sorted(map(len, parts))
     room = LONGEST - (len(_message(*parts)) - sum(lengths))
-    for rank, length in enumerate(lengths):  # short parts stay as they are, long ones share what is left
+    for rank, length in enumerate(lengths):  # short parts stay unchanged, long ones share what is left
         share = room // (len(parts) - rank)
         if length > share:
             return [shortened(part, share) for part in parts]

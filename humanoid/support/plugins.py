@@ -23,7 +23,7 @@ class Named(Protocol):
 
     @property
     def name(self) -> str:
-        """The name that it is asked for by."""
+        """The name by which it is chosen."""
         ...
 
 
@@ -33,13 +33,13 @@ Member = TypeVar("Member", bound=Named)
 class Registry(Mapping[str, Member]):
     """A family's members by name, in the order in which they were registered.
 
-    The first look-up imports the plugins (`load_plugins`), which may register more; a name that is not there is an
-    InputError that lists the others.
+    The first look-up imports the plugins (`load_plugins`), which may register more; an unknown name is an InputError
+    that lists the others.
 
     Parameters
     ----------
     kind: what a member is called, as "tracker". members: the built-in ones. check: raises InputError where a member
-    cannot stand beside the ones that are there.
+    conflicts with existing ones.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ def captured_output() -> Iterator[list[str]]:
     said: list[str] = []
     reading, writing = os.pipe()
     for end in (reading, writing):
-        os.set_blocking(end, False)  # what the pipe cannot hold is lost
+        os.set_blocking(end, False)  # what does not fit into the pipe is lost
     try:
         with _sent_to(writing, (2,)):
             yield said

@@ -20,7 +20,7 @@ _REFUSED = (OSError, pickle.PicklingError, TypeError, AttributeError)  # a full 
 class Spill:
     """Keeps the items of some lists, `kept` of them in memory.
 
-    The file has no name, and is gone with this object or its process; it is made when there are more items. One that
+    The file has no name, and is removed with this object or its process; it is made when there are more items. One that
     cannot be written stays in memory. shared: objects that items refer to without having them for themselves; so are
     all of the types `shared_types`. Changes of an item after it was put into a list may be lost.
     """
@@ -103,7 +103,7 @@ class Spill:
 
 
 class _Items(Sequence[T], Generic[T]):
-    """So many items by their places; a slice is a plain list, all of which is in memory."""
+    """A number of items by their places; a slice is a plain list, all of which is in memory."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -146,7 +146,7 @@ class SpilledList(_Items[T]):
 
 
 class MadeList(_Items[T]):
-    """Items each of which is made when it is asked for, by its place."""
+    """Items that are made on access, by their places."""
 
     def __init__(self, count: int, make: Callable[[int], T]) -> None:
         super().__init__(count)

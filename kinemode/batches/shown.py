@@ -115,7 +115,7 @@ def _cell(value: str | float | None) -> str:
 
 
 def write_batch_table(path: str | Path, entries: Sequence[BatchEntry]) -> Path:
-    """Write the table and return its path. The file is there whole or not at all.
+    """Write the table and return its path. The file is written whole or not at all.
 
     Raises InputError where it cannot be written.
     """

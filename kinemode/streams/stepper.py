@@ -204,7 +204,7 @@ class PictureStream(Clip):
         return self._latest[index]
 
     def frames(self, start: int = 0) -> Iterator[np.ndarray]:
-        """Those that are there, see `Clip.frames`."""
+        """The available ones, see `Clip.frames`."""
         return (picture for index, picture in sorted(self._latest.items()) if index >= start)
 
     @cached_property

@@ -30,7 +30,7 @@ _MEANINGS = {
 
 
 class _Head(NamedTuple):
-    """A column. numbers: it holds some. falls: the largest come first when it is sorted at first."""
+    """A column. numbers: whether it has numbers. falls: whether the first sorting puts the largest first."""
 
     name: str
     kind: str
@@ -54,7 +54,7 @@ _HEADS = (
 
 
 def write_batch_page(path: str | Path, entries: Sequence[BatchEntry], title: str) -> Path:
-    """Write the page and return its path. The file is there whole or not at all.
+    """Write the page and return its path. The file is written whole or not at all.
 
     Raises InputError where it cannot be written.
     """

@@ -82,7 +82,8 @@ class _Window:
         return (pixels - self.low + 0.5) * scale - 0.5, depth
 
     def part_of(self, image: np.ndarray | None) -> np.ndarray:
-        """What it shows of the camera's picture, `_FINE` times as large as the thumbnail; plain where there is none."""
+        """The part of the camera's picture that it shows, `_FINE` times as large as the thumbnail; plain without a
+        picture."""
         size = (WIDTH * _FINE, HEIGHT * _FINE)
         if image is None:
             return palette.plain(*size)

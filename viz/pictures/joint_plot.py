@@ -1,4 +1,4 @@
-"""Joint angles over time in one picture: how sure they are, what else they could be, which frames not to trust.
+"""Joint angles over time in one picture: their uncertainty, other hypotheses, and frames not to trust.
 
 Left and right are drawn over each other in the blue and orange of Okabe and Ito (Color Universal Design, 2008).
 """
@@ -37,7 +37,7 @@ _FAINT = 0.02  # weight from which a hypothesis is drawn
 
 def write_joint_plot(run: Run, path: str | Path, joints: str | Iterable[str] | None = None) -> Path:
     """Write curves of joints in degrees, or metres where they slide, and return the path: .png, .svg or .pdf. The file
-    is there whole or not.
+    is written whole or not at all.
 
     joints: see `viz.pictures.joint_panels.chosen_joints`.
     Raises InputError: another ending, no such joint, a run without a pose, a file that cannot be written.

@@ -1,4 +1,4 @@
-"""What a run believes of limbs, as a layer of the overlay: samples as outlines, their means as cones."""
+"""A run's beliefs of limbs, as a layer of the overlay: samples as outlines, their means as cones."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class OrthographicView:
 
 
 def camera_view(camera: Camera, longest: int) -> CameraProjection:
-    """The camera's view, its longer side at most `longest` px and both sides even (video coders want that).
+    """The camera's view, its longer side at most `longest` px and both sides even (video coders require that).
 
     Pixels that are not square, by the camera's focal lengths, become so.
     """

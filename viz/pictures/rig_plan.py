@@ -112,8 +112,8 @@ def _bounds(camera: Camera, seen: tuple[int, int]) -> np.ndarray:
 
 
 def name_cameras(drawing: Figure, plan: RigPlan, panels: Mapping[tuple[int, int], Axes]) -> None:
-    """Lay out a figure, for good, and write each camera's name beside it in its panels, see `draw_rig`, where neither
-    names nor cameras are."""
+    """Lay out a figure, once, and write each camera's name beside it in its panels, see `draw_rig`, where neither names
+    nor cameras are."""
     drawing.draw_without_rendering()
     drawing.set_layout_engine("none")
     for seen, axes in panels.items():

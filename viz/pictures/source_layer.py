@@ -1,4 +1,5 @@
-"""Whom a body follows, drawn beside it: the floor under both, what is to stand on it, a stick figure, and names."""
+"""The source that a body follows, drawn beside it: the floor under both, what is to stand on it, a stick figure, and
+names."""
 
 from __future__ import annotations
 

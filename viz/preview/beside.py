@@ -1,4 +1,4 @@
-"""Whom a body follows, in the preview: a stick figure beside it, and discs under what is to stand."""
+"""The source that a body follows, in the preview: a stick figure beside it, and discs under what is to stand."""
 
 from __future__ import annotations
 

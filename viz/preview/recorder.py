@@ -115,7 +115,7 @@ def line_segments(points: np.ndarray, colour: palette.Rgb) -> g.LineSegments:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy numbers as Python's, which is all the packer knows."""
+    """NumPy numbers as Python's, the only ones the packer supports."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -58,7 +58,7 @@ def write_report(
     figures: Sequence[Figure] | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write the page and return its path. The file is there whole or not at all.
+    """Write the page and return its path. The file is written whole or not at all.
 
     facts: what is reported beside the motion. figures: the joint angles over time, by default those of `angle_figures`.
     progress: called with (frames of the film drawn, frames in all).

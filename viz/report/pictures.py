@@ -89,7 +89,7 @@ def _encoded(scene: Scene, rows: range, longest: int, progress: Progress | None)
 
 
 def without_picture(scene: Scene) -> list[str]:
-    """The cameras whose clip is not there."""
+    """The cameras without their clip."""
     return [camera.name for camera, frames in zip(scene.cameras, scene.frames, strict=True) if frames is None]
 
 

@@ -21,7 +21,7 @@ _GIVEN = "given"
 
 
 def ranges_table(ranges: Sequence[RangeOfMotion], *, intervals: bool = True) -> str:
-    """One row a joint: least, greatest, range, each with its interval if asked for, in degrees, or millimetres where it
+    """One row a joint: least, greatest, range, each with its interval if requested, in degrees, or millimetres where it
     slides."""
     if not intervals:
         rows = [
@@ -69,7 +69,7 @@ def _valued(value: float, low: float, high: float, slides: bool) -> str:
 def table(
     head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "", *, numbers: int = 0, paths: Sequence[int] = ()
 ) -> str:
-    """A table of texts. numbers: so many columns at the right end hold numbers. paths: those that may be broken
+    """A table of texts. numbers: how many columns at the right end have numbers. paths: those that may be broken
     anywhere."""
     first = len(head) - numbers
 

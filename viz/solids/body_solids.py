@@ -14,7 +14,7 @@ from humanoid.subject.subject import Flesh
 from viz.solids.solid import DrawnMesh, Side, side_of
 from viz.solids.visual_solids import missing_meshes, visual_solids
 
-_BALL = 0.03  # radius of what stands for a link that nothing is known of [m]
+_BALL = 0.03  # radius of the ball for a link of unknown shape [m]
 
 # pairs of landmark names, COCO's where COCO has one
 LIMBS: tuple[tuple[str, str], ...] = (
@@ -75,7 +75,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[DrawnMesh, ...]:
 
 
 def drawing_notes(body: Body) -> tuple[str, ...]:
-    """What a user should know about how the body is drawn, one sentence each."""
+    """Notes for the user on how the body is drawn, one sentence each."""
     missing = () if body.subject.flesh else missing_meshes(body)
     if not missing:
         return ()

@@ -49,14 +49,14 @@ class DrawnMesh:
 
 
 def side_of(name: str) -> Side:
-    """The side a link, joint or landmark name speaks of: left_hip, l_hip, hip_L, ..."""
+    """The side in a link, joint or landmark name: left_hip, l_hip, hip_L, ..."""
     if _LEFT.search(name):
         return "left"
     return "right" if _RIGHT.search(name) else "trunk"
 
 
 def without_side(name: str) -> str:
-    """A name without the side it speaks of: hip of left_hip, l_hip, hip_L; itself where nothing would be left."""
+    """A name without its side: hip of left_hip, l_hip, hip_L; itself where nothing would be left."""
     return _SIDE.sub("", name).strip("_- ") or name
 
 

@@ -87,7 +87,7 @@ def _missing(shape: VisualShape) -> bool:
 
 
 def _shapes(body: Body) -> tuple[tuple[VisualShape, ...], tuple[str, ...]]:
-    """What to draw, and the links that something should be drawn for but nothing is there."""
+    """What to draw, and the links whose shapes are missing."""
     wanted = shapes_of(body.subject, "visual")
     lost = {shape.link for shape in wanted if _missing(shape)}
     if wanted and not lost:

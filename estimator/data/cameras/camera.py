@@ -141,7 +141,7 @@ class Camera(Summarised):
         """Pixels (..., 2) -> directions of their rays in the camera (..., 3), undistorted, with z = 1; NaN stays NaN.
 
         The inverse of `project` up to depth. Where no direction leads to a pixel, as outside a fisheye's circle, NaN;
-        with Brown's five coefficients OpenCV's five iterations are taken as they are.
+        with Brown's five coefficients OpenCV's five iterations are used unchanged.
 
         Raises InputError: a parallel camera, whose rays differ by where they begin; see `rays`.
         """
@@ -188,8 +188,8 @@ def guessed_camera(
 ) -> Camera:
     """A camera without a calibration, level, at the origin.
 
-    pixel_aspect: width of a pixel over its height; of the sides as they are shown the longer one counts. focal: length
-    over the longer side; 1.2 is a 45 degree lens. focal_std: see `Camera`.
+    pixel_aspect: width of a pixel over its height; the longer displayed side counts. focal: length over the longer
+    side; 1.2 is a 45 degree lens. focal_std: see `Camera`.
     The world is then x forward (along the optical axis), y left, z up.
     """
     width, height = image_size

@@ -12,7 +12,7 @@ from estimator.data.cameras.camera import Camera
 FEWEST_SHARED = 4  # landmarks that two detections need in common to be compared
 _FEW = 6  # landmarks of a first look
 _MOST_PAIRS = 50_000  # compared at once
-MISSED = 0.02  # of the picture's longer side: a point that is so far from where a camera saw it is mistaken
+MISSED = 0.02  # of the picture's longer side: a point this far from its detection is an outlier
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def read_content(path: Path) -> C3dContent:
 
     Raises
     ------
-    InputError: it is none, is cut short, or contradicts itself.
+    InputError: it is not one, is truncated, or contradicts itself.
     """
     file = _Bytes(path)
     if file.data[1:2] != bytes([_KEY]) or file.data[0] == 0:

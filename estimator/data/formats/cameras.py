@@ -27,7 +27,7 @@ from humanoid.support.plugins import Registry
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(
     "camera format", (OPENCV_JSON, JSON, PANOPTIC, TOML, OPENCV_YAML, EASYMOCAP, KALIBR, QUALISYS, OPENCV_XML)
 )
-"""Formats that are read, by name; those registered last are asked first."""
+"""Formats that are read, by name; those registered last are tried first."""
 register = CAMERA_FORMATS.register
 _PICKLES = (".pickle", ".pkl")
 _PICKLED = b"\x80"  # the first byte of a pickle since protocol 2

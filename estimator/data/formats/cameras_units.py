@@ -50,7 +50,7 @@ def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: s
 
 
 def _scaled(camera: Camera, factor: float) -> Camera:
-    """In a world whose lengths are so many times as large."""
+    """The cameras with all lengths multiplied by a factor."""
     deviations = camera.deviations
     if deviations is not None:
         deviations = deviations * np.repeat([1.0, factor, 1.0], (3, 3, 1))[:, None]

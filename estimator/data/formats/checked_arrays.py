@@ -70,7 +70,7 @@ def sizes_of(body: Body) -> dict[str, int]:
 
 
 def those_there(fields: Mapping[str, Field], arrays: Mapping[str, np.ndarray]) -> dict[str, Field]:
-    """Those of the fields that may be left out which are there."""
+    """The optional fields that are present."""
     return {name: field for name, field in fields.items() if name in arrays}
 
 

@@ -46,7 +46,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 
 def array(group: h5py.Group, name: str, path: Path) -> np.ndarray:
-    """A data set as it is; raises InputError where there is none, or it unpacks to more than 400 MB."""
+    """A data set unchanged; raises InputError where it is missing, or unpacks to more than 400 MB."""
     import h5py
 
     data = group.get(name)
@@ -58,14 +58,14 @@ def array(group: h5py.Group, name: str, path: Path) -> np.ndarray:
 
 
 def numeric(values: np.ndarray, path: Path, place: str) -> np.ndarray:
-    """Numbers as float64; raises InputError where they are none."""
+    """Numbers as float64; raises InputError where they are not numbers."""
     if values.dtype.kind not in "iuf":
         raise InputError(path, f"is of type {shown(str(values.dtype))}, numbers are needed", place=place)
     return values.astype(np.float64)
 
 
 def texts(values: np.ndarray, path: Path, place: str) -> tuple[str, ...]:
-    """Texts of an array of one axis, of fixed length or not; raises InputError where they are none."""
+    """Texts of an array of one axis, of fixed length or not; raises InputError where they are not texts."""
     read = tuple(text(value) for value in values.tolist()) if values.ndim == 1 else (None,)
     if None in read:
         raise InputError(path, "a list of texts is needed", place=place)
@@ -88,7 +88,7 @@ def members(group: h5py.Group) -> str:
 
 
 def plain_pickle(value: Any, path: Path, place: str) -> Any:
-    """What pickled bytes mean that hold nothing but lists, tuples, dictionaries, texts and numbers.
+    """The value of pickled bytes that contain only lists, tuples, dictionaries, texts and numbers.
 
     Nothing is run or looked up by its name: any other instruction is refused before it is read, as is a place in the
     memo beyond the bytes' own length, which would take memory. Raises InputError.

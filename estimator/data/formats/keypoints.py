@@ -17,7 +17,7 @@ from estimator.data.formats.people_choice import AUTO, jump_note, select
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
-_LONGEST_GAP = 1000  # frames that may be missing for each that is there
+_LONGEST_GAP = 1000  # frames that may be missing for each present one
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def fill(reading: Reading, table: DeepLabCutTable) -> None:
     if _UNIQUE in individuals and len(individuals) > 1:
         individuals.pop(_UNIQUE)
         reading.notes.say(f"the individual {_UNIQUE!r}, points of no animal, is left out")
-    absent = np.full((len(table.values), 1), np.nan)  # the last column stands for those that are not there
+    absent = np.full((len(table.values), 1), np.nan)  # the last column stands for missing ones
     values = np.concatenate([table.values, absent], axis=1)
     several = len(individuals) > 1
     for place, frame, row in zip(table.places, _frames(table, path), values, strict=True):

@@ -25,7 +25,7 @@ KEYPOINT_FORMATS: Registry[KeypointFormat] = Registry(
     "keypoint format",
     (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, ULTRALYTICS, DEEPLABCUT, DEEPLABCUT_H5, SLEAP, ARRAYS),
 )
-"""Formats that are read, by name; those registered last are asked first."""
+"""Formats that are read, by name; those registered last are tried first."""
 register = KEYPOINT_FORMATS.register
 
 _BEGINNINGS = {
@@ -38,7 +38,7 @@ _BEGINNINGS = {
 def read_layout(path: Path, layout: str) -> Reading:
     """Read a keypoint file or folder of any registered format.
 
-    Raises InputError where there is none, no format recognises it, or `layout` is neither "auto" nor a key of
+    Raises InputError where it is missing, no format recognises it, or `layout` is neither "auto" nor a key of
     `humanoid.subject.landmarks.FORMATS`.
     """
     if layout != "auto" and layout not in FORMATS:

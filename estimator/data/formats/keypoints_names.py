@@ -30,8 +30,8 @@ class Naming(NamedTuple):
 
 
 def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
-    """The landmark of each keypoint that a file calls so, by what stands beside it, else by the words; a note on those
-    that mean none of ours. Raises InputError for a renamed keypoint that the file does not have."""
+    """The landmark of each of a file's keypoint names, by the file beside it, else by the words; with a note on unknown
+    names. Raises InputError for a renamed keypoint that the file does not have."""
     naming = naming_beside(reading.source)
     renamed = naming.of or {}
     unknown = [name for name in renamed if name not in own]

@@ -40,7 +40,7 @@ class Person:
 
 @dataclass
 class Notes:
-    """What had to be put right while reading, counted."""
+    """Number of corrections while reading."""
 
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -71,7 +71,7 @@ def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) ->
         and confidence.min(initial=1.0) > 0.0
         and confidence.max(initial=0.0) <= 1.0
     ):
-        return points  # nothing to put right, as with most people of a crowd
+        return points  # nothing to correct, as with most people of a crowd
     missing = np.isnan(xy).all(axis=1)
     points[missing, 2] = 0.0
     wrong = ~missing & ~(np.abs(points) < LARGEST).all(axis=1)

@@ -51,7 +51,7 @@ class Reading:
         return Person(cleaned(values.reshape(-1, 3), self.notes, source, place), person_id(id))
 
     def name_by_size(self, size: int, source: str | Path, place: str) -> None:
-        """Take the layout that has so many numbers, or the one that was asked for; raises InputError without one."""
+        """Use the layout with this count of numbers, or the given one; raises InputError without one."""
         if self.layout == "auto":
             if size not in LAYOUT_BY_COUNT:
                 raise InputError(source, f"{size} numbers fit no layout", place=place, remedy=_counts())

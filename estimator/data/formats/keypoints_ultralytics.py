@@ -154,7 +154,7 @@ def _read_labels(files: Sequence[Path], numbering: Mapping[str, int], reading: R
 
 
 def _keypoint_count(reading: Reading) -> int:
-    """How many keypoints a line has: what is named beside the folder, or the layout that was asked for."""
+    """Number of keypoints of a line: by the names beside the folder, or by the given layout."""
     own = naming_beside(reading.source).names
     if own is not None and reading.layout == "auto":
         return len(own)

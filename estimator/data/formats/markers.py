@@ -44,8 +44,8 @@ class _Marker(NamedTuple):
 
 
 class NamedPoints(NamedTuple):
-    """names (L): landmarks, and the markers that are none as the file calls them. points (T, L, 3). sources: of every
-    landmark that the file calls otherwise, its markers."""
+    """names (L): landmarks, and other markers by their names in the file. points (T, L, 3). sources: the markers of
+    every landmark that has another name in the file."""
 
     names: tuple[str, ...]
     points: np.ndarray
@@ -89,7 +89,7 @@ def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = 
 
 
 def _places(names: Sequence[str]) -> dict[str, tuple[int, ...]]:
-    """The marker, or the two of whose middle it is, of every landmark that is there."""
+    """The marker, or the two whose midpoint it is, of every available landmark."""
     markers = [_marker(name) for name in names]
     of_skin = any(_SKIN.search(marker.part) for marker in markers if not marker.predicted)
     places: dict[str, tuple[int, ...]] = {}

@@ -70,7 +70,7 @@ def distance(a: Person, b: Person) -> float:
 
 
 def apart(a: Person, b: Person, frames: int) -> bool:
-    """Whether b, so many frames after a, is farther away than the same person would be."""
+    """Whether b, a number of frames after a, is farther away than the same person would be."""
     return distance(a, b) >= _FAR * (1.0 + _DRIFT * (frames - 1))
 
 

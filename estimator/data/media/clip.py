@@ -221,7 +221,7 @@ class VideoClip(Clip):
     def close(self) -> None:
         """See `Clip.close`."""
         self._capture.release()
-        self._next = 1 << 60  # any instant asked for next lies before it
+        self._next = 1 << 60  # any instant requested next lies before it
 
     @cached_property
     def _stamps(self) -> np.ndarray:

@@ -74,7 +74,7 @@ def check_film_name(path: Path) -> None:
 
 
 def ffmpeg_command() -> list[str]:
-    """How FFmpeg is begun; raises InputError where there is none that runs."""
+    """The command that starts FFmpeg; raises InputError where none runs."""
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError:

@@ -20,7 +20,7 @@ def read_picture(path: Path) -> tuple[np.ndarray, bool]:
 
     Raises
     ------
-    InputError: no picture, or none that can be decoded.
+    InputError: not a picture, or one that cannot be decoded.
     """
     image, said = _decoded(path, cv2.IMREAD_COLOR)
     return np.asarray(image, dtype=np.uint8), not any(_DAMAGED in text for text in said)
@@ -31,7 +31,7 @@ def read_numbers(path: Path) -> np.ndarray:
 
     Raises
     ------
-    InputError: no picture, or none that can be decoded.
+    InputError: not a picture, or one that cannot be decoded.
     """
     return _decoded(path, cv2.IMREAD_UNCHANGED)[0]
 
@@ -50,7 +50,8 @@ def _decoded(path: Path, flags: int) -> tuple[np.ndarray, list[str]]:
 
 
 def write_picture(path: str | Path, image: np.ndarray) -> Path:
-    """Write (H, W, 3) uint8 BGR, or (H, W), in the format that the path's ending names; the file is whole or not there.
+    """Write (H, W, 3) uint8 BGR, or (H, W), in the format of the path's ending; the file is written whole or not at
+    all.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """One person in several cameras: the one that they see together, chosen by geometry.
 
 Every camera's detections are linked over time and cut where two people may have changed places. Pieces of two cameras
-are one person's where the rays of the landmarks both saw meet, frame after frame; pieces are put together greedily by
-how much speaks for it, and the largest person that at least two cameras see is the subject. A camera contributes the
-pieces that fit, and nothing where none does.
+are one person's where the rays of the landmarks both saw meet, frame after frame; pieces are joined greedily by the
+evidence for it, and the largest person that at least two cameras see is the subject. A camera contributes the pieces
+that fit, and nothing where none does.
 """
 
 from __future__ import annotations

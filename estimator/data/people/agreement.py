@@ -1,4 +1,4 @@
-"""Affinity of two pieces of tracks: what speaks for and against their being one person."""
+"""Affinity of two pieces of tracks: evidence for and against their being one person."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from humanoid.subject.landmarks import mirror_index
 
 FIT = 0.05  # body sizes: the same person's detections are nearer than this, real ones at 0.01 to 0.02
 _SHARPEST = 0.01  # body sizes: no detector and calibration are better than a third of this
-_SPREAD = 3.0  # times the usual distance within which two detections speak for one person
+_SPREAD = 3.0  # times the usual distance within which two detections support one person
 _FAR = 0.2  # body sizes at a first look: two detections that are not compared further
 WORST = -2.0  # what a frame counts at most against it
 _BESIDE = 5.0  # what it counts against two pieces to be seen beside each other in one camera
@@ -112,7 +112,7 @@ def piece_affinities(table: Table, affinities: PairAffinities) -> np.ndarray:
     for c in range(len(table.rays)):
         here = table.camera == c
         made -= _BESIDE * _together(table, here, count) + WORST * _together(table, here & is_compared, count)
-    made += WORST * _together(table, is_compared, count)  # of two cameras, those of one camera being taken off
+    made += WORST * _together(table, is_compared, count)  # of two cameras, those of one camera being subtracted
     for link in table.links:
         made[link.first, link.second] += link.strength
         made[link.second, link.first] += link.strength

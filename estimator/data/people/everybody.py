@@ -1,8 +1,8 @@
 """Everybody in several cameras: each person's keypoints in each camera, over time.
 
-Detections are put together as they are for one subject (`across_cameras`), but all groups count: each exchanges
-detections with every other until nothing speaks for another exchange, and groups that follow each other soon are one
-person. No detection is two people's.
+Detections are joined as for one subject (`across_cameras`), but all groups count: each exchanges detections with every
+other until no exchange is an improvement, and groups that follow each other soon are one person. No detection is two
+people's.
 """
 
 from __future__ import annotations

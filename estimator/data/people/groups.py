@@ -49,8 +49,8 @@ def exchange_pieces(
     """The groups (P,) after the best exchanges between group `who` and each other, which greed alone does not find.
 
     Exchanged is what one camera, or all, saw of both in a stretch of time: there two people may have changed places.
-    Pieces with a `camera` (P,) below 0 stay; `begin` (P,): when each begins. Every exchange raises the sum of what
-    speaks for the pieces of each group being one, so that it ends.
+    Pieces with a `camera` (P,) below 0 stay; `begin` (P,): when each begins. Every exchange raises the sum of
+    affinities within the groups, so that it ends.
     """
     group = group.copy()
     changed = True

@@ -14,8 +14,8 @@ from estimator.data.formats.people_choice import largest_first
 from estimator.data.formats.people_tracks import PersonTrack
 
 SURE, LIKELY, NAMED = 5.0, 1.0, 1.0
-"""How much speaks for two pieces of a track that follow each other, in frames of perfect agreement: where no other
-person was near, where one was, and where the file gives both the same id."""
+"""Evidence for two pieces of a track that follow each other being one person, in frames of perfect agreement: where no
+other person was near, where one was, and where the file gives both the same id."""
 _MOST_PIECES = 2000  # beyond it tracks stay whole, and beyond it again the lightest are left out
 
 
@@ -43,7 +43,7 @@ class CameraDetections:
 
 @dataclass(frozen=True)
 class Link:
-    """Pieces first and second follow each other in one track of one camera; strength: how much speaks for it."""
+    """Pieces first and second follow each other in one track of one camera; strength: the evidence for it."""
 
     first: int
     second: int

@@ -2,8 +2,8 @@
 
 A standing person keeps the centre of mass over the feet, and over a clip of walking it is over their middle on average,
 however the trunk leans. The ankles' lowest places lie in a plane, the floor. Both are estimates of one direction with
-covariances, in the plane across it, and are put together as Gaussians. Masses of the segments and where their centres
-lie: Winter, Biomechanics and Motor Control of Human Movement, 4th edition, table 4.1.
+covariances, in the plane across it, and are fused as Gaussians. Masses of the segments and where their centres lie:
+Winter, Biomechanics and Motor Control of Human Movement, 4th edition, table 4.1.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Graphs of nodes and potentials, and what is believed of a node."""
+"""Graphs of nodes and potentials, and beliefs of nodes."""
 
 from __future__ import annotations
 

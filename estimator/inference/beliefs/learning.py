@@ -105,8 +105,8 @@ def quaternion_mean(quaternions: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Mean (4,) of unit quaternions (N, 4) of weights (N,): eq. 4, made of length 1.
 
     Before, the set is turned so that the squares of w are as large as they can be on average: by the principal axis of
-    the quaternions' scatter, which knows no sign (Markley et al. 2007). The paper minimises the largest w, which can
-    only be meant the other way: x / w needs a w far from 0.
+    the quaternions' scatter, which does not depend on signs (Markley et al. 2007). The paper minimises the largest w,
+    which can only be meant the other way: x / w needs a w far from 0.
     """
     share = weight / weight.sum()
     axis = np.linalg.eigh((share[:, None] * quaternions).T @ quaternions)[1][:, -1]

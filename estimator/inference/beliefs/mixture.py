@@ -17,7 +17,7 @@ from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
 
 CUT = 30.0
-"""Nats: kernels that lie so far below another are left out of a sum, all of them less than 1e-10 of it."""
+"""Nats: kernels this far below another are left out of a sum, all of them less than 1e-10 of it."""
 
 
 class Density(Protocol):

@@ -19,7 +19,7 @@ LogLikelihood = Callable[[np.ndarray], np.ndarray]
 METHODS = ("importance", "gibbs", "exact")
 _CENTRES = 64  # kernels of a round's proposals at most
 _ALIVE = 0.1  # share of the candidates that a round's proposals go by, at least
-_HALVINGS = 10  # about a thousandth of the power that leaves so many alive is near enough
+_HALVINGS = 10  # a thousandth of the sought power is accurate enough
 _WIDER = 1.5  # covariance of a round's proposals over that of the products that they are made of
 
 
@@ -30,9 +30,9 @@ class ProductSettings(CheckedSettings):
     method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal
     densities about the best of those; "gibbs" draws which kernels go together, one mixture after the other (Sudderth et
     al. 2003); "exact" goes through all combinations of kernels, and refuses where there are more than `exact_below`.
-    candidates: of "importance", at least; per_draw: so many of them for each draw that is wanted. rounds: how many
-    times it draws about the best. sweeps: of "gibbs".
-    exact_below: so many combinations are gone through whatever the method; there "exact" stops.
+    candidates: of "importance", at least; per_draw: number of them for each requested draw. rounds: how many times it
+    draws about the best. sweeps: of "gibbs".
+    exact_below: number of combinations that are enumerated by any method; there "exact" stops.
     image_weighted: candidates of "importance" are weighed by the node's likelihood, too, and drawn about where that is
     high: the samples of the paper are drawn by the messages alone, and where the likelihood is sharp few of them count.
     A product of which all kernels are of R^n is drawn from exactly by "exact"; rotations are treated to first order by

@@ -47,8 +47,7 @@ class BeliefSettings(CheckedSettings):
 
 @dataclass(frozen=True)
 class Propagated:
-    """The belief of every node, the messages by directed edge (i, j), and for each the status of what it was made
-    of."""
+    """The belief of every node, the messages by directed edge (i, j), and for each the status of its samples."""
 
     beliefs: tuple[Belief, ...]
     messages: Mapping[Edge, KernelMixture]

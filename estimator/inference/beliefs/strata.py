@@ -195,7 +195,7 @@ def _draws(
     settings: ProductSettings,
     node: Node,
 ) -> list[ProductSamples]:
-    """Draws of each target that is wanted, so many of it; empty ones where none are."""
+    """Draws of each requested target, in the requested number; empty for others."""
     asked = [(target, count) for target, count in wanted if count]
     targets, counts = [a[0] for a in asked], [a[1] for a in asked]
     draws = iter(draw_products(rng, factors, targets, counts, settings, node.proposal, node.log_likelihood))

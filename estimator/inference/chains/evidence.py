@@ -79,8 +79,8 @@ class Detections:
 class Evidence:
     """phi(O, F) = sum_a w_a prod_f phi_a(F_f), over associations a.
 
-    density: a kernel for each association, which knows the features that have a detection in it. detection (K, F): the
-    number of each feature's, -1 where it has none.
+    density: a kernel for each association, over the features that have a detection in it. detection (K, F): the number
+    of each feature's, -1 where it has none.
     """
 
     density: FeatureDensity
@@ -164,8 +164,8 @@ def _expected(detections: Detections, prior: FeatureDensity) -> np.ndarray:
 
 
 def _candidates(pairs: _Pairs) -> list[list[int]]:
-    """For every feature the detections that may be its, -1 for none, in order; of all that there are so many that there
-    are at most `_WAYS` ways to choose, the likeliest beside those of the likeliest exclusive way, which stays."""
+    """For every feature the detections that may be its, -1 for none, in order; of all of them, limited to at most
+    `_WAYS` ways to choose, the likeliest beside those of the likeliest exclusive way, which stays."""
     count = pairs.first.shape[1] - 1
     score = pairs.first + pairs.expected
     able = [[d for d in range(-1, count) if np.isfinite(row[d])] for row in pairs.first]

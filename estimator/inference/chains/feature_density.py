@@ -16,7 +16,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 _LEAST = 1e-300  # of a share of a mixture
 _DOUBT = 30.0  # factor on the likely distance within which detections are considered
 _ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that count as equal
-_NOTHING = 40.0  # so far below the highest a kernel adds nothing
+_NOTHING = 40.0  # this far below the highest a kernel adds nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class FeatureDensity:
             raise InputError("feature density", "has an invalid kernel", remedy=remedy)
 
     def dims(self, kernel: int) -> np.ndarray:
-        """The numbers (D,) of the coordinates that a kernel speaks of, two for each feature."""
+        """The numbers (D,) of a kernel's coordinates, two for each feature."""
         return np.flatnonzero(np.repeat(self.known[kernel], 2))
 
     @property
@@ -62,7 +62,7 @@ class FeatureDensity:
 
     @property
     def predicted(self) -> frozenset[str]:
-        """The features that some kernel speaks of."""
+        """The features that some kernel has."""
         return frozenset(self.names[f] for f in np.flatnonzero(self.known.any(axis=0)))
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
@@ -123,7 +123,7 @@ class FeatureDensity:
         known = left.known[i] | right.known[j]
         log_weight, mean = left.log_weight[i] + right.log_weight[j], np.empty((len(i), len(names), 2))
         covariance = np.empty((len(i), 2 * len(names), 2 * len(names)))
-        # kernels that speak of the same features are multiplied at once
+        # kernels of the same features are multiplied at once
         for rows in alike(np.hstack([left.known[i], right.known[j]])):
             weight, mean[rows], covariance[rows] = _kernel_products(left, i[rows], right, j[rows])
             log_weight[rows] += weight
@@ -139,10 +139,10 @@ class FeatureDensity:
         return replace(self, log_weight=self.log_weight + more)
 
     def reduced(self, most: int, least: float = 1e-6, expected: FeatureDensity | None = None) -> FeatureDensity:
-        """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight.
+        """The heaviest kernels, at most a number and none with less than a share `least`; the sum keeps its weight.
 
-        expected: over the same features, where kernels speak of different ones, so that their weights have different
-        units: what counts is then their mass under it (`likeliest`).
+        expected: over the same features, where kernels have different ones, so that their weights have different units:
+        what counts is then their mass under it (`likeliest`).
         """
         if len(self.log_weight) == 1:
             return self
@@ -161,7 +161,7 @@ class FeatureDensity:
         return np.sort([*heavy, *others][:most])
 
     def of(self, rows: np.ndarray, log_weight: np.ndarray | None = None) -> FeatureDensity:
-        """Some of the kernels, as heavy as they are, or with other weights."""
+        """Some of the kernels, with their own or other weights."""
         log_weight = self.log_weight[rows] if log_weight is None else log_weight
         sharers = None if self.sharers is None else self.sharers[rows]
         return FeatureDensity(self.names, log_weight, self.known[rows], self.mean[rows], self.covariance[rows], sharers)
@@ -202,7 +202,7 @@ class FeatureDensity:
         return self.of(rows, weight[rows])
 
     def _alike(self, a: int, b: int) -> bool:
-        """Whether two kernels speak of the same, from about the same place with about the same spread."""
+        """Whether two kernels have the same features at about the same place with about the same spread."""
         if (self.known[a] != self.known[b]).any():
             return False
         dims = self.dims(a)
@@ -239,7 +239,7 @@ class FeatureDensity:
         )
 
     def sample(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points (count, F, 2) [px] and their kernels (count,); NaN where a kernel does not speak of a feature."""
+        """Points (count, F, 2) [px] and their kernels (count,); NaN where a kernel does not have a feature."""
         kernel = rng.choice(len(self.log_weight), size=count, p=self.weights)
         normal = rng.standard_normal((count, 2 * len(self.names)))
         points = np.full((count, 2 * len(self.names)), np.nan)
@@ -266,7 +266,7 @@ def uniform(names: Sequence[str]) -> FeatureDensity:
 
 
 def product(densities: Sequence[FeatureDensity], names: Sequence[str], most: int = 50) -> FeatureDensity:
-    """Of any number of densities, over `names`, with at most so many kernels after each factor."""
+    """Of any number of densities, over `names`, with at most a number of kernels after each factor."""
     result = uniform(names)
     for density in densities:
         result = result.times(density.over(names)).reduced(most)
@@ -274,7 +274,7 @@ def product(densities: Sequence[FeatureDensity], names: Sequence[str], most: int
 
 
 def _grown(covariance: np.ndarray, more: int) -> np.ndarray:
-    """Covariances (K, D, D) with so many more dimensions, of variance 1."""
+    """Covariances (K, D, D) extended by a number of dimensions of variance 1."""
     count, size = covariance.shape[:2]
     grown = np.tile(np.eye(size + more), (count, 1, 1))
     grown[:, :size, :size] = covariance
@@ -285,9 +285,9 @@ def _kernel_products(
     left: FeatureDensity, i: np.ndarray, right: FeatureDensity, j: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """log weight (P,) beside those of the kernels, mean (P, F, 2) and covariance (P, 2F, 2F) of the products of kernels
-    i and j (P,), each of which speaks of the same features as the others on its side.
+    i and j (P,), all of which have the same features as the others on their side.
 
-    What both speak of is combined by Kalman's update of the one by the other: nothing is inverted but the sum of both
+    What both have is combined by Kalman's update of the one by the other: nothing is inverted but the sum of both
     covariances, so that two kernels that contradict each other lose weight and nothing else.
     """
     count = len(i)
@@ -296,7 +296,7 @@ def _kernel_products(
     a, both, new = (np.flatnonzero(np.repeat(known, 2)) for known in (ours, ours & theirs, theirs & ~ours))
     weight = np.zeros(count)
     other_m, other_C = right.mean[j].reshape(count, -1), right.covariance[j]
-    # right as N(both) N(new | both): the first updates what left knows, the second adds what it does not
+    # right as N(both) N(new | both): the first updates the features of left, the second adds the others
     if len(new):
         cross = _block(other_C, both, new)
         gain = np.swapaxes(np.linalg.solve(_block(other_C, both, both), cross), 1, 2)
@@ -317,16 +317,16 @@ def _kernel_products(
 
 
 def heaviest(log_mass: np.ndarray, most: int, least: float = 0.0) -> np.ndarray:
-    """The kernels (R,) with the largest masses, in order of their numbers: at most so many, and none with less than a
-    share `least` of all, unless all have."""
+    """The kernels (R,) with the largest masses, in order of their numbers: at most a number of them, and none with less
+    than a share `least` of all, unless all have."""
     share = np.exp(log_mass - np.logaddexp.reduce(log_mass))
     heavy = np.argsort(-share, kind="stable")[:most]
     return np.sort(heavy[share[heavy] >= min(least, share.max())])
 
 
 def kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The kernels (R,) that speak of the same features, known (K, F) bool, and the coordinates (D,) of these: they are
-    worked out at once. Those that speak of nothing are left out."""
+    """Groups of kernels (R,) with the same features, known (K, F) bool, and the coordinates (D,) of these, to be
+    computed at once. Kernels without features are left out."""
     for rows in alike(known):
         if known[rows[0]].any():
             yield rows, np.flatnonzero(np.repeat(known[rows[0]], 2))
@@ -382,7 +382,7 @@ def log_mixture(points, means, inverse, height, out):  # type: ignore[no-untyped
     """Fill out (N,) with the logarithms of a mixture of normal densities at points (N, D).
 
     means (K, D). inverse (K, D, D): the lower triangular inverses of the covariances' factors, zero in dimensions that
-    a kernel does not speak of. height (K,): logarithms of the kernels in their means.
+    a kernel does not have. height (K,): logarithms of the kernels in their means.
     """
     size = points.shape[1]
     for n in range(points.shape[0]):

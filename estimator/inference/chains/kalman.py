@@ -122,7 +122,7 @@ class PointChain:
         return PointStates(mean.reshape(-1, 4), self.bounded(covariance)), total
 
     def _taken_for(self, prior: PointStates) -> list[tuple[float, PointStates]]:
-        """What is expected with its logarithm of probability: as it is, with each pair of those alike exchanged, with
+        """Predictions with their log-probabilities: unchanged, with each pair of similar points exchanged, and with
         each of them anywhere."""
         mistaken, lost, pairs = self.settings.mistaken, self.settings.lost, len(self.alike)
         ways = [(prior, 1.0 - mistaken - lost if pairs else 1.0)]

@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 
 
 def random_keys(bits: int, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS) -> np.ndarray:
-    """Which of so many bits the keys of each table are made of, (tables, key_bits) int64.
+    """Random choice of the bits in the keys of each table, (tables, key_bits) int64.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class HashTables:
 
     def nearest(self, value: np.ndarray, count: int) -> Neighbours:
         """The `count` examples that differ least from value (M,) bool among those in one of its buckets, or among all
-        if fewer are there; of equals the first. At most as many as there are examples."""
+        if there are fewer; the first among equals. At most as many as there are examples."""
         code, keys = packed(value[None])[0], self._keys(value[None])[:, 0]
         shares = np.zeros(len(self), bool)
         _mark(self._sorted, self._order, keys, shares)

@@ -68,7 +68,7 @@ def person_views(observation: Observation, side: float, evidence: PersonEvidence
 
 
 def persons(observation: Observation, evidence: PersonEvidence) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
-    """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
+    """Number, frame at the person, and mask (H, W) bool of the cameras in which the person is located."""
     up = world_up(observation.cameras)
     for c, cues in enumerate(observation.cues):
         if not _shown(cues, evidence.cue):

@@ -63,7 +63,7 @@ class Votes:
         return [place[best[by[best] == c]] for c in range(len(views))]
 
     def examples(self, q: np.ndarray, frame: ViewFrame) -> np.ndarray:
-        """The example (N,) that each of some poses q (N, nq) in the world is most like as it is seen in a frame; -1
+        """The example (N,) that is most similar to each of some poses q (N, nq) in the world, as seen in a frame; -1
         where it turns away too far."""
         placed = self.body.placed(q)
         numbers = np.full(len(q), -1)

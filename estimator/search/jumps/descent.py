@@ -36,7 +36,7 @@ def best_turns(axes, through, points, counts, targets, rays, lower, upper, start
     for tried in range(starts.shape[0]):
         k = int(np.argmin(excess))
         if excess[k] > 1e-9 and (least < SAME_ERROR or tried >= TRIED):
-            break  # what the limits allow as it is needs no descent
+            break  # what is within the limits needs no descent
         excess[k] = np.inf
         error = pulled(axes, through, points, counts, targets, rays, ALONG, lower, upper, starts[k])
         change = 0.0

@@ -63,7 +63,7 @@ def interpretations(
     mirrored parts, the pose itself left out.
 
     Given the parts, limbs do not depend on each other: each is solved once, and their combinations are merged best
-    first by the joints' prior and the distance from the rays. What is not asked for is not made.
+    first by the joints' prior and the distance from the rays. Only the requested ones are made.
     """
     heap: list[tuple[float, int, tuple[int, ...], int]] = []
     scenes = []

@@ -62,8 +62,8 @@ class SphericalProposal(CovarianceScaledProposal):
     """The same standard deviation in every direction, of the volume that the rescaled covariance's ellipsoid has.
 
     The rival of covariance scaling in CSS section 7: what inflated dynamical noise does. The standard deviation is
-    scale times the geometric mean of the covariance's own. A radian counts as much as a metre. Directions that active
-    limits hold belong to neither volume. Parameters are those of `CovarianceScaledProposal`.
+    scale times the geometric mean of the covariance's own. A radian counts as much as a metre. Directions fixed by
+    active limits belong to neither volume. Parameters are those of `CovarianceScaledProposal`.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from estimator.search.jumps.descent import placed, within
 from estimator.search.jumps.subproblems import ball_turns, hinge_turns
 from humanoid.support.compiled import jit
 
-EXACT = 1e-10  # m: what is farther from where it should be is not there
+EXACT = 1e-10  # m: solutions farther from their target do not count
 SLACK = 1e-10  # rad: so little outside of a limit is rounding
 ITSELF = 1e-6  # rad: a solution this near to the given angles is the same
 NEWTON = 10  # steps that meet a place where the ball's axes nearly meet
@@ -156,7 +156,7 @@ def ways(axes, through, points, low, high, loose, target, swivel, out, w, s, p, 
     """Fill rows of out (4, m) with the turns inside of low, high (m,) that meet target (3,) and swivel [rad]; how many.
 
     axes, through (m, 3), points (3, 3): of the limb without turns; w, s (m, 3), p (2, 3), J (m, m), rest (m,): room.
-    What the closed form puts farther than `loose` [rad] outside of a limit is not there: 0 where axes meet, so that it
+    What the closed form puts farther than `loose` [rad] outside of a limit is left out: 0 where axes meet, so that it
     is exact.
     """
     m = axes.shape[0]

@@ -33,7 +33,7 @@ FEWEST = 20  # poses
 
 _VARIANTS = 16
 _JITTER = 0.02  # m, standard deviation: examined places are never exactly the middle of a limb
-_BACKGROUND, _SPACING = 6, 0.06  # other places of the person for each pose, drawn from a grid of so many metres
+_BACKGROUND, _SPACING = 6, 0.06  # other places of the person for each pose, drawn from a grid of this spacing [m]
 _AWAY = 0.12  # m from the middle of a limb: beyond what counts as found
 _REACH = 0.4  # m about the limbs' joints
 _POSES, _BODIES = range(2)  # what random numbers are for

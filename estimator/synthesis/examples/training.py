@@ -168,7 +168,8 @@ _Paint = Callable[[_Work, Sequence[int]], Iterator[dict[str, np.ndarray]]]
 
 @contextmanager
 def _painters(painting: Painting, processes: int) -> Iterator[_Paint]:
-    """This process, or so many others that share the work. Raises InputError where one of them ends by itself."""
+    """This process, or a number of others that share the work. Raises InputError where one of them ends
+    unexpectedly."""
     if checked_count(processes) == 1:
         gallery = Gallery(painting)
         yield lambda work, pieces: (work(gallery, piece) for piece in pieces)

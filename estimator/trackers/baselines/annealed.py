@@ -33,8 +33,8 @@ from humanoid.support.settings import setting
 class AnnealedSettings:
     """The annealed particle filter.
 
-    layers, particles: so many layers of so many particles, each an evaluation of the energy (10 and 200 in Sigal et al.
-    2004). survival: share of the particles that each layer lets live, which sets its power of the likelihood.
+    layers, particles: number of layers, and of particles in each, each an evaluation of the energy (10 and 200 in Sigal
+    et al. 2004). survival: share of the particles that each layer lets live, which sets its power of the likelihood.
     noise: of the dynamics, before the first layer, as a share of the energy's turn_speed, root_turn_speed and
     root_slide_speed. diffusion: noise before the other layers, as a share of that; it shrinks with the particles'
     standard deviation in each degree of freedom. modes: hypotheses reported at most. cluster: radius of a hypothesis,

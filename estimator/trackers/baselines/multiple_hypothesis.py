@@ -1,8 +1,8 @@
 """The multiple-hypothesis tracker of Cham and Rehg 1999, in the 3D form of CSS section 6.
 
 Modes are predicted at constant velocity; samples are drawn within their covariance, and the same dynamical noise is
-added in every direction, however well the image holds it; each sample descends. What CSS changes is the sampling: it
-scales the covariance instead.
+added in every direction, however well the image constrains it; each sample descends. What CSS changes is the sampling:
+it scales the covariance instead.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ class BudgetSettings(CheckedSettings):
 
     searches: at most, the parents' own included, which are always searched. calm: share of what is left after those
     that is spent while the parents go on as expected. alarm: rise of the best energy from frame to frame from which
-    everything is spent. Raises InputError for a share that is none.
+    everything is spent. Raises InputError for an invalid share.
     """
 
     searches: int = setting(40, at_least=1)

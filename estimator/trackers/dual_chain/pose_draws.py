@@ -56,7 +56,7 @@ class PartDraws:
 
     def _with_part(self, partial: PartialSamples, part: int) -> PartialSamples | None:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
-        its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
+        its weight is by that alone; likelihood sampling, which uses no kernels, is weighted by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
         elsewhere, count = part in target.elsewhere, len(partial.x)
         x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (partial.x, partial.log_message))

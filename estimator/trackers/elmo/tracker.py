@@ -131,7 +131,7 @@ class Elmo(Initialisation):
         return shown
 
     def lookups(self, observation: Observation) -> list[Lookup]:
-        """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
+        """The keys of a frame's pictures and the examples found; nothing without neighbours."""
         s = self.settings
         return self.search.examples.lookups(observation, s.neighbours, s.votes) if s.neighbours else []
 
@@ -178,7 +178,7 @@ class Elmo(Initialisation):
         return best_reached(search, sides(self.body, starts, lookups), lookups, observation, case, s.descent, s.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
-        """The start of lowest energy as it is, as uncertain as one frame's change."""
+        """The start of lowest energy, unsearched, with the uncertainty of one frame's change."""
         (best,) = self.search.screened(starts, case, 1)
         energy = -self.search.frame(case).score(best)
         covariance = np.diag(np.square(self._floor))

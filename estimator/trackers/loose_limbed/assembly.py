@@ -1,4 +1,4 @@
-"""Limbs put together: beliefs of single limbs -> hypotheses of a body within its limits, its parts kept apart."""
+"""Assembly of limbs: beliefs of single limbs -> hypotheses of a body within its limits, without overlapping parts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 @dataclass(frozen=True)
 class AssemblySettings(CheckedSettings):
-    """How limbs are put together.
+    """Settings of the assembly of limbs.
 
     place_floor [m], turn_floor [rad]: standard deviations added to a belief's of a limb's place and turn, since sampled
     beliefs collapse. nu: squared distance, in standard deviations, from which a limb counts as an outlier and pulls

@@ -30,7 +30,7 @@ from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplat
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.settings import CheckedSettings, setting
 
-_KEPT = 3  # instants whose views are kept: that to come is asked for again as the present one, and as the last
+_KEPT = 3  # instants whose views are kept: the next is used again as the present one, and as the last
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class PartDetectorSettings:
 
 @dataclass(frozen=True)
 class SeenSettings:
-    """What limbs are seen by.
+    """Evidence of limbs.
 
     pictures: of their likelihood. keypoints: how a frame's keypoints count as evidence beside it, if `by_keypoints`.
     """
@@ -97,7 +97,7 @@ class SeenSettings:
 
 
 class InstantReader:
-    """Makes likelihoods and importance functions of the frames of one clip; those of a frame that is asked for again
+    """Makes likelihoods and importance functions of the frames of one clip; those of a frame that is requested again
     are not read again."""
 
     def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, detectors: PartDetectorSettings) -> None:

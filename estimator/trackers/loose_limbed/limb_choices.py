@@ -143,7 +143,7 @@ def _apart(graph: LimbGraph, places: Places, base: Choice, limbs: Sequence[int],
 
 
 def _elsewhere(graph: LimbGraph, places: Places, i: int, exchange: float) -> tuple[PlacementCluster | None, float]:
-    """The next of a limb's places, or of its partner's, and what that costs; none where there is none."""
+    """The next of a limb's places, or of its partner's, and its penalty; nothing where there is none."""
     own, partner = places.of[i], places.of[graph.mirror[i]]
     if len(own) > 1:
         return own[1], min(exchange, float(np.log(own[0].share / own[1].share)))

@@ -1,4 +1,4 @@
-"""What the loose-limbed tracker carries: what is believed of every limb, and the poses that were made of it."""
+"""State of the loose-limbed tracker: the beliefs of all limbs, and the poses assembled from them."""
 
 from __future__ import annotations
 

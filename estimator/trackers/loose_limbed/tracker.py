@@ -171,8 +171,8 @@ class LooseLimbed:
         return result, mixture
 
     def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
-        """What the next frame receives: some of it as the assembled poses have each limb, since limbs alone do not know
-        that two of them are in one place."""
+        """What the next frame receives: some of it as the assembled poses have each limb, since beliefs of single limbs
+        do not show that two of them are in one place."""
         tied = []
         for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):
             count = round(self.settings.tied * len(belief.points))
@@ -184,7 +184,7 @@ class LooseLimbed:
         return tuple(tied)
 
     def _past(self, state: LimbState | None, time: float) -> PastBeliefs | None:
-        """What was believed before a frame, unless that is longer ago than the potentials know of."""
+        """The beliefs before a frame, unless they are older than the potentials' time steps."""
         if state is None or time - state.believed > self.potentials.longest:
             return None
         return PastBeliefs(state.believed, state.beliefs)

@@ -25,14 +25,14 @@ _EXACT_BELOW = 2e-3  # energy a frame that a step promises
 _SOLVED = 4  # times at most for one step, with ever more variables at their limits
 _BEYOND = 1e-6  # rad or m from which a step is clearly beyond a limit
 _LEAST = 1e-4  # precision of what nothing holds
-_TOGETHER = 16  # frames whose energies are found at once, where only their sum is asked for
+_TOGETHER = 16  # frames whose energies are found at once, where only their sum is needed
 REACH = 3
 """Frames before and after some that these hang on to: what is new in accelerations reaches that far."""
 
 
 def windows(count: int, size: int) -> Iterator[tuple[int, int, int, int]]:
-    """Windows of so many frames, which overlap by half: the first frame and that after the last, and the same with
-    those that the window hangs on to."""
+    """Windows of a number of frames, which overlap by half: the first frame and that after the last, and the same with
+    the adjacent frames that the window is tied to."""
     half = max(1, size // 2)
     for first in range(0, max(1, count - half), half):
         last = min(count, first + size)
@@ -199,7 +199,7 @@ class _Poses(Problem[ChainModel]):
 
     def __init__(self, chain: FrameChain, held: np.ndarray) -> None:
         self._chain, self._held, self._exact_below = chain, held, _EXACT_BELOW * len(held)
-        self._tried: ChainModel | None = None  # the last one that a step was asked of
+        self._tried: ChainModel | None = None  # the last one used for a step
         self._plain: ChainModel | None = None  # Gauss-Newton's in its place, where it is exact and has failed
         self._promised: float | None = None
         self._last_promise = 0.0  # of the step to the last trial

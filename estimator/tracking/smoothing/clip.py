@@ -85,8 +85,8 @@ def smooth_track(
 
 
 class _Held(NamedTuple):
-    """Costs (T), modes (T,) and poses q (T, nq) of a trajectory as it is held, what it was before, the floor that it is
-    above and the distances to it, None without one."""
+    """Costs (T), modes (T,) and poses q (T, nq) of a held trajectory, the one before, the floor that it is above and
+    the distances to it, None without one."""
 
     costs: Sequence[Cost]
     before: Trajectory
@@ -111,7 +111,7 @@ class _Track:
         self._search, self._settings, self._cues, self._floor = search, settings, cues, floor
         self._observations, self._results = observations, results
         self._motion, self._plain = settings.motion(search.model), settings.plain_motion(search.model)
-        self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` knows them
+        self._energies: list[np.ndarray] = []  # of the modes of each frame, once `best` has computed them
         self._readings: list[np.ndarray] = []  # the same
         self._spill, self._spilled_ties = (spill_of(search, observations, settings) for _ in range(2))
         path = backtrack_results(results)
@@ -205,7 +205,7 @@ class _Track:
         return _Held(costs, trajectory, modes, q, floor, distances)
 
     def smoothed(self, end: _Held, q: np.ndarray) -> Smoothed:
-        """Poses q (T, nq) of all frames, at which a trajectory ended, and how sure they are."""
+        """Poses q (T, nq) of all frames, at which a trajectory ended, and their uncertainty."""
         prior, motion = self._search.model.cost(None), end.before.motion
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
         whole = MadeList(len(end.costs), lambda t: by_whole_error(end.costs[t]))
@@ -325,7 +325,7 @@ class TrajectoryUncertainty:
 
         Raises
         ------
-        numpy.linalg.LinAlgError: nothing holds a pose.
+        numpy.linalg.LinAlgError: a pose is not constrained.
         """
         window, count = self._settings.window, len(q)
         for first in range(0, count, window):

@@ -45,7 +45,7 @@ def is_believed(height: float) -> bool:
 
 
 def believed_floor(body: Body, cameras: Sequence[Camera], known: KnownFloor, q: np.ndarray) -> KnownFloor:
-    """What is known of the floor, None where poses q (T, nq) are far from it."""
+    """The known floor, None where poses q (T, nq) are far from it."""
     floor = floor_of(body, cameras, known)
     return known if floor is None or is_believed(height_above(floor, body, q)) else None
 

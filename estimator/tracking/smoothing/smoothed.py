@@ -18,7 +18,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.spilled import SpilledList
 
 Matrices = np.ndarray | SpilledList[np.ndarray]
-"""(T) of (nv, nv): an array, or those of a long clip, which are read when they are asked for."""
+"""(T) of (nv, nv): an array, or those of a long clip, which are read on access."""
 
 
 class Smoothed(NamedTuple):

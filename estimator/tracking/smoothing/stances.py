@@ -1,5 +1,5 @@
 """Feet that stand stay where they are, on the floor: while a point of a foot stands, one place draws it. So do hands,
-where that is asked for."""
+where requested."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NU = 4.0
 
 
 class Stances(NamedTuple):
-    """What holds the feet of a clip, and its hands.
+    """Terms that hold the feet of a clip, and its hands.
 
     landmark (P,): which points, by their numbers among the body's landmarks. places (T, P, 3) [m]: where they are held.
     weight (T, P): how much each counts, 0 of what does not stand. floor: None where there is none.

@@ -149,7 +149,7 @@ class Cue:
     needs_depth: ClassVar[bool] = False
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:
-        """What has to be known of a whole clip before it is read, such as its background; given to `read`."""
+        """What is computed from a whole clip before it is read, such as its background; given to `read`."""
         return None
 
     def read(self, pictures: CameraPictures, instant: int, settings: Any, prepared: Any) -> Any:
@@ -158,8 +158,8 @@ class Cue:
         raise NotImplementedError
 
     def person_masks(self, prepared: Any) -> PersonMasks | None:
-        """Where the person is in every picture, for the other cues to go by, from what `prepare` gave; None where this
-        cue does not know beforehand."""
+        """Where the person is in every picture, for use by the other cues, from the result of `prepare`; None where
+        this cue does not provide it."""
         return None
 
     def match(self, view: CameraView) -> Matcher:

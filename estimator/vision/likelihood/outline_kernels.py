@@ -10,7 +10,7 @@ from estimator.data.cameras.lens import is_parallel
 from estimator.data.cameras.projection import in_camera, parallel_pixel, project_from_camera
 from humanoid.support.compiled import jit
 
-INNER, OUTER = 0.55, 1.6  # in half-widths from the axis: where a limb is asked for, and where it should end
+INNER, OUTER = 0.55, 1.6  # in half-widths from the axis: where a limb is expected, and where it should end
 CAP = 0.9  # how far a limb extends beyond its ends, in half-widths there: ends are round
 
 

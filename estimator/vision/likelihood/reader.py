@@ -127,7 +127,7 @@ class ReadAhead:
         self._next = (
             index + 1,
             self._thread.submit(self._reader.at, index + 1),
-        )  # the error past the end is not asked for
+        )  # the error past the end does not matter
         return cues
 
     def close(self) -> None:

@@ -29,8 +29,8 @@ CUES: Registry[Cue] = Registry("cue", (Edges(), Flow(), Outline(), Depth()), _ch
 def register(cue: Cue) -> None:
     """Make a cue known: to `--cues`, the settings and all that uses the pictures.
 
-    It is read, and its energy summed, after those that are there. Processes that help know it too, if they can import
-    its class. Raises InputError where the name is taken, or no plain word.
+    It is read, and its energy summed, after the existing ones. Worker processes have it too, if they can import its
+    class. Raises InputError where the name is taken, or no plain word.
     """
     CUES.register(cue)
 

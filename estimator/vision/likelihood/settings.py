@@ -49,7 +49,7 @@ class CueSettings(CheckedSettings):
         return [f.name.removeprefix(_USE) for f in fields(self) if f.name.startswith(_USE)]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The cues travel along: a helping process, which has imported no plug-in, then knows them too."""
+        """The cues are pickled along, so that a worker process, which has imported no plug-in, has them too."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return _unpacked, (tuple(CUES[name] for name in self._names), values)
 

@@ -30,7 +30,7 @@ SCENE, PERSON, UNKNOWN = 0, 1, 2
 """Values of a foreground map."""
 
 _STATIONS = 6
-_FOREGROUND = 3  # index of the first feature that needs to know where the person is
+_FOREGROUND = 3  # index of the first feature that needs the place of the person
 _INSIDE = 0.55  # of the half-width, where it is looked inside beside the axis
 _BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where it is looked beside
 _BEYOND = 1.0 / _STATIONS  # of the length, how far it is looked beyond the ends

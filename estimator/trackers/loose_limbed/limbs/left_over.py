@@ -37,7 +37,7 @@ class LeftOver:
         return sum(float((person & ~covered).sum()) / max(1, int(person.sum())) for person, covered in left)
 
     def views(self, t: np.ndarray, R: np.ndarray) -> list[LimbView]:
-        """The views with nothing known of where limbs at t (L, 3) [m], R (L, 3, 3) cover the person."""
+        """The views, unknown where limbs at t (L, 3) [m], R (L, 3, 3) cover the person."""
         views = []
         for view, covered in zip(self._views, self._covered(t, R), strict=True):
             height, width = view.foreground.shape

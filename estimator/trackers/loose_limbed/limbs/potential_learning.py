@@ -41,7 +41,7 @@ class LimbPoses:
         return len(next(iter(self.spatial.values())))
 
     def thinned(self, every: int) -> LimbPoses:
-        """One of so many poses, and of so many pairs."""
+        """One of a number of poses, and of pairs."""
         spatial = {edge: points[::every] for edge, points in self.spatial.items()}
         return LimbPoses(spatial, {dt: [points[::every] for points in of] for dt, of in self.forward.items()})
 
@@ -188,7 +188,7 @@ def backward_points(points: np.ndarray) -> np.ndarray:
 
 def has_sides(graph: LimbGraph, body: Body) -> bool:
     """Whether the graph has limbs that mirror each other, and the body at rest is its own mirror image: then what is
-    learned of one side holds for the other."""
+    learned of one side applies to the other."""
     other = graph.mirror
     edges = set(graph.directed)
     if all(m == k for k, m in enumerate(other)) or any((other[i], other[j]) not in edges for i, j in edges):

@@ -64,7 +64,7 @@ class LimbPotentials:
 
     @property
     def longest(self) -> float:
-        """The longest time step that `steps` knows [s]; 0 without any."""
+        """The longest time step of `steps` [s]; 0 without any."""
         return (_FARTHEST + 1e-6) * max((s.dt for s in self.temporal), default=0.0)
 
     def steps(self, dt: float) -> LimbSteps:
@@ -72,7 +72,7 @@ class LimbPotentials:
 
         Raises
         ------
-        InputError: the step is none, or more than twice the longest.
+        InputError: the step is invalid, or more than twice the longest.
         """
         nearest = min(self.temporal, key=lambda s: abs(math.log(max(dt, 1e-9) / s.dt)), default=None)
         if nearest is None or not 0.0 < dt <= self.longest:

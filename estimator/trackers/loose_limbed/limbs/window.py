@@ -54,7 +54,7 @@ def window(
 
     Raises
     ------
-    InputError: instants farther apart than the potentials know of.
+    InputError: instants farther apart than the potentials' time steps.
     """
     count = len(potentials.limbs)
     nodes = [_node(instant, limb) for instant in instants for limb in range(count)]
@@ -78,8 +78,8 @@ def window(
 
 
 def initial_messages(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, KernelMixture]:
-    """First messages of a window's graph of so many limbs, as if in all its instants each limb were believed at some
-    placements, points (L, K, 7), alike."""
+    """First messages of a window's graph of a number of limbs, as if in all its instants each limb were believed at
+    some placements, points (L, K, 7), alike."""
     count = points.shape[1]
     alike = np.full(count, -np.log(count))
     free = [i for i, node in enumerate(graph.nodes) if node.fixed is None]
@@ -126,7 +126,7 @@ def _view(cues: ImageCues) -> LimbView:
 
 
 def shows_person(views: Sequence[LimbView], least: float = 0.002) -> bool:
-    """Whether a view has the person in at least that share of its pixels, or none knows where the person is and some
+    """Whether a view has the person in at least that share of its pixels, or no view locates the person and some
     picture is not of one colour."""
     with_foreground = [view for view in views if view.foreground.size]
     if with_foreground:

@@ -107,7 +107,7 @@ class LimbTemplates:
                 raise InputError(source, problem, remedy=REMEDY)
 
     def check_graph(self, graph: LimbGraph, source: str = "templates") -> None:
-        """Raise InputError where a limb of the templates is none of the graph."""
+        """Raise InputError where a limb of the templates is not in the graph."""
         missing = [name for template in self.templates for name in template.limbs if name not in graph.names]
         if missing:
             problem = f"are of another graph: it has no {missing[0]}, its limbs are {', '.join(graph.names[:6])}, ..."

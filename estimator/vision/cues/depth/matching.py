@@ -20,7 +20,7 @@ class NodePointPairs(NamedTuple):
 
 
 def spread_over(count: int, most: int) -> np.ndarray:
-    """At most so many of the numbers below `count`, evenly spread."""
+    """At most a number of the integers below `count`, evenly spread."""
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
 
 

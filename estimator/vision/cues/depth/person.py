@@ -58,7 +58,7 @@ def nearest_thing(
 
 
 def _beside(labels: np.ndarray, thing: int, cells: int) -> list[int]:
-    """The numbers of the things that are at most so many cells from one thing, itself among them."""
+    """The numbers of the things within a number of cells from one thing, including itself."""
     around = ndimage.binary_dilation(labels == thing, _TOUCHING, iterations=cells)
     numbers: list[int] = np.unique(labels[around & (labels > 0)]).tolist()
     return numbers

@@ -22,13 +22,13 @@ _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
 _ASIDE = 0.25  # of a jump that just counts: what is farther behind its near side does not lie on that
 _LEAST = 20  # fewest informative points
 _SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
-TILT = 20.0  # degrees that the floor may differ from level: a camera may not know exactly which way is up
+TILT = 20.0  # degrees that the floor may differ from level: a camera's upward direction may be inexact
 _TRIES = 1000
 _LOWEST = 0.25  # share of all points
 _NEAR = 0.04  # m of the floor, beside the noise of a point
 _BELOW = 0.15  # m
 _NARROW = 0.1  # m, standard deviation across a strip that is not floor
-_MOST_BELOW, _LEAST_ON = 0.05, 0.03  # shares of all points that may lie so far below a floor, and have to lie on it
+_MOST_BELOW, _LEAST_ON = 0.05, 0.03  # largest share of all points far below a floor, and least share on it
 
 
 class Grid(NamedTuple):
@@ -201,7 +201,7 @@ class FromFiles:
 
 
 def depth_source(pictures: CameraPictures, settings: DepthSettings) -> DepthSource | None:
-    """What there is for a camera; None where there is none."""
+    """The depth source of a camera; None without one."""
     if pictures.right is not None:
         return FromStereo(pictures, pictures.right, settings)
     return FromFiles(pictures, settings) if pictures.has_depth else None

@@ -13,9 +13,9 @@ class DepthSettings(StereoSettings):
     """How depth is read, and how it enters the energy (ELMO eqs. 1 and 2); the first settings are for stereo pairs.
 
     points: of the person's surface, at most. farthest [m]: what is beyond is scenery. depth_noise [m]: standard
-    deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: what is so far apart in space
-    is not one thing. floor [m]: points lower above the floor than this count as floor, besides the noise of depth. With
-    a larger value the feet are removed with the floor, and they distinguish front from back.
+    deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: points this far apart in space
+    are not one object. floor [m]: points lower above the floor than this count as floor, besides the noise of depth.
+    With a larger value the feet are removed with the floor, and they distinguish front from back.
     evidence: independent measurements that all points together count as, 0 for none: half from the nodes that should be
     seen to the points, half from the points to these. surface_noise [m]: standard deviation of the body's surface from
     the person's. slide [m]: standard deviation along the surface, where a point may be paired with a neighbour of its

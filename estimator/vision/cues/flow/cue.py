@@ -51,8 +51,8 @@ _FEWEST = 0.4  # share of them that is always followed
 
 
 class Followed(NamedTuple):
-    """Nodes (N,) followed by one camera's flow: where they were, (N, 2) [px], where they are now, (N, 2) [px], and how
-    sure that is, (N,), 0 to 1."""
+    """Nodes (N,) followed by one camera's flow: where they were, (N, 2) [px], where they are now, (N, 2) [px], and the
+    confidence, (N,), 0 to 1."""
 
     node: np.ndarray
     before: np.ndarray
@@ -112,7 +112,7 @@ class FlowMatcher(Matcher):
         return self._tied(followed, max(self._settings.evidence, self._settings.leading))
 
     def _tied(self, followed: Followed, evidence: float) -> list[Term]:
-        """The nodes at where they were followed to, as so many measurements together."""
+        """The nodes at the places they were followed to, counted as a number of measurements together."""
         s, view = self._settings, self.view
         point, before, target, sure = followed
         if not len(point):

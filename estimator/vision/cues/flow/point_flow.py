@@ -39,7 +39,7 @@ def follow_points(
 def _moved(
     flow: FlowField, points: np.ndarray, cell: np.ndarray, guess: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far points (N, 2) of the maps, in pixels `cell` (N, 2), move, (N, 2), and how sure that is, (N,)."""
+    """Displacements (N, 2) of points (N, 2) of the maps, in pixels `cell` (N, 2), and their confidence (N,)."""
     if not len(points):
         return np.zeros((0, 2)), np.zeros(0)
     width = flow.outlier.shape[1]
@@ -58,8 +58,7 @@ def _moved(
 
 
 def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How far the pixels (N, 2) move, (N, 2), near where the dense field moves them; how sure that is, (N,); the
-    pixels."""
+    """Displacements (N, 2) of the pixels (N, 2), near those of the dense field; their confidence (N,); the pixels."""
     x, y = cells.astype(np.int64).T
     predicted = cells + flow.flow[y, x]
     places, sure = _refined(flow, cells, predicted)
@@ -69,8 +68,7 @@ def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Refined places (N, 2) of points that flow moves to `guess`, and how sure each is, (N,), zero where it was
-    lost."""
+    """Refined places (N, 2) of points that flow moves to `guess`, and their confidence (N,), zero where lost."""
     places, there = _tracked(flow.before, flow.now, points, guess)
     back, again = _tracked(flow.now, flow.before, places, points)
     missed = np.square(back - points).sum(axis=1)

@@ -25,7 +25,7 @@ __all__ = [
     "silhouette_of",
 ]
 
-_BEHIND = 3.0  # px inside the outline where it is asked whether the background is known
+_BEHIND = 3.0  # px inside the outline where the background is checked for being known
 _BESIDE = 2  # px around one within which its contrast is compared
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
@@ -42,9 +42,9 @@ class Silhouette:
     boundary (M, 2) float64: points (x, y) on the outlines, about one a pixel, holes' outlines included [px].
     normal (M, 2) float64: unit normals there, out of the person.
     nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
-    distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
-    known (H, W) bool: where the background is known; elsewhere the mask is True for want of knowledge.
-    certain (M,) bool: whether the outline point bounds a region that was separated from a known background.
+    distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none. known (H, W)
+    bool: where the background is known; elsewhere the mask is True because the background is unknown. certain (M,)
+    bool: whether the outline point bounds a region that was separated from a known background.
     """
 
     mask: np.ndarray
@@ -108,7 +108,7 @@ def _tidy(mask: np.ndarray, smallest: float) -> np.ndarray:
 
 
 def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
-    """The parts of a mask that have at least so many pixels."""
+    """The parts of a mask with at least a number of pixels."""
     count, label = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     areas = np.zeros(count, np.int64)
     _count(label, areas)

@@ -54,7 +54,7 @@ def _textured(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def motion(pictures: list[np.ndarray], limit: float) -> list[np.ndarray]:
-    """For each picture, how surely its places move to the one before or after: 0 to 1, of `small_size`.
+    """For each picture, the confidence that its places move to the one before or after: 0 to 1, of `small_size`.
 
     Motion shows only where there is texture; evenly coloured places take the motion of the texture around them.
     """
