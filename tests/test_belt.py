@@ -211,7 +211,7 @@ def test_feet_without_a_common_speed_stand_nobody_knows_when(
     contact, gait = contact_and_gait(time, points)
     assert contact.belt is not None
     assert not contact.belt.known
-    assert "as on a treadmill, whose speed is not found" in contact.remark
+    assert "as on a treadmill of unknown speed" in contact.remark
     assert np.isnan(contact.standing).all()
     assert contact.events == contact.stances == []
     assert gait.method == "pelvis"
@@ -223,7 +223,7 @@ def test_feet_without_a_common_speed_stand_nobody_knows_when(
     print_gait(gait)
     printed = capsys.readouterr().out
     assert "nan" not in printed + gait_part(gait)
-    assert printed.count("whose speed is not found") == 2
+    assert printed.count("of unknown speed") == 2
     row = next(csv.DictReader(gait.write(tmp_path / "g.csv").open()))
     assert row["length [m]"] == row["speed [m/s]"] == ""
 

@@ -65,11 +65,11 @@ def test_ghosts_and_people_of_one_camera_are_left_out_and_told() -> None:
     brief = {name: [[x for x in f if x[0] != 2 or t < 6] for t, f in enumerate(people[name])] for name in people}
     told, notes = everybody(files(brief), cameras())
     assert sorted(next(iter(numbers(tracks, people))) for tracks in told) == [0, 1]
-    assert [note for note in notes if "somebody seen in 6 frames alone, fewer than 10, left out" in note]
+    assert [note for note in notes if "one person seen in 6 frames alone, fewer than 10, left out" in note]
     single = {name: [[x for x in f if x[0] != 2 or name == "cam1"] for f in people[name]] for name in people}
     told, notes = everybody(files(single), cameras())
     assert len(told) == 2
-    assert [note for note in notes if note.startswith("cam1: somebody in 40 frames whom no other camera sees")]
+    assert [note for note in notes if note.startswith("cam1: one person in 40 frames whom no other camera sees")]
 
 
 def test_one_camera_goes_by_ids_or_by_following() -> None:

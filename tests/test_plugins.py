@@ -127,7 +127,7 @@ def test_a_module_that_cannot_be_imported_is_named_at_every_look_up(
         "    try: load_plugins()\n"
         "    except ValueError as error: print(error)\n"
     )
-    remedy = "leave broken out of it, or mend it"
+    remedy = "leave broken out of it, or fix it"
     problem = f"{VARIABLE}: module broken cannot be imported: {why} ({remedy})"
     assert ran(code, plugins=" whole, broken", path=tmp_path).splitlines() == ["imported", problem, problem]
 

@@ -26,7 +26,7 @@ from humanoid.support.summary import Facts, Summarised
 _UP = np.array([0.0, 0.0, 1.0])
 _SURE = 0.5
 _SEEN = 0.05  # share of the frames
-UNKNOWN_SPEED = "the feet move as on a treadmill, whose speed is not found: when they stand is not known"
+UNKNOWN_SPEED = "the feet move as on a treadmill of unknown speed: stance phases are unknown"
 
 
 @dataclass(frozen=True)

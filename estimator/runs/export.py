@@ -168,14 +168,14 @@ def _cell(value: float) -> str:
 
 
 def _trc(run: Run, path: Path, name: str) -> None:
-    """Landmarks as markers; where nothing was seen they are missing, as those are that nothing shows."""
+    """Landmarks as markers; unobserved ones, and all in frames without observations, are missing."""
     seen = (run.status != "unobserved")[:, None, None]
     landmarks = np.where(seen, _shown(run, run.landmarks), np.nan)
     write_trc(path, run.body.landmark_names, landmarks, run.time, title=name)
 
 
 def _shown(run: Run, landmarks: np.ndarray) -> np.ndarray:
-    """Landmarks (T, L, 3) with NaN in place of those that nothing shows."""
+    """Landmarks (T, L, 3) with NaN in place of unobserved ones."""
     unseen = np.isin(run.body.landmark_names, run.unseen_landmarks)
     return np.where(unseen[:, None], np.nan, landmarks)
 

@@ -36,7 +36,7 @@ _LEAST_SECONDS, _LEAST_FRAMES = 1.0, 15
 _PARTS = ("heel", "big_toe")
 _WANTED = (*(f"{side}_{part}" for side in SIDES for part in _PARTS), "mid_hip")
 _RUNNING = 2.3  # m/s; people walk more slowly
-_UNKNOWN_SPEED = "the feet move as on a treadmill, whose speed is not found: strides have no length"
+_UNKNOWN_SPEED = "the feet move as on a treadmill of unknown speed: strides have no length"
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ class JointAngle(Summarised):
             facts.append(("value", f"{least:.4g} to {greatest:.4g} {self.unit}"))
             facts.append(("median std", f"{np.median(self.std[known]):.3g} {self.unit}"))
         facts.append(("hypotheses", f"up to {self.weights.shape[1]}"))
-        return facts if self.seen else [*facts, ("but", "nothing shows it: its value is the prior's")]
+        return facts if self.seen else [*facts, ("but", "it is unobserved: its value comes from the prior")]
 
 
 def joint_entry(body: Body, name: str) -> JointEntry:

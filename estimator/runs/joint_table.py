@@ -39,7 +39,7 @@ def std_columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _of(angle: JointAngle) -> dict[str, np.ndarray]:
-    """The value, NaN of a joint that nothing shows, then its standard deviation."""
+    """The value, NaN for an unobserved joint, then its standard deviation."""
     value = angle.value if angle.seen else np.full_like(angle.value, np.nan)
     return {f"{angle.name}_{angle.unit}": value, f"{angle.name}_std_{angle.unit}": angle.std}
 

@@ -36,7 +36,7 @@ def unseen_joints(body: Body, landmarks: np.ndarray, markers: np.ndarray) -> tup
 
 
 def unseen_landmarks(body: Body, joints: Collection[str]) -> np.ndarray:
-    """Which landmarks (L,) are moved by one of the joints that nothing shows: where they are is the prior's, too."""
+    """Which landmarks (L,) are moved by an unobserved joint: their places come from the prior, too."""
     bounded = zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True)
     unseen = [v for v, i in bounded if body.q_names[i] in joints]
     return np.asarray(_moved_by(body, body.landmark_joint, body.landmark_local)[:, unseen].any(axis=1))
@@ -80,7 +80,7 @@ def unseen_joints_note(joints: tuple[str, ...]) -> str:
     """A line that names the joints, empty without any."""
     if not joints:
         return ""
-    return f"nothing shows {first_of(joints, _JOINTS)}: their angles are the prior's, anywhere within their limits"
+    return f"nothing seen depends on {first_of(joints, _JOINTS)}: their angles are the prior's, within their limits"
 
 
 def unobserved_stretches(run: Run) -> tuple[tuple[float, float], ...]:

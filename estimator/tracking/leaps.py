@@ -143,7 +143,7 @@ def limb_note(rows: list[int]) -> str:
     if not rows:
         return ""
     count = f"{len(rows)} frame{'s' * (len(rows) != 1)} ({first_of(rows, 8)}; there it is marked hard)"
-    return f"limbs move faster than anybody's in {count}: check the labels, and the frames before"
+    return f"limbs move faster than any person's in {count}: check the labels, and the frames before"
 
 
 def leap_note(frames: list[int]) -> str:

@@ -122,7 +122,7 @@ def _imported(load: Callable[[], object], source: str, module: str) -> None:
         load()
     except Exception as error:  # importing a module can raise anything
         told = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-        remedy = f"leave {module} out of it, or mend it" if source == VARIABLE else "mend or uninstall its package"
+        remedy = f"leave {module} out of it, or fix it" if source == VARIABLE else "fix or uninstall its package"
         raise InputError(source, f"module {module} cannot be imported: {told}", remedy=remedy) from error
 
 

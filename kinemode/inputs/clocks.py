@@ -147,7 +147,7 @@ def report_at(path: Path, report: ClipReport, rate: float) -> tuple[ClipReport, 
     own = 1.0 / float(np.median(intervals))
     outside = (intervals < _SHORT / own) | (intervals > _LONG / own)
     if outside.mean() > _FEW:
-        problem = f"has frames {1e3 * intervals.min():.0f} to {1e3 * intervals.max():.0f} ms apart, not of one rate"
+        problem = f"has frames {1e3 * intervals.min():.0f} to {1e3 * intervals.max():.0f} ms apart, not at one rate"
         remedy = "leave --fps out: the frames' own times are used; or cut out the part that has one rate"
         raise InputError(path, problem, remedy=remedy, place=f"--fps {rate:g}")
     if abs(rate / own - 1.0) <= _ABOUT:

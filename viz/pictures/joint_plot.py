@@ -91,7 +91,7 @@ def drawn(run: Run, panels: Sequence[JointPanel]) -> Figure:
 
 def draw_panel(axes: Axes, run: Run, panel: JointPanel) -> None:
     """The curves of a panel with their 90 % bands, other hypotheses, limits, and the frames that are not to be trusted;
-    angles are in degrees. A joint that nothing shows is dotted."""
+    angles are in degrees. An unobserved joint is dotted."""
     _mark_flagged(axes, run)
     for side, curve in panel.curves:
         colour = web(ON_PAPER[side])

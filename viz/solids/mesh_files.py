@@ -22,7 +22,7 @@ _KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")  # not archiv
 _LARGEST = 200_000_000  # bytes
 _FARTHEST = 1e9  # of coordinates, in any unit
 _SHADES = 12  # colours of one mesh; where it has more it gets their mean
-_REMEDY = "mend or replace the file, or leave this shape out of the URDF"
+_REMEDY = "fix or replace the file, or leave this shape out of the URDF"
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its complaints, with tracebacks, are not for users
 

@@ -56,7 +56,7 @@ class CameraFile:
             return read_document(self.content, str(self.path))
         except InputError as error:  # its remedies are about subjects
             raise InputError(
-                self.path, error.problem, place=error.place, remedy="mend it, or export the cameras again"
+                self.path, error.problem, place=error.place, remedy="fix it, or export the cameras again"
             ) from None
 
     @property

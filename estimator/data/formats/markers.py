@@ -82,7 +82,7 @@ def check_spread(points: np.ndarray, unit: str, path: str | Path, option: str = 
     spread = float(np.median(np.linalg.norm(np.nanmax(known, axis=1) - np.nanmin(known, axis=1), axis=1)))
     if not _SPREADS[0] <= spread <= _SPREADS[1]:
         problem = f"its markers are spread over {spread:.3g} m, read in {unit}"
-        remedy = f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: mend the unit" + (
+        remedy = f"{_SPREADS[0]:g} to {_SPREADS[1]:g} m: correct the unit" + (
             f", or give it with {option}" if option else ""
         )
         raise InputError(path, problem, place="Units", remedy=remedy)

@@ -158,7 +158,7 @@ def with_clock(file: PointFile, said: Said) -> PointFile:
         if fps is None:
             at = int(np.argmax(~(np.abs(time) < LARGEST) | ~np.append(True, np.diff(time) > 0.0)))
             what = f"{time[at - 1]:g} s is followed by {time[at]:g} s" if at else f"{time[at]:g} s is not a time"
-            remedy = "mend the times, or --fps counts the frames instead"
+            remedy = "correct the times, or --fps counts the frames instead"
             raise InputError(path, f"times do not rise: {what}", place=f"frame {at}", remedy=remedy)
         note = f"{path.name}: its times do not rise, frames are counted at --fps {fps:g}"
         return file._replace(time=np.arange(len(time)) / fps, notes=(*file.notes, note))

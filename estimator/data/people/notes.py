@@ -75,7 +75,7 @@ def left_out(lengths: Sequence[int], fewest: int) -> tuple[str, ...]:
     if not lengths:
         return ()
     frames = f"{min(lengths)} to {max(lengths)} frames" if min(lengths) < max(lengths) else f"{max(lengths)} frames"
-    who = "somebody" if len(lengths) == 1 else f"{len(lengths)} people"
+    who = "one person" if len(lengths) == 1 else f"{len(lengths)} people"
     return (f"{who} seen in {frames} alone, fewer than {fewest}, left out: ghosts of the detector, or passers-by",)
 
 
@@ -90,7 +90,7 @@ def seen_by_one(
         counts = np.unique(people[here], return_counts=True)[1]
         lengths = counts[counts >= fewest].tolist()
         if lengths:
-            who = "somebody" if len(lengths) == 1 else f"{len(lengths)} people"
+            who = "one person" if len(lengths) == 1 else f"{len(lengths)} people"
             notes.append(
                 f"{name}: {who} in {', '.join(map(str, lengths))} frames whom no other camera sees, left out: a track"
                 f" of {name} alone has them"
