@@ -12,10 +12,9 @@ from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import Fit, bound_note, stature
+from estimator.tracking.fitting.fit import SIZES, Fit, bound_note, fit_resized, stature, unfitted
 from estimator.tracking.fitting.fitted_points import FittedKeypoints
 from estimator.tracking.fitting.frames import chosen_pieces
-from estimator.tracking.fitting.lengths import SIZES
 from estimator.tracking.fitting.measures import Measures, MeasuresEnergy
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import FitSettings
@@ -229,3 +228,22 @@ def test_poses_are_as_uncertain_as_the_lengths_make_them() -> None:
     estimate = fit.estimates[fit.frames[0]]
     assert np.array_equal(estimate.q, fit.poses[0])
     assert np.array_equal(estimate.covariance, fit.pose_covariance[0])
+
+
+@pytest.mark.parametrize(
+    ("person", "size", "fits"), [(0.8, 0.8, 2), (1.0, 1.0, 1), (0.2, SIZES[0], 2), (3.0, SIZES[1], 2)]
+)
+def test_a_subject_is_resized_within_the_sizes_of_people(person: float, size: float, fits: int) -> None:
+    """By what each fit asks for, from the size it has, and no further once that is nothing."""
+    subject, heights = body_of("human34").subject, list[float]()
+
+    def fit(sized: Subject) -> tuple[Fit, float]:
+        heights.append(stature(sized))
+        return unfitted(sized), person * stature(subject) / heights[-1]
+
+    best = fit_resized(subject, fit, 3)
+    assert (best.size, len(heights)) == (pytest.approx(size), fits)
+    assert heights[-1] == pytest.approx(size * heights[0])
+    assert stature(best.subject) == heights[-1]
+    assert best.frames == ()
+    assert fit_resized(subject, fit, 0).size == 1.0

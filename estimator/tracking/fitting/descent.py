@@ -78,7 +78,7 @@ def bounded_step(
 
 
 def covariance_at(shaped: ShapedBody, model: Expansion, x: Unknowns) -> np.ndarray:
-    """Covariance (n, n) of all unknowns together: inverse Hessian where no joint limit holds a pose, zero elsewmodel.
+    """Covariance (n, n) of all unknowns together: inverse Hessian where no joint limit holds a pose, zero elsewhere.
 
     A block of it is the covariance of what it belongs to with all the rest as uncertain as it is.
     """

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
 from estimator.tracking.fitting.floor_size import FloorSize
 from humanoid.kinematics.body import Body
+from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
 
+SIZES = (0.5, 1.25)
+"""Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
+OTHER_SIZE, SAME_SIZE = 0.03, 0.02  # logarithms: from which a person is of another size, up to which of the same
 _HEIGHT_OFF = 0.03  # logarithm of heights from which two are said to differ
 _LISTED = 12  # names in a note
 _AT_BOUND = 1e-3  # of a proportion, relative to the end of its range
@@ -105,6 +109,11 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def mean_size(self) -> float:
+        """The geometric mean of the scales, 1 without any."""
+        return float(np.exp(np.log(self.scales).mean())) if len(self.scales) else 1.0
+
+    @property
     def frames(self) -> tuple[int, ...]:
         """Indices of the frames used."""
         return tuple(o.index for o in self.observations)
@@ -124,6 +133,26 @@ def _floor_note(by_floor: FloorSize, size: float) -> str:
         problem = f"to stand on the floor the person would be {by_floor.seen:.2f} times as large, which is not believed"
         return f"{problem}: check --floor, and whether the cameras' unit is the metre"
     return f"by the floor the person is {size:.2f} (+-{by_floor.std:.0%}) times as large as the subject"
+
+
+def unfitted(subject: Subject) -> Fit:
+    """Without any frames: what is known beforehand."""
+    body = ProportionedBody(subject)
+    none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
+    return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+
+
+def fit_resized(subject: Subject, fit: Callable[[Subject], tuple[Fit, float]], rounds: int) -> Fit:
+    """The fit of a subject that is resized as a whole, within `SIZES`, until it is as large as the person, or often
+    enough. fit: of a subject, and by how much it asks for another size."""
+    (best, asked), size = fit(subject), 1.0
+    for _ in range(rounds):
+        step = float(np.clip(size * asked, *SIZES)) / size
+        if abs(np.log(step)) < SAME_SIZE:
+            break
+        size *= step
+        best, asked = fit(subject.resized(size))
+    return replace(best, size=size)
 
 
 def stature(subject: Subject) -> float:

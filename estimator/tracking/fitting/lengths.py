@@ -13,7 +13,7 @@ from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.fitting.fit import Fit, bounded_lengths
+from estimator.tracking.fitting.fit import OTHER_SIZE, Fit, bounded_lengths, fit_resized, unfitted
 from estimator.tracking.fitting.fitted_points import FittedKeypoints
 from estimator.tracking.fitting.frames import chosen_pieces
 from estimator.tracking.fitting.keypoint_noise import measured_noise
@@ -27,9 +27,6 @@ from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
 
 ENOUGH = 1e-4  # energy: a step that brings less is the last
-SIZES = (0.5, 1.25)
-"""Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
-_OTHER, _SAME = 0.03, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
 _ROUNDS = 4  # of resizing
 
 
@@ -46,17 +43,21 @@ def fit_lengths(
     resized first, within `SIZES`, and its proportions are fitted around that. The scales are relative to the resized
     subject.
     """
-    fit, size = _fitted(subject, observations, seed, settings, track_settings), 1.0
+
+    def fit_of(sized: Subject) -> tuple[Fit, float]:
+        fit = _fitted(sized, observations, seed, settings, track_settings)
+        asks = sized is not subject or _of_another_size(fit)
+        return fit, fit.mean_size if asks else 1.0
+
+    return fit_resized(subject, fit_of, _ROUNDS)
+
+
+def _of_another_size(fit: Fit) -> bool:
+    """Whether several cameras ask for another size of the subject as a whole."""
     if not fit.names or not fit.observations or len(fit.observations[0].cameras) < 2:
-        return fit
-    recentred = bool(abs(np.log(fit.scales).mean()) > _OTHER or 2 * len(bounded_lengths(fit.subject)) > len(fit.names))
-    for _ in range(_ROUNDS if recentred else 0):
-        step = float(np.clip(size * np.exp(np.log(fit.scales).mean()), *SIZES)) / size
-        if abs(np.log(step)) < _SAME:
-            break
-        size *= step
-        fit = _fitted(subject.resized(size), observations, seed, settings, track_settings)
-    return replace(fit, size=size)
+        return False
+    off = abs(np.log(fit.mean_size)) > OTHER_SIZE
+    return bool(off or 2 * len(bounded_lengths(fit.subject)) > len(fit.names))
 
 
 def _fitted(
@@ -70,36 +71,21 @@ def _fitted(
     body = ProportionedBody(subject)
     pieces = chosen_pieces(observations, settings)
     if not pieces:
-        none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
-        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+        return unfitted(subject)
     if not body.names:
         poses, covariances, seen = _poses(subject, pieces, seed, track_settings)
         return Fit(subject, (), np.zeros(0), np.zeros((0, 0)), tuple(seen), np.array(poses), np.array(covariances))
     cost = track_settings.cost if track_settings else CostSettings()
-    person, measures = subject, None
+    fit, measures = unfitted(subject), None
     for _ in range(settings.rounds):
-        poses, _, seen = _poses(person, pieces, seed, track_settings)
+        poses, _, seen = _poses(fit.subject, pieces, seed, track_settings)
         share = min(1.0, settings.effective_frames / len(seen))
         energy = MeasuresEnergy(body, FittedKeypoints(body, cameras=len(seen[0].cameras)), seen, cost, share)
         newton = NewtonSettings(settings.iterations, enough=ENOUGH)
         best = minimise(energy, energy.model(measures or energy.start, poses), newton).model
-        measures, covariance = best.measures, best.measures_covariance
-        person = energy.fitted(subject, best, covariance)
-    of_poses = np.array([best.pose_covariance(k, covariance) for k in range(len(seen))])
-    count = len(body.names)
-    return Fit(
-        person,
-        body.names,
-        best.measures.scales,
-        covariance[:count, :count],
-        tuple(seen),
-        np.array(best.poses),
-        of_poses,
-        moved=energy.moved(best),
-        noise=measured_noise(
-            CostModel(energy.at_measures(best.measures), cost), seen, best.poses, share, len(covariance)
-        ),
-    )
+        fit, measures = energy.fit(subject, best), best.measures
+    model = CostModel(energy.at_measures(best.measures), cost)
+    return replace(fit, noise=measured_noise(model, seen, best.poses, share, len(best.gradient)))
 
 
 def _poses(

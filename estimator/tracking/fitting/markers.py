@@ -14,7 +14,7 @@ from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.spec import mode_search
-from estimator.tracking.fitting.fit import Fit, bounded_lengths
+from estimator.tracking.fitting.fit import OTHER_SIZE, SAME_SIZE, Fit, bounded_lengths, fit_resized, unfitted
 from estimator.tracking.fitting.fitted_points import FittedMarkers
 from estimator.tracking.fitting.frames import evenly_spread
 from estimator.tracking.fitting.measures import MeasuresEnergy
@@ -24,9 +24,6 @@ from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
 
-SIZES = (0.5, 1.25)
-"""Least and largest size of a person, relative to the subject."""
-_OTHER, _SAME = 0.03, 0.02  # logarithms of sizes: from which a person is of another, up to which of the same
 _ROUNDS = 3  # of resizing
 
 
@@ -73,17 +70,9 @@ def fit_markers(
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
     used = _usable(observations, settings.frames)
     if not used:
-        return _unfitted(subject, ProportionedBody(subject))
+        return unfitted(subject)
     trials = _Trials(used, _usable(static, settings.static_frames))
-    fit, seen = _fitted(subject, trials, seed, settings, track_settings)
-    size = 1.0
-    for _ in range(_ROUNDS):
-        step = float(np.clip(size * seen, *SIZES)) / size
-        if abs(np.log(step)) < _SAME:
-            break
-        size *= step
-        fit, seen = _fitted(subject.resized(size), trials, seed, settings, track_settings)
-    return replace(fit, size=size)
+    return fit_resized(subject, lambda sized: _fitted(sized, trials, seed, settings, track_settings), _ROUNDS)
 
 
 class _Trials(NamedTuple):
@@ -109,31 +98,16 @@ def _fitted(
     cost = track_settings.cost
     once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
     poses = _poses(subject, used, seed, track_settings)
-    if (size := _size(body, used, poses)) and abs(np.log(size)) > _SAME * 2:
-        return _unfitted(subject, proportions), size
+    if (size := _size(body, used, poses)) and abs(np.log(size)) > 2.0 * SAME_SIZE:
+        return unfitted(subject), size
     poses_static = _poses(subject, stood, seed, track_settings)
     known = static_trial(body, stood, poses_static, settings.standing_std, settings.bent_from) if stood else None
     energy = MeasuresEnergy(proportions, FittedMarkers(proportions), used, once, share, known)
     newton = NewtonSettings(settings.iterations, enough=settings.enough)
     best = minimise(energy, energy.model(energy.start, [*poses, *poses_static]), newton).model
-    covariance = best.measures_covariance
-    fitted = energy.fitted(subject, best, covariance)
-    scales = best.measures.scales
-    asked = float(np.exp(np.log(scales).mean())) if len(scales) else 1.0
-    asked = asked if abs(np.log(asked)) > _OTHER or bounded_lengths(fitted) else 1.0
-    count = len(proportions.names)
-    of_poses = [best.pose_covariance(k, covariance) for k in range(len(used))]
-    fit = Fit(
-        fitted, proportions.names, scales, covariance[:count, :count], tuple(used),
-        np.array(best.poses[: len(used)]), np.array(of_poses), bent=known.bent if known is not None else (),
-        moved=energy.moved(best),
-    )  # fmt: skip
-    return fit, asked
-
-
-def _unfitted(subject: Subject, body: ProportionedBody) -> Fit:
-    none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
-    return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
+    fit = replace(energy.fit(subject, best), bent=known.bent if known is not None else ())
+    asks = abs(np.log(fit.mean_size)) > OTHER_SIZE or bounded_lengths(fit.subject)
+    return fit, fit.mean_size if asks else 1.0
 
 
 def _poses(subject: Subject, used: Sequence[Observation], seed: int, settings: Settings) -> list[np.ndarray]:

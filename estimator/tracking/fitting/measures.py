@@ -17,6 +17,7 @@ from estimator.numerics.newton import Problem, Step
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.descent import bounded_step
+from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.fitted_points import FittedPlaces, FittedPoints
 from estimator.tracking.fitting.standing import StaticTrial, standing_pose
 from humanoid.kinematics.body import Body
@@ -113,18 +114,20 @@ class MeasuresEnergy(Problem[MeasuresModel]):
             np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(self._points.free), 3))
         )
 
-    def moved(self, model: MeasuresModel) -> dict[str, float]:
-        """By name, how far [m] the points lie from where they are expected that are not there by chance."""
-        return self._points.moved(model.measures.offsets)
-
-    def fitted(self, subject: Subject, model: MeasuresModel, covariance: np.ndarray) -> Subject:
-        """The subject with the lengths and the places of points that were fitted, and how unsure the places are;
-        covariance (G, G): of the measures."""
-        lengths = len(self._body.names)
-        variances = np.diag(covariance)[lengths:].reshape(-1, 3).mean(axis=1)
-        scaled = subject.scaled(self._body.scales(model.measures.scales))
+    def fit(self, subject: Subject, model: MeasuresModel) -> Fit:
+        """The subject with the lengths and the places of points of a model, how unsure these are, and the poses of the
+        frames but those of somebody who stands."""
+        covariance, count = model.measures_covariance, len(self._body.names)
+        scales, offsets = model.measures
+        stds = np.sqrt(np.diag(covariance)[count:].reshape(-1, 3).mean(axis=1))
         zeros = dict(zip(self._body.base.v_names, model.lasting_std(covariance).tolist(), strict=True))
-        return self._points.fitted(scaled, FittedPlaces(model.measures.offsets, np.sqrt(variances), zeros))
+        seen = tuple(frame.observation for frame in self._frames if frame.std is None)
+        return Fit(
+            self._points.fitted(subject.scaled(self._body.scales(scales)), FittedPlaces(offsets, stds, zeros)),
+            self._body.names, scales, covariance[:count, :count], seen, np.array(model.poses[: len(seen)]),
+            np.array([model.pose_covariance(k, covariance) for k in range(len(seen))]),
+            moved=self._points.moved(offsets),
+        )  # fmt: skip
 
     def step(self, model: MeasuresModel, damping: float) -> Step | None:
         """A step (G,) of the measures, within their range."""
