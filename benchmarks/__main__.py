@@ -1,4 +1,4 @@
-"""The command `python -m benchmarks`: lists the measures, runs one, or writes docs/status.md."""
+"""The command `python -m benchmarks`: lists the measures, runs one, or writes docs/history/status.md."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ USAGE = """\
 python -m benchmarks NAME ARGS...     run a measure
 python -m benchmarks NAME --help      its options
 python -m benchmarks --list           every measure, its target, and what it needs
-python -m benchmarks --write-status   write the tables of docs/status.md from benchmarks/figures.toml"""
+python -m benchmarks --write-status   write the tables of docs/history/status.md from benchmarks/figures.toml"""
 
 
 def main(words: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""The tables of docs/status.md: one a system, one line a measure, from the registry and the figures of figures.toml."""
+"""The tables of docs/history/status.md: one a system, one line a measure, from the registry and the figures of figures.toml."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from humanoid.support.errors import InputError
 from humanoid.support.files import read_toml
 
 FIGURES = Path(__file__).with_name("figures.toml")
-STATUS = Path(__file__).resolve().parents[1] / "docs" / "status.md"
-NOTES = "notes/measures.md"
+STATUS = Path(__file__).resolve().parents[1] / "docs" / "history" / "status.md"
+NOTES = "measures.md"
 MARK = "<!-- What follows is written by `python -m benchmarks --write-status` from benchmarks/figures.toml. -->"
 COLUMNS = ("what", "target", "figure", "command")
 _KEYS = {"measure", "options", "command", *COLUMNS}
@@ -94,7 +94,7 @@ def with_tables(text: str, systems: Sequence[System]) -> str:
     """
     above, mark, _ = text.partition(MARK)
     if not mark:
-        raise InputError("docs/status.md", "has no mark below which tables are written", remedy=f"add the line {MARK}")
+        raise InputError("docs/history/status.md", "has no mark below which tables are written", remedy=f"add the line {MARK}")
     sections = "\n".join(line for system in systems for line in table(system))
     return f"{above}{MARK}\n\n{sections}"
 

@@ -1,4 +1,4 @@
-"""docs/status.md is what the measures' registry and figures say, at a glance."""
+"""docs/history/status.md is what the measures' registry and figures say, at a glance."""
 
 from __future__ import annotations
 
