@@ -19,7 +19,7 @@ _Placed: TypeAlias = tuple[Mapping[str | int, Pose], list[np.ndarray]]  # poses,
 _SCALE = 1.0  # px, beyond which a corner counts less
 _FAR = 1e3  # px, of what is behind a camera
 _STEP = 1e-5  # m, of derivatives
-_DAMPING = Damping(least=0.0, growth=8.0, shrink=0.125)
+_DAMPING = Damping(least=0.0, growth=8.0, shrink=0.125)  # without a least, as a search may have eight steps alone
 _LEAST_GAIN = 1e-7  # px^2, and of the cost
 _LEAST_NOISE = 0.05  # px: no corner is taken to be seen more exactly
 

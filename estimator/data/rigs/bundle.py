@@ -124,7 +124,7 @@ class RigUncertainty:
 def adjusted(
     state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40, free: Sequence[int] | None = None
 ) -> Adjusted:
-    """The state of least robust cost near one; most: steps; free: the cameras that are placed, all but the first unless
+    """The state of least robust cost near one; most: steps taken; free: the cameras that are placed, all but the first unless
     they are given."""
     problem = RigProblem(state, seen, lengths, free)
     x = problem.start
