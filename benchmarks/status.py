@@ -1,4 +1,4 @@
-"""The tables of docs/history/status.md: one a system, one line a measure, from the registry and the figures of figures.toml."""
+"""The tables of docs/history/status.md: one a system, one line a measure, from the registry and figures.toml."""
 
 from __future__ import annotations
 
@@ -94,7 +94,8 @@ def with_tables(text: str, systems: Sequence[System]) -> str:
     """
     above, mark, _ = text.partition(MARK)
     if not mark:
-        raise InputError("docs/history/status.md", "has no mark below which tables are written", remedy=f"add the line {MARK}")
+        problem = "has no mark below which tables are written"
+        raise InputError("docs/history/status.md", problem, remedy=f"add the line {MARK}")
     sections = "\n".join(line for system in systems for line in table(system))
     return f"{above}{MARK}\n\n{sections}"
 

@@ -26,7 +26,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.atomic import replacing
 from kinemode import __version__
-from kinemode.inputs.motions import hypotheses_of, load_source
+from kinemode.inputs.motions import SourceOptions, hypotheses_of, load_source
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.option import words_given
@@ -47,7 +47,7 @@ def retarget_to(subject: Subject, request: RetargetRequest) -> Run:
     settings = RetargetSettings(velocity=float(request.velocity), clearance=float(request.clearance))
     if request.method == FRAMES:
         settings = settings.frame_by_frame
-    read = load_source(source, fps=request.fps, up=request.up, unit=request.unit, layout=request.layout)
+    read = load_source(source, SourceOptions(request.fps, request.up, request.unit, request.layout))
     read = without_rest_pose(without_mirrored_parts(read))
     motion = filled(read, GAP)
     match = None if request.match is None else load_match(request.match)

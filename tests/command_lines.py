@@ -91,7 +91,8 @@ def interrupt_after(frames: int, line: Sequence[object], out: Path) -> None:
     """Track into a run and interrupt the command line, in this process, when it has so many frames. AssertionError
     where it ended otherwise or has lost a frame."""
     with interrupted_after(frames):
-        assert told_here(line).code == INTERRUPTED
+        result = told_here(line)
+        assert result.code == INTERRUPTED, result.error
     run = Run.open(out)
     assert frames == len(run) < run.planned_count
     assert not run.complete

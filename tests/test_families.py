@@ -3,6 +3,7 @@ short file, work in the command line without another edit. Cues and trackers: `t
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,11 +21,16 @@ from estimator.tracking.registry import TRACKERS
 from estimator.vision.likelihood.registry import CUES
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
+from kinemode.inputs.motions import MOTION_FORMATS
+from tests.builders import body_of
 from tests.command_lines import Told, told
 from tests.tiny_clip import tiny_clip
 
 HERE = Path(__file__).parent
-TOYS = ("toy_term", "toy_keypoint_format", "toy_camera_format", "toy_exporter")
+sys.path.insert(0, str(HERE.parent / "docs"))
+import recipes  # noqa: E402
+
+TOYS = ("toy_term", "toy_keypoint_format", "toy_camera_format", "toy_exporter", "toy_motion_format")
 MOST_LINES = 60
 JOINT, ANGLE = "left_elbow_flexion", 1.25
 FAMILIES: Mapping[str, Registry] = {  # type: ignore[type-arg]
@@ -34,6 +40,7 @@ FAMILIES: Mapping[str, Registry] = {  # type: ignore[type-arg]
     "exporters": EXPORTERS,
     "keypoint formats": KEYPOINT_FORMATS,
     "camera formats": CAMERA_FORMATS,
+    "motion formats": MOTION_FORMATS,
 }
 
 
@@ -70,6 +77,10 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
         if name is not None and np.isfinite(x)
     ]
     (folder / "keypoints.txt").write_text("\n".join(["# keypoints by line", *rows]) + "\n")
+    body = body_of("human34")
+    places = dict(zip(body.landmark_names, body.landmarks(body.at(body.neutral)), strict=True))
+    moved = [f"{0.1 * t} {name} {x} {y} {z + 1.0}" for t in range(3) for name, (x, y, z) in places.items()]
+    (folder / "a.motion").write_text("\n".join(moved) + "\n")
     settings = f'[cost.terms.held]\njoint = "{JOINT}"\nangle = {ANGLE}\nstd = 0.001\n'
     (folder / "held.toml").write_text(settings)
     inputs = ["track", "--keypoints", "keypoints.txt", "--cameras", "cameras.txt"]
@@ -82,12 +93,22 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
         ["settings"],
         ["export", str(folder / "a.run"), str(folder / "named.txt"), "--format", "path"],
         ["export", str(folder / "a.run"), str(folder / "other.txt"), "--format", "paths"],
+        [
+            "retarget",
+            str(folder / "a.motion"),
+            "--subject",
+            "human34",
+            "--method",
+            "frames",
+            "--out",
+            str(folder / "m.run"),
+        ],
     ]
     return folder, told(*commands, plugins=",".join(TOYS), path=HERE)
 
 
 def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) -> None:
-    folder, (tracked, exported, refused, settings, named, misnamed) = lines
+    folder, (tracked, exported, refused, settings, named, misnamed, followed) = lines
     assert tracked.code == 0, tracked.error
     run = km.open_run(folder / "a.run")
     column = run.body.q_names.index(JOINT)
@@ -103,8 +124,21 @@ def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) ->
     assert misnamed.code == 2
     assert "no export format 'paths' (one of npz, csv, trc" in misnamed.error
     assert ", path, glb" in misnamed.error
+    assert followed.code == 0, followed.error
+    assert km.open_run(folder / "m.run").frame_count == 3
     table = settings.out.partition("[cost.terms.held]\n")[2].partition("\n\n")[0]
     assert "std = 0.05  # more than 0" in table.splitlines()
+
+
+def test_recipes_are_what_is_run() -> None:
+    """Those of CONTRIBUTING, one for each family, are the files here: `python docs/recipes.py` writes them."""
+    text = recipes.PAGE.read_text(encoding="utf-8")
+    assert recipes.with_recipes(text) == text
+    assert recipes.recipes(text) == [
+        f"tests/toy_{name}.py"
+        for name in ("term", "cue", "tracker", "exporter", "keypoint_format", "camera_format", "motion_format")
+    ]
+    assert recipes.with_recipes(text.replace("1/2", "1/3")) == text
 
 
 def test_without_them_their_files_are_refused(lines: tuple[Path, list[Told]]) -> None:

@@ -13,7 +13,7 @@ from estimator.retargeting.joint_arrays import load_joints
 from estimator.retargeting.joint_orders import ORDERS, clear_order, landmarks_named, order_misfit, orders_of
 from estimator.retargeting.source import SourceMotion
 from humanoid.support.errors import InputError
-from kinemode.inputs.motions import load_source
+from kinemode.inputs.motions import SourceOptions, load_source
 from tests.builders import body_of
 
 FRAMES, RATE = 40, 30.0
@@ -61,11 +61,11 @@ def test_every_order_is_found_by_its_limbs(seed: int, noise: float) -> None:
 def test_a_file_in_another_order(tmp_path: Path, name: str) -> None:
     joints = in_order(name, 2)
     np.savez(tmp_path / "a.npz", positions=joints, fps=RATE)
-    read = load_source(tmp_path / "a.npz", up="z")
+    read = load_source(tmp_path / "a.npz", SourceOptions(up="z"))
     for knee in KNEES:
         assert read.landmark(knee) == pytest.approx(moving(2)[knee])
     assert f"in the order of {name}" in read.notes[0]
-    given = load_source(tmp_path / "a.npz", up="z", layout=name)
+    given = load_source(tmp_path / "a.npz", SourceOptions(up="z", layout=name))
     assert given.notes == ()
     assert given.points == pytest.approx(read.points)
 
@@ -75,21 +75,21 @@ def test_an_order_that_nobody_knows_is_refused(tmp_path: Path, name: str, seed: 
     joints = in_order(name, seed)[:, np.random.default_rng(seed).permutation(len(ORDERS[name]))]
     np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)
     with pytest.raises(InputError, match=rf"fit no known order: as .* \(--layout .*{name}") as raised:
-        load_source(tmp_path / "a.npz", up="z")
+        load_source(tmp_path / "a.npz", SourceOptions(up="z"))
     assert "a.npz" in str(raised.value)
-    forced = load_source(tmp_path / "a.npz", up="z", layout=name)
+    forced = load_source(tmp_path / "a.npz", SourceOptions(up="z", layout=name))
     assert f"not a body's in the order of {name}: the " in forced.notes[0]
 
 
 def test_layouts_that_cannot_be(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", joints=in_order("lafan1", 0), fps=RATE)
     with pytest.raises(InputError, match=r"no order of joints .*lafan1"):
-        load_source(tmp_path / "a.npz", up="z", layout="lafan")
+        load_source(tmp_path / "a.npz", SourceOptions(up="z", layout="lafan"))
     with pytest.raises(InputError, match="kinect25 has 25 joints; --layout smpl or lafan1"):
-        load_source(tmp_path / "a.npz", up="z", layout="kinect25")
+        load_source(tmp_path / "a.npz", SourceOptions(up="z", layout="kinect25"))
     named = SourceMotion(KNEES, np.zeros((2, 2, 3)), np.arange(2.0), "here")
     with pytest.raises(InputError, match="layout: this source has names of its own"):
-        load_source(named, layout="smpl")
+        load_source(named, SourceOptions(layout="smpl"))
 
 
 def test_names_and_words_in_a_file(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_names_and_words_in_a_file(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", joints=joints[:, turned], joint_names=np.array(names)[turned], fps=RATE)
     np.savez(tmp_path / "b.npz", joints=joints, skeleton="LAFAN1", fps=RATE)
     for name in ("a.npz", "b.npz"):
-        read = load_source(tmp_path / name, up="z")
+        read = load_source(tmp_path / name, SourceOptions(up="z"))
         assert read.notes == ()
         assert read.landmark("left_knee") == pytest.approx(moving(5)["left_knee"])
 

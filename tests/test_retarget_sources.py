@@ -19,7 +19,7 @@ from estimator.synthesis.mocap import load_mocap
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode.inputs.motions import load_source
+from kinemode.inputs.motions import SourceOptions, load_source
 from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.test_bvh import puppet
@@ -77,7 +77,7 @@ def test_points_of_every_kind(run: Run, tmp_path: Path) -> None:
     text = "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows)
     (tmp_path / "a.csv").write_text(f"{head}\n{text}\n")
     for name in ("a.trc", "a.c3d", "a.npz", "b.npz", "a.csv"):
-        read = load_source(tmp_path / name, up="z" if name == "a.csv" else None)
+        read = load_source(tmp_path / name, SourceOptions(up="z" if name == "a.csv" else None))
         same(read, run, names, 1e-5)
 
 
@@ -93,7 +93,7 @@ def test_bvh_has_the_joints(tmp_path: Path) -> None:
     assert read.landmark("left_big_toe") == pytest.approx(mocap.points[:, mocap.names.index("left_toe")])
     assert thighs(read) == pytest.approx(0.415)
     assert "unit" in read.notes[0]
-    told = load_source(path, unit="CM", fps=7.0)
+    told = load_source(path, SourceOptions(unit="CM", fps=7.0))
     assert thighs(told) == pytest.approx(0.5)
     assert len(told.notes) == 1
     assert "--fps 7 is taken" in told.notes[0]
@@ -108,13 +108,13 @@ def test_smpl_joints(run: Run, tmp_path: Path, up: str, rate: str) -> None:
     read = load_source(tmp_path / "a.npz")
     same(read, run, (*LIMBS, "left_big_toe", "right_big_toe", "neck"), 1e-5)
     assert f"{up} is taken to point up" in read.notes[0]
-    told = load_source(tmp_path / "a.npz", up=up, fps=60.0)
+    told = load_source(tmp_path / "a.npz", SourceOptions(up=up, fps=60.0))
     assert told.notes == ()
     assert told.times[-1] == pytest.approx((FRAMES - 1) / 60.0)
     np.savez(tmp_path / "b.npz", joints3d=1e3 * own, fps=RATE)
-    same(load_source(tmp_path / "b.npz", up=up, unit="Millimetres"), run, LIMBS, 1e-5)
+    same(load_source(tmp_path / "b.npz", SourceOptions(up=up, unit="Millimetres")), run, LIMBS, 1e-5)
     with pytest.raises(InputError, match="not a unit of length"):
-        load_source(tmp_path / "b.npz", unit="inch")
+        load_source(tmp_path / "b.npz", SourceOptions(unit="inch"))
 
 
 @pytest.mark.parametrize("frames", [1, 2])
@@ -129,7 +129,7 @@ def test_short_clips(run: Run, tmp_path: Path, frames: int) -> None:
     np.savez(
         tmp_path / "b.npz", points=joints[:, [1, 4]], names=np.array(["left_hip", "left_knee"]), time=range(frames)
     )
-    assert len(load_source(tmp_path / "b.npz", up="z", unit="m").times) == frames
+    assert len(load_source(tmp_path / "b.npz", SourceOptions(up="z", unit="m")).times) == frames
 
 
 @pytest.mark.parametrize(("first", "after"), [(3, 7), (5, 11)])
@@ -137,7 +137,7 @@ def test_joints_that_were_not_measured_are_missing(run: Run, tmp_path: Path, fir
     joints = smpl(load_source(run))
     joints[first:after] = joints[first]
     np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)
-    read = load_source(tmp_path / "a.npz", up="z")
+    read = load_source(tmp_path / "a.npz", SourceOptions(up="z"))
     missing = np.isnan(read.points).all(axis=(1, 2))
     assert np.flatnonzero(missing).tolist() == list(range(first + 1, after))
     assert f"a.npz: {after - first - 1} frames repeat" in read.notes[0]
@@ -216,10 +216,10 @@ def test_faults_of_other_files(run: Run, tmp_path: Path) -> None:
         load_source(3)  # type: ignore[arg-type]
     assert load_source(wave({})).names == wave({}).names
     with pytest.raises(InputError, match="fps: of a run is known"):
-        load_source(run, fps=30.0)
+        load_source(run, SourceOptions(fps=30.0))
     (tmp_path / "a.bvh").write_text("x")
     with pytest.raises(InputError, match="not a unit of length"):
-        load_source(tmp_path / "a.bvh", unit="inch")
+        load_source(tmp_path / "a.bvh", SourceOptions(unit="inch"))
 
 
 def wave(gaps: dict[str, slice]) -> SourceMotion:

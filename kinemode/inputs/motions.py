@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,78 +20,101 @@ from estimator.retargeting.source import SourceMotion
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import landmark_name
 from humanoid.support.errors import InputError, first_of, misplaced
+from humanoid.support.plugins import Registry
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
     from kinemode.named import PathLike
 
 _BVH_NAMES = {"left_toe": "left_big_toe", "right_toe": "right_big_toe", "head_base": "head"}
-_POINTS, _RUN = (".trc", ".c3d", ".csv"), ".run"
-_ARRAYS = "npz"
+_POINTS, _RUN, _ARRAYS = (".trc", ".c3d", ".csv", ".npz"), ".run", ".npz"
 _KINDS = "a run (.run), BVH (.bvh), points (.trc, .c3d, .csv, .npz) or joints in a known order (.npz)"
 _FEWEST = 6  # landmarks, where a file has points that are none
 _OWN = "of a run is known"
 
 
-def load_source(
-    source: PathLike | Run | SourceMotion,
-    *,
-    fps: float | None = None,
-    up: str | None = None,
-    unit: str | None = None,
-    layout: str | None = None,
-) -> SourceMotion:
+class SourceOptions(NamedTuple):
+    """What a file does not give. fps: frames per second, instead of the file's where both are there. up: the axis that
+    points up, one of `UPS`. unit: of length, m, cm or mm. layout: the order of joints without names, one of
+    `estimator.retargeting.joint_orders.ORDERS`."""
+
+    fps: float | None = None
+    up: str | None = None
+    unit: str | None = None
+    layout: str | None = None
+
+
+NOTHING_GIVEN = SourceOptions()
+
+
+@dataclass(frozen=True)
+class MotionFormat:
+    """A kind of file with a motion to follow; `register` adds one.
+
+    recognises: whether a path is of this kind. read: the motion in it, in metres, z up.
+    """
+
+    name: str
+    recognises: Callable[[Path], bool]
+    read: Callable[[Path, SourceOptions], SourceMotion]
+
+
+def load_source(source: PathLike | Run | SourceMotion, given: SourceOptions = NOTHING_GIVEN) -> SourceMotion:
     """The motion in a file, or in a run: its drawn trajectory, which is the smoothed one of a complete run.
 
-    A motion that was read already stays as it is. The file of a run has the suffix .run. fps: frames per second, where
-    a file does not say them, or instead of what it says. up: the axis that points up, one of `UPS`, where a file does
-    not say it. unit: of length, m, cm or mm. layout: the order of joints without names, one of
-    `estimator.retargeting.joint_orders.ORDERS`.
+    A motion that was read already stays as it is.
 
     Raises
     ------
     InputError: another kind of file, no such file, a damaged one; no landmark that is known, or markers, which are to
-        be tracked first; frames per second, axis or unit that nobody says, or that are said of a run; joints that fit
-        no known order, or several; an order of joints that have names.
+        be tracked first; frames per second, axis or unit that are not known, or that are given for a run; joints that
+        fit no known order, or several; an order of joints that have names.
     """
-    if isinstance(source, (str, Path)) and Path(source).suffix.lower() == f".{_ARRAYS}" and Path(source).is_file():
-        arrays = read_npz(Path(source))
-        if has_joints(arrays):
-            return load_joints(source, up=up, unit=unit, fps=fps, layout=layout)
-        if not {"points", "landmarks"} & set(arrays):
-            remedy = f"one of {', '.join(ARRAYS)} in a known order, or points and names; it has {', '.join(arrays)}"
-            raise InputError(source, "has no joints and no points", remedy=remedy)
-    if layout is not None:
-        remedy = f"leave it out; it is for an npz of {', '.join(ARRAYS)}"
-        raise InputError("layout", "this source has names of its own", remedy=remedy)
     if isinstance(source, SourceMotion):
+        _without_layout(given)
         return source
     if not isinstance(source, (str, Path)):
         if not hasattr(source, "landmarks"):
             raise misplaced("source", source, _KINDS)
-        return _of_run(source, fps, up, unit)
-    return _of_file(Path(source), fps, up, unit)
-
-
-def _of_file(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
-    """The landmarks of a file that has names."""
-    kind = path.suffix.lower()
-    if kind not in (*_POINTS, _RUN, ".bvh", f".{_ARRAYS}"):
-        raise InputError(path, "is no motion that is read", remedy=f"give {_KINDS}")
+        _without_layout(given)
+        return _of_run(source, given)
+    path = Path(source)
+    kind = next((kind for kind in MOTION_FORMATS.values() if kind.recognises(path)), None)
+    if kind is None:
+        raise InputError(path, "is not a motion file", remedy=f"give {_KINDS}")
     if not path.is_file():
         raise InputError(path, "no such file")
-    if kind == _RUN:
-        from estimator.runs.run_reader import Run  # slow to import
-
-        return _of_run(Run.open(path), fps, up, unit)
-    if kind == ".bvh":
-        return _of_bvh(path, fps, up, unit)
-    return _of_points(path, fps, up, unit)
+    return kind.read(path, given)
 
 
-def _of_run(run: Run, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+def _without_layout(given: SourceOptions) -> None:
+    """Raise InputError for an order of joints of a source that has names."""
+    if given.layout is not None:
+        remedy = f"leave it out; it is for an npz of {', '.join(ARRAYS)}"
+        raise InputError("layout", "this source has names of its own", remedy=remedy)
+
+
+def _of_arrays(path: Path, given: SourceOptions) -> SourceMotion:
+    """Joints in a known order, or points with names, of an npz file."""
+    arrays = read_npz(path)
+    if has_joints(arrays):
+        return load_joints(path, up=given.up, unit=given.unit, fps=given.fps, layout=given.layout)
+    if not {"points", "landmarks"} & set(arrays):
+        remedy = f"one of {', '.join(ARRAYS)} in a known order, or points and names; it has {', '.join(arrays)}"
+        raise InputError(path, "has no joints and no points", remedy=remedy)
+    return _of_points(path, given)
+
+
+def _of_run_file(path: Path, given: SourceOptions) -> SourceMotion:
+    from estimator.runs.run_reader import Run  # slow to import
+
+    _without_layout(given)
+    return _of_run(Run.open(path), given)
+
+
+def _of_run(run: Run, given: SourceOptions) -> SourceMotion:
     """The landmarks of a run's trajectory."""
-    for name, value in (("fps", fps), ("up", up), ("unit", unit)):
+    for name, value in (("fps", given.fps), ("up", given.up), ("unit", given.unit)):
         if value is not None:
             raise InputError(name, _OWN, remedy="leave it out")
     if not len(run):
@@ -121,8 +146,10 @@ def hypotheses_of(source: PathLike | Run | SourceMotion, count: int) -> SourceHy
     return SourceHypotheses(points, weight)
 
 
-def _of_bvh(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+def _of_bvh(path: Path, given: SourceOptions) -> SourceMotion:
     """The joints of a BVH file by MotionBuilder's names."""
+    _without_layout(given)
+    fps, up, unit = given.fps, given.up, given.unit
     mocap = load_mocap(path, unit=None if unit is None else METRES[checked_unit(unit)], up=up)
     rate, notes = mocap.fps, list[str]()
     if fps is not None:
@@ -135,9 +162,10 @@ def _of_bvh(path: Path, fps: float | None, up: str | None, unit: str | None) -> 
     return SourceMotion(names, mocap.points, np.arange(len(mocap.points)) / rate, path.name, tuple(notes))
 
 
-def _of_points(path: Path, fps: float | None, up: str | None, unit: str | None) -> SourceMotion:
+def _of_points(path: Path, given: SourceOptions) -> SourceMotion:
     """Those points of a file that are landmarks by their names."""
-    track = load_points(path, up=up, unit=unit, fps=fps)
+    _without_layout(given)
+    track = load_points(path, up=given.up, unit=given.unit, fps=given.fps)
     named = named_points(track.names, track.points)
     kept = [i for i, name in enumerate(named.names) if name == landmark_name(name)]
     others = [name for i, name in enumerate(named.names) if i not in kept]
@@ -157,3 +185,20 @@ def _checked(motion: SourceMotion) -> SourceMotion:
     if not np.isfinite(motion.points).all(axis=2).any():
         raise InputError(motion.source, "has no landmark that is known: all are NaN")
     return motion
+
+
+def _ends_with(*endings: str) -> Callable[[Path], bool]:
+    return lambda path: path.suffix.lower() in endings
+
+
+MOTION_FORMATS: Registry[MotionFormat] = Registry(
+    "motion format",
+    (
+        MotionFormat("run", _ends_with(_RUN), _of_run_file),
+        MotionFormat("BVH", _ends_with(".bvh"), _of_bvh),
+        MotionFormat("npz of joints or points", _ends_with(_ARRAYS), _of_arrays),
+        MotionFormat("points", _ends_with(*_POINTS), _of_points),
+    ),
+)
+"""All kinds by name; the first that recognises a file reads it."""
+register = MOTION_FORMATS.register

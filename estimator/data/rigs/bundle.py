@@ -124,8 +124,8 @@ class RigUncertainty:
 def adjusted(
     state: RigState, seen: RigRays, lengths: SegmentLengths, *, most: int = 40, free: Sequence[int] | None = None
 ) -> Adjusted:
-    """The state of least robust cost near one; most: steps taken; free: the cameras that are placed, all but the first unless
-    they are given."""
+    """The state of least robust cost near one; most: steps taken; free: the cameras that are placed, by default all but
+    the first."""
     problem = RigProblem(state, seen, lengths, free)
     x = problem.start
     best = descend(
