@@ -1,4 +1,4 @@
-"""What the options of a request say together, checked before anything runs and before the libraries are loaded that do
+"""How the options of a request fit together, checked before anything runs and before the libraries are loaded that do
 the work. `kinemode.track` stops at the first fault, `kinemode.batch` lists all of them."""
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _points(request: Any) -> None:
 
 
 def _no_cameras(request: Any) -> None:
-    """What is said of cameras, where points are given."""
+    """Options of cameras, where points are given."""
     for name, declared in options_of(type(request)).items():
         if name not in _OF_CAMERAS and (name not in options_of(FileOptions) or name in _WITH_POINTS):
             continue

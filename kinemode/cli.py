@@ -18,7 +18,7 @@ app = App(
     name="kinemode",
     version=kinemode.__version__,
     help_format="plaintext",
-    suppress_keyboard_interrupt=False,  # `main` says how to go on
+    suppress_keyboard_interrupt=False,  # `main` prints how to resume
     help="""How a person, or any body with a URDF, moved in a clip: joint angles as several weighted hypotheses.
 
 Start with `kinemode demo`. Errors are one line; `--debug` anywhere on the line shows where they come from.""",

@@ -35,7 +35,7 @@ _FRAMES, _RATE = 6, 30.0
 
 
 def compile_with(progress: Reporter, body: Body) -> None:
-    """Compile the search of a body where that was never done on this machine, and say so.
+    """Compile the search of a body where that was never done on this machine, with a notice.
 
     What is compiled in the other process is read from the cache that both share. Whatever keeps that from its work, all
     is compiled all the same.

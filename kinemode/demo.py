@@ -73,7 +73,7 @@ def track_clip(
 
 
 def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progress: Reporter = reported) -> Evaluation:
-    """Render the built-in clip, track it from one camera, print the errors, write the pictures, say where they are.
+    """Render the built-in clip, track it from one camera, print the errors, write the images, print where they are.
 
     out: folder for everything, made if it is not there; files of an earlier demonstration are replaced.
     seed: of the tracker. frames: only so many of the first. progress: opens a progress report under a label.
@@ -95,7 +95,7 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
 
 def shown(out: str | Path, seed: int = 0, *, occlusion: bool = False, index: str | Path | None = None) -> None:
     """What `kinemode demo` does: `run_demo`, or that of a person whom a screen hides, by an index of examples where one
-    is given. Raises InputError for an index that is not looked at, and as these do."""
+    is given. Raises InputError for an index that is not used, and as these do."""
     if occlusion:
         from kinemode.demo_occlusion import run_occlusion_demo  # it has the body from here
 

@@ -51,7 +51,7 @@ def run_occlusion_demo(
     fps: float = _FPS,
     progress: Reporter = reported,
 ) -> Recovery:
-    """Render a clip of a stereo pair, track it by depth and an index of examples alone, draw it, say how far it is off.
+    """Render a clip of a stereo pair, track it by depth and an index of examples alone, draw it, print its errors.
 
     out: folder for everything, made if it is not there; files of an earlier demonstration are replaced, but its index
     is used again. seed: of the tracker. index: file of examples of human34, a small one is made unless given. fps: of
@@ -62,8 +62,8 @@ def run_occlusion_demo(
     path = Path(index) if index is not None else folder / f"examples_{RECIPE.examples}.npz"
     if index is None and not path.exists():
         minutes = painting_seconds(RECIPE) / 60.0
-        said = f"first {RECIPE.examples} examples of what poses look like are painted, in about {minutes:.1f} minutes"
-        console.print(said)
+        line = f"first {RECIPE.examples} examples of what poses look like are painted, in about {minutes:.1f} minutes"
+        console.print(line)
         write_index(load_subject("human34"), RECIPE, path, workers=1, overwrite=True, progress=progress)
     clip = render_clip(
         folder, "reach", subject=demo_subject(), scene=SceneSettings("textured", hidden=(HIDDEN,)),

@@ -63,7 +63,7 @@ def energy_parts(case: Case) -> Iterator[EnergyPart]:
     q_previous = case.before.q if case.before is not None and case.has_transition else None
     keypoints = search.term(observation, case.association)
     for term in search.model.cost(keypoints, q_previous, case.dt).terms:
-        if term is not keypoints:  # told camera by camera already
+        if term is not keypoints:  # listed camera by camera already
             yield EnergyPart(term.name, "", term.value(case.posed))
     for camera_likelihood in case.likelihood.cameras:
         yield from _image_parts(case, camera_likelihood)

@@ -44,7 +44,7 @@ class Explanation:
     file: the run's. frame, hypothesis: which, and status, weight, association: as stored (see `FrameResult`).
     parts: of the energy. stored: the energy as the run has it. notes: where the hypothesis came from, and why the parts
     may add up to something else. views (C): what there is for pictures of each camera. origin: what the run has of
-    where the hypothesis came from, None where it was made before that was kept. extra: what the tracker told of the
+    where the hypothesis came from, None where it was made before that was kept. extra: what the tracker stored of the
     frame beside its hypotheses. keypoints: how far they lie from where the body has them along the trajectory, in this
     frame alone; None without any.
     """
@@ -72,7 +72,7 @@ class Explanation:
 
 def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     """The energy of a frame's hypothesis in its parts, and what pictures of it need; of a tracker whose hypotheses have
-    no energy the pictures alone, and what it told.
+    no energy the images alone, and what it stored.
 
     run: finished or not. frame: its number. hypothesis: its place in the frame, 0 for the heaviest; the one on the best
     path unless given.
@@ -138,7 +138,7 @@ def _first_pose(run: Run) -> str:
 
 
 def run_settings(run: Run) -> Settings:
-    """The settings that a run was made with; InputError where it looked at a cue that is not there any more."""
+    """The settings that a run was made with; InputError where it used a cue that is not there any more."""
     for name in run.header.cues:
         if name not in CUES:
             problem = f"was made with the cue {name!r}, which is not here: there are {', '.join(CUES)}"
@@ -166,7 +166,7 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:
-    """A hypothesis with what it paid for, as the run has it; without a past where the run does not say."""
+    """A hypothesis with what it paid for, as the run has it; without a past where the run does not have it."""
     result, body = run.result(observation.index), search.body
     before = run.result(observation.index - 1) if observation.index else None
     origin = _origin(result, k)
@@ -196,7 +196,7 @@ def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
 
 
 def _likelihood(search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult) -> ImageLikelihood:
-    """What the pictures say, for the extent that the search went by; `about`: a frame to tell it by where the run does
+    """The image likelihood for the extent that the search used; `about`: a frame to measure it in where the run does
     not."""
     likelihood = search.likelihood(observation, about.q[0])
     if len(origin.extent) != len(likelihood.cameras):

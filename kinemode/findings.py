@@ -1,4 +1,4 @@
-"""What a run says of itself: its frames' statuses with what they mean, and what contradicts its subject or input."""
+"""What is found in a run: its frames' statuses with what they mean, and what contradicts its subject or input."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HELD = 0.5  # probability of sitting from which a person is held
 
 
 def findings(run: Run) -> tuple[str, ...]:
-    """What a run says against its subject or its input, and what to do, a sentence each: as it was stored when it was
+    """What in a run contradicts its subject or its input, and what to do, a sentence each: as it was stored when it was
     finished; diagnosed where it is not, or was made before that was stored."""
     return diagnosed(run).sentences if run.header.findings is None else run.header.findings
 
@@ -54,7 +54,7 @@ def diagnosed(run: Run, frame: int | None = None) -> Diagnosis:
 
 
 def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_world: bool = True) -> str:
-    """Warning about a person who does not stand along z, empty where one does, or nobody can tell.
+    """Warning about a person who does not stand along z, empty where one does, or that is unknown.
 
     Exports, gait and previews take z for up; angles do not depend on it. R_upright_points (3, 3): how the axes of files
     of points were turned, None for the run's own world, or that of its cameras. has_world: whether --up can be given.
@@ -69,7 +69,7 @@ def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_wo
     here = nearest_axis(mean)
     stands = f"the person does not stand along z, but about along {here}: trc, mot, c3d and osim, gait and the preview"
     if not has_world:
-        return f"{stands} take z for up. If the film lies on its side, turn it, or give a camera file that says so"
+        return f"{stands} take z for up. If the film lies on its side, turn it, or give a camera file with the axis"
     R_upright_file = run.header.R_upright_given if R_upright_points is None else R_upright_points
     there = here if R_upright_file is None else nearest_axis(R_upright_file.T @ mean)
     whose = "the cameras' world" if R_upright_points is None else "the file"
@@ -185,7 +185,7 @@ def _resting(run: Run) -> Iterator[Observation]:
 def run_findings(
     run: Run, cause: Callable[[], str] = lambda: "", **of_world: Any
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """What a run whose frames are all there says against its subject or its input, and the rows of the frames that it
+    """What in a run whose frames are all there contradicts its subject or its input, and the rows of the frames that it
     speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
     `upright_note`."""
     leapt, limbs = leap_note(leaps(run.body, run.streamed())), limb_leaps(run.body, run.landmarks, run.time)

@@ -56,11 +56,11 @@ def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit
 
 
 def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
-    """The same, written where it is to be; what it says against its input is told to who has called for it."""
+    """The same, written where it is to be, with warnings about what contradicts its input."""
     for note in fit.notes:
         warnings.warn(note, InputWarning, stacklevel=5)
-    if said := bound_note(fit.subject):
-        warnings.warn(said, FindingWarning, stacklevel=5)
+    if bound := bound_note(fit.subject):
+        warnings.warn(bound, FindingWarning, stacklevel=5)
     if out is not None:
         fit.subject.write(out)
     return fit

@@ -51,7 +51,7 @@ def painting_seconds(recipe: IndexRecipe) -> float:
 
 
 def beginning(chosen: Chosen, start: str | None) -> Chosen:
-    """A tracker's settings with what its first pose comes from, where that is said."""
+    """A tracker's settings with what its first pose comes from, where that is given."""
     if start is None:
         return chosen
     search = replace(chosen.settings.search, start=start)
@@ -108,6 +108,6 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
         if (path := root / name).is_file():
             return path
     minutes = painting_seconds(recipe) / 60.0
-    said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
-    warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
+    note = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
+    warnings.warn(f"{note}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
     return write_index(known, recipe, cache_folder() / name, workers=1, overwrite=True, progress=progress)

@@ -1,4 +1,5 @@
-"""Whether a tracker can begin on what there is, and do what it is asked for: said before an hour of work, not after."""
+"""Whether a tracker can begin on what there is, and do what it is asked for: checked before an hour of work, not
+after."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def check_beginning(
 ) -> None:
     """Raise InputError where a tracker, of some name, can begin in no frame.
 
-    observations: without cues. pictures: whether they are looked at: what they show is not known yet, so a tracker that
+    observations: without cues. pictures: whether they are used: what they show is not known yet, so a tracker that
     needs no keypoints may still wait for them in vain.
     """
     if any(tracker.can_start(o) for o in observations):
@@ -48,7 +49,7 @@ def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
 
 
 def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -> None:
-    """Raise InputError where a tracker, of some name, uses cues of which none is looked at."""
+    """Raise InputError where a tracker, of some name, needs cues of which none is used."""
     needed = capabilities_of(tracker).needed_cues
     if needed and not set(needed) & set(cues):
         problem = f"{name} needs {' or '.join(needed)}, which is not used"
@@ -56,7 +57,7 @@ def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -
 
 
 def _how_to_give(cue: Cue) -> str:
-    """What makes the pictures say something of a cue."""
+    """What a cue needs of the input."""
     if cue.needs_depth:
         return f"a pair of cameras (--stereo) or depth pictures (--depth), and --cues {cue.name}"
     if cue.uses_masks:
@@ -73,7 +74,7 @@ def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
 
 
 def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
-    """What to tell where a tracker, of some name, found nothing to begin with in any frame."""
+    """Notes where a tracker, of some name, found nothing to begin with in any frame."""
     told = f"{name} could begin in no frame: give more cues (--cues) or keypoints"
     notes = list[str]()
     for result in results:
@@ -84,7 +85,7 @@ def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
 
 
 def notes_on_fit(observations: Sequence[Observation]) -> list[str]:
-    """What a user should hear where a subject was to be fitted to the person and there is nothing to fit it to."""
+    """Warning where a subject was to be fitted to the person and there is nothing to fit it to."""
     if any(o.has_enough_points for o in observations):
         return []
     return [f"no frame has {MIN_POINTS} keypoints: the subject is not fitted to the person, but taken as it is"]

@@ -120,7 +120,7 @@ def job_of(
 
 
 def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
-    """Track into the run file; returns what the run then says against subject or input."""
+    """Track into the run file; returns what in the run contradicts subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     subject = with_layout_places(subject, inputs.layout)
     body = Body(subject)
@@ -257,7 +257,7 @@ def _track_into(
                 writer, tracker, observations, job.request.seed,
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
-        # as stored, so that a resumed run is told the same
+        # as stored, so that a resumed run has the same
         results = Spill(_IN_MEMORY).list(Run.open(target.path).paths())
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
@@ -357,7 +357,7 @@ def check_markers(inputs: Inputs) -> None:
 def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) -> dict[str, Run]:
     """A run for each person, by name: "person1", ..., those who are large in the pictures for long first.
 
-    Who cannot be tracked is left out and told of in a warning. Raises InputError where that is everybody.
+    Who cannot be tracked is left out, with a warning. Raises InputError where that is everybody.
     """
     out, _kept = run_path(request)  # gone with this function unless a run keeps it
     choice = cue_choice(request.cues)
@@ -386,7 +386,7 @@ def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) 
 
 
 def _jobs(first: TrackingJob, everybody: Sequence[Inputs]) -> dict[str, TrackingJob]:
-    """The job of each person, whose run none is in the way of: that is said before the first is tracked."""
+    """The job of each person, with no file in the way of its run: that is checked before the first is tracked."""
     out, jobs = first.target.path, {}
     for number in range(1, len(everybody) + 1):
         name = f"person{number}"

@@ -1,4 +1,4 @@
-"""Kinds of values that arguments take: whether a value is one, and what to say of those that are.
+"""Kinds of values that arguments take: whether a value is one, and the kind's name for messages.
 
 Nothing is imported to check against: a value cannot be of a class whose module was never imported.
 """
@@ -32,7 +32,7 @@ class Kind(NamedTuple):
 
 
 def is_array(value: Any) -> bool:
-    """Whether it is an array of numpy, which need not be imported to tell."""
+    """Whether it is an array of numpy, which is not imported for that."""
     numpy = sys.modules.get("numpy")
     return numpy is not None and isinstance(value, numpy.ndarray)
 
@@ -43,7 +43,7 @@ def are_pictures(value: Any) -> bool:
 
 
 def instance_of(module: str, name: str) -> Callable[[Any], bool]:
-    """Whether a value is of a class, told by its module and name."""
+    """Whether a value is of a class, identified by its module and name."""
 
     def fits(value: Any) -> bool:
         imported = sys.modules.get(module)

@@ -1,4 +1,4 @@
-"""The figures of a motion that was made another body's, as its users are told them."""
+"""The figures of a motion that was made another body's, for its users."""
 
 from __future__ import annotations
 

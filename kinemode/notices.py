@@ -1,4 +1,4 @@
-"""What is said of input and results while the work goes on, as Python's warnings."""
+"""Warnings about input and results."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ class InputWarning(UserWarning):
 
 
 class FindingWarning(InputWarning):
-    """What a finished run says against its subject or its input (see `estimator.runs.diagnosis`)."""
+    """What in a finished run contradicts its subject or its input (see `estimator.runs.diagnosis`)."""

@@ -1,4 +1,4 @@
-"""Whether the pictures of a clip are looked at, and what for."""
+"""Which cues of a clip's images are used."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def cue_choice(given: str | Iterable[str]) -> CueChoice:
 def chosen_cues(
     choice: CueChoice, inputs: Inputs, settings: CueSettings, source: str | Path | None = None
 ) -> CueSettings | None:
-    """Settings of the cues to look at, None to track from keypoints alone. source: the file they are from, for errors.
+    """Settings of the cues to use, None to track from keypoints alone. source: the file they are from, for errors.
 
     Left to decide, all cues that the settings allow are used where there are clips and most frames lack keypoints, or
     where there is depth.

@@ -77,5 +77,5 @@ def _duration(seconds: float) -> str:
 
 @contextmanager
 def unreported(label: str) -> Iterator[Progress]:
-    """A reporter that says nothing."""
+    """A reporter that does nothing."""
     yield lambda done, total: None

@@ -1,4 +1,4 @@
-"""What a report says beside the motion: what was assumed, and all that repeats the run."""
+"""What a report has beside the motion: what was assumed, and all that repeats the run."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def facts_of(run: Run) -> Facts:
     header = run.header
     if header.retargeted:
         return _facts_of_motion(run)
-    told = findings(run)
-    assumed = [note for note in header.notes if note not in told]
+    contradictions = findings(run)
+    assumed = [note for note in header.notes if note not in contradictions]
     lengths = fitted_lengths(run)
     if lengths:
         assumed.append(f"the lengths of {header.subject_source} were fitted to this person, see below")
     elif header.subject_source in BUILT_IN:
         assumed.append(f"the person has the lengths of {header.subject_source}, an average adult")
     else:
-        assumed.append(f"the subject is as large as its file says: {header.subject_source}")
+        assumed.append(f"the subject has the size in its file: {header.subject_source}")
     keypoints = sampled_residuals(run, run_settings(run).cost)
     return Facts(
-        findings=told,
+        findings=contradictions,
         assumed=assumed,
         lengths=lengths,
         command=command_of(run),
@@ -96,7 +96,7 @@ def fitted_lengths(run: Run) -> list[tuple[str, float]]:
 
 
 def changed_settings(run: Run) -> list[tuple[str, str, str]]:
-    """Settings that differ from the tracker's own: name, value here, value by default; which cues are looked at is the
+    """Settings that differ from the tracker's own: name, value here, value by default; which cues are used is the
     command's matter."""
     if run.header.retargeted:
         stored, usual = run.header.settings, asdict(RetargetSettings())

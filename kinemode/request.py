@@ -108,7 +108,7 @@ class DetectorOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class KeypointOptions:
-    """Keypoints and what their files do not say."""
+    """Keypoints and what their files do not have."""
 
     keypoints: Keypoints = option(
         None,
@@ -267,7 +267,7 @@ class PartOptions:
 class FileOptions(
     HeightOptions, DetectorOptions, LensOptions, SyncOptions, PartOptions, CameraOptions, KeypointOptions, ClipOptions
 ):
-    """What a body is tracked from, and what the files do not say."""
+    """What a body is tracked from, and what the files do not have."""
 
     def __post_init__(self) -> None:
         for name in ("mask", "background", "depth", "stereo"):

@@ -87,7 +87,7 @@ def choose(tracker: str, given: Mapping[str, Any] | PathLike | None, modes: int 
 
     Raises
     ------
-    InputError: an unknown tracker; a file that cannot be read; an unknown setting or a value that cannot be.
+    InputError: an unknown tracker; a file that cannot be read; an unknown setting or an invalid value.
     """
     return _choose(tracker, *loaded_changes(given), modes)
 

@@ -59,7 +59,7 @@ def check_folder(path: Path) -> None:
 
 
 def made_folder(folder: Path) -> Path:
-    """The folder, made if it is not there; raises InputError where that cannot be."""
+    """The folder, made if it is not there; raises InputError where that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

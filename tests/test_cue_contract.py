@@ -139,12 +139,12 @@ def numbers(self: Matcher) -> Iterator[int]:
 UNSENDABLE = lambda: 3  # noqa: E731
 BROKEN: dict[str, tuple[Cue, str]] = {
     "odd name": (cue(name="two words"), "has a plain name"),
-    "no summary": (cue(summary=""), "says what it is"),
+    "no summary": (cue(summary=""), "has a summary"),
     "loose settings": (cue(settings={"weight": 1.0}), "its settings are a frozen dataclass"),
     "restless": (cue(read=restless()), "what is read does not depend on what was read before"),
     "cannot be sent": (cue(read=lambda *_: UNSENDABLE), "what is read can be sent to another process"),
     "endless": (cue(read=lambda *_: np.zeros(2)), "past the clip's end is an InputError"),
-    "remembers": (cue({"terms": remembering}), "what is said depends on the pose alone"),
+    "remembers": (cue({"terms": remembering}), "what is returned depends on the pose alone"),
     "nowhere": (cue(on_contours(0, 1.0)), "features lie on points that there are"),
     "below zero": (cue(on_contours(-1, -1.0)), "no weight is below zero"),
     "not a number": (cue(on_contours(-1, 1.0, np.nan)), "features are finite"),
@@ -153,7 +153,7 @@ BROKEN: dict[str, tuple[Cue, str]] = {
         cue({"terms": lambda *_: [WrongSlope()]}), "the gradient is the derivative",
     ),
     "too few answers": (cue({"follow": lambda self, pasts: [None]}), "each past is followed"),
-    "follows silently": (cue({"follow": lambda self, pasts: [0 for _ in pasts]}), "what follows says so"),
+    "follows silently": (cue({"follow": lambda self, pasts: [0 for _ in pasts]}), "what follows is declared"),
     "cannot send": (
         cue({"follow": lambda self, pasts: [numbers(self) for _ in pasts]}, follows=True),
         "what is followed can be sent to another process",
@@ -181,7 +181,7 @@ def test_a_broken_law_is_found_and_told(kind: str, seen: Seen) -> None:
 
 def test_a_right_cue_passes_and_one_that_says_nothing_is_refused(seen: Seen) -> None:
     check_cue(Bright(), seen.body, seen.pictures, seen.q)
-    with pytest.raises(ValueError, match="says nothing of the body"):
+    with pytest.raises(ValueError, match="has no features on the body"):
         check_cue(cue({"terms": lambda *_: []}), seen.body, seen.pictures, seen.q)
     with pytest.raises(ValueError, match="too few"):
         check_cue(Bright(), seen.body, seen.pictures, seen.q[:1])

@@ -60,7 +60,7 @@ def test_a_guessed_camera_is_put_before_a_subject_that_cannot_be(tmp_path: Path)
     (camera,) = made.observations[0].cameras
     body = body_of("upper13")
     assert camera.depths(body.landmarks(body.at(body.neutral))).mean() == pytest.approx(2.5 * PHONES / 1.2, rel=0.05)
-    assert any("cam01 is taken to stand level before upper13" in note for note in made.notes)
+    assert any("cam01 is assumed to stand level before upper13" in note for note in made.notes)
 
 
 @pytest.mark.parametrize(
@@ -71,4 +71,4 @@ def test_other_cameras_stay_where_they_are(subject: str, count: int, given: bool
     made = inputs(tmp_path, subject, count, standing(4.0, 0.0, 0.0) if given else None)
     (camera,) = made.observations[0].cameras
     assert camera.t_camera_world == pytest.approx([0.0, 0.0, 4.0] if given else [0.0, 0.0, 0.0])
-    assert not any("taken to stand" in note for note in made.notes)
+    assert not any("assumed to stand" in note for note in made.notes)

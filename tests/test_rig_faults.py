@@ -73,7 +73,7 @@ def test_the_command_says_what_the_function_says(
         assert front.main(["calibrate", "--check", str(path), "--keypoints", *map(str, files.values())]) == 0
         said.append(capsys.readouterr().out)
     assert "the cameras hold" in said[0]
-    assert "cam02 stands otherwise than" in said[1]
+    assert "cam02 does not stand where" in said[1]
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,7 @@ class WrongCurvature(Spring):
 BROKEN: dict[Callable[[], Spring], str] = {
     Nameless: "has a name",
     NotANumber: "has a finite value",
-    Silent: "says something at q",
+    Silent: "has an effect at q",
     AnotherValue: "value is what accumulate returns",
     Overwrites: "adds to what is there",
     Restless: "adds to what is there",

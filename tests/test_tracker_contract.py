@@ -240,7 +240,7 @@ def _lopsided(covariance: np.ndarray) -> np.ndarray:
 BROKEN: dict[str, tuple[type[Still], str]] = {
     "starts from nothing": (spoilt(can_start=lambda *_: True), "nothing is not enough to begin"),
     "unsure": (spoilt(can_start=lambda *_: 7), "can_start is true or false"),
-    "needs unsaid": (spoilt(needs_keypoints=None), "says whether it needs keypoints"),
+    "needs unsaid": (spoilt(needs_keypoints=None), "declares whether it needs keypoints"),
     "capable by a table": (spoilt(capabilities={"frames_ahead": 1}), "what it can do is one record"),
     "unseeded": (Unseeded, "equal seeds give equal tracks"),
     "keeps count": (KeepsCount, "a tracker that has tracked tracks the same again"),

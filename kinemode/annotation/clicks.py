@@ -54,7 +54,7 @@ def load_clicks(path: str | Path, like: KeypointTrack) -> KeypointTrack:
 
 
 def corrected_from(clicks: KeypointTrack, path: str | Path) -> KeypointTrack:
-    """Clicks with a detector's keypoints in the frames that have no click; notes say what was left out.
+    """Clicks with a detector's keypoints in the frames that have no click; notes list what was left out.
 
     Raises InputError where the keypoint file cannot be read, has another image size or too few of the landmarks.
     """

@@ -28,11 +28,11 @@ class AnnotationSession(Protocol):
         """A frame as PNG; raises IndexError where the clip has none."""
 
     def save(self, posted: Any) -> dict[str, Any]:
-        """Write what the page sent, return what it is told; raises InputError where it cannot be."""
+        """Write what the page sent, return the answer; raises InputError where it cannot be."""
 
 
 class AnnotationServer(LocalServer):
-    """Serves a session until the page closes it; `closed` says whether the page did."""
+    """Serves a session until the page closes it; `closed`: whether the page did."""
 
     def __init__(self, session: AnnotationSession, port: int = 0) -> None:
         super().__init__(_Handler, port)

@@ -65,7 +65,7 @@ class Annotation:
         return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
 
     def save(self, posted: Any) -> dict[str, Any]:
-        """Write what the page sent, {"frames": see `clicks_from_page`}, and return what it is told.
+        """Write what the page sent, {"frames": see `clicks_from_page`}, and return the answer.
 
         Raises InputError where anything in it is wrong, or the file cannot be written; then the file stays as it was.
         """

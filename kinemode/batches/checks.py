@@ -59,7 +59,7 @@ def collected(collect: Callable[[InputError], None]) -> Iterator[None]:
 
 
 def _points(row: RowValues) -> None:
-    """What is said of points, which libraries know."""
+    """Marker sets and units, which libraries know."""
     if row.faulty or not row.get("points"):
         return
     for name in ("markers", "unit"):
@@ -77,7 +77,7 @@ def _height(row: RowValues) -> None:
 
 def _method(row: RowValues) -> None:
     """Tracker, its settings and the cues: known once the libraries are loaded, which takes seconds, so only where they
-    are said, and once for all rows that say the same."""
+    are given, and once for all rows that have the same."""
     names = (_TRACKER, "settings", "modes")
     if any(row.get(name) is not None for name in names) and not row.faulty & {*names}:
         usual = MARKERS if row.get("points") else None

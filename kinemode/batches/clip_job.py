@@ -39,11 +39,11 @@ def work(task: BatchTask) -> TaskAnswer:
     """Do a task; what goes wrong is its outcome. Whoever comes with the same task meanwhile waits, and takes the
     outcome."""
     begin, used = time.perf_counter(), _processor_time()
-    with _seen_root(task) as (own, shared), warnings.catch_warnings(record=True) as told:
+    with _seen_root(task) as (own, shared), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
 
         def ended(outcome: ClipOutcome) -> ClipOutcome:
-            notes = dict.fromkeys(str(w.message) for w in told if issubclass(w.category, InputWarning))
+            notes = dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, InputWarning))
             seconds, spent = time.perf_counter() - begin, _processor_time() - used
             return replace(outcome, seconds=seconds, processor_seconds=spent, notes=tuple(notes))
 
@@ -125,22 +125,22 @@ def _tracked(task: BatchTask) -> ClipOutcome:
     inputs = stamped(task.inputs)
     runs = _runs(task, inputs)
     several = len(runs) > 1
-    told, faults = [], []
+    tracked, faults = [], []
     for run in runs:
         facts, wrong = _around(task, run, run.file.stem if several else task.row.name)
-        told.append(facts)
+        tracked.append(facts)
         faults += wrong
     message = "; ".join(dict.fromkeys(faults))
     status = FAILED if faults else DONE
-    return ClipOutcome(task.row.name, status, message, tuple(told), task.digest, inputs, stamped(task.reference))
+    return ClipOutcome(task.row.name, status, message, tuple(tracked), task.digest, inputs, stamped(task.reference))
 
 
 def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
     """The clip's runs: gone on with where they were begun from the same inputs and options, else begun anew."""
     import kinemode as km
 
-    said = {"options": task.digest, "inputs": {name: stamp.digest for name, stamp in inputs.items()}, **versions()}
-    begun, note = json.dumps(said, sort_keys=True), task.clip_folder / BEGUN
+    state = {"options": task.digest, "inputs": {name: stamp.digest for name, stamp in inputs.items()}, **versions()}
+    begun, note = json.dumps(state, sort_keys=True), task.clip_folder / BEGUN
     file = task.clip_folder / f"{task.row.name}.run"
     goes_on = note.is_file() and _text(note) == begun and _opens(file)
     if not goes_on:
@@ -181,7 +181,7 @@ def _clear(task: BatchTask) -> None:
 
 
 def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]]:
-    """What is said and made of a run; what could not be made is said."""
+    """The facts and files of a run, and messages on what could not be made."""
     import kinemode as km
     from kinemode.batches.clip_job import run_facts
     from viz.batch.thumbnail import write_thumbnail

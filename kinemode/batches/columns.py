@@ -33,7 +33,7 @@ WORDS = {"cameras": (AUTO,)}
 """Words that columns of paths take in place of one."""
 _SPELLED = {bool: "yes or no", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
 _SHOWN = 60  # characters of a cell that are repeated
-Say = Callable[[str, str], None]
+Fault = Callable[[str, str], None]
 """Takes a problem and its remedy."""
 
 
@@ -105,84 +105,84 @@ def unknown(written: str) -> tuple[str, str]:
 
 
 def is_given(value: Any) -> bool:
-    """Whether a cell says something."""
+    """Whether a cell has a value."""
     return not (value is None or (isinstance(value, str) and not value.strip()) or value in ([], (), {}))
 
 
-def cell_value(column: Column, given: Any, folder: Path, say: Say) -> Any:
-    """The value of a cell as JSON knows it, paths made absolute from `folder`; None, and what is wrong said, for a cell
-    that cannot be read. Files that do not exist are said too."""
-    texts = _texts(column, given, folder, say)
+def cell_value(column: Column, given: Any, folder: Path, fault: Fault) -> Any:
+    """The value of a cell as JSON knows it, paths made absolute from `folder`; None, and a fault, for a cell
+    that cannot be read. Files that do not exist are faults, too."""
+    texts = _texts(column, given, folder, fault)
     if texts is None:
         return None
     try:
         value = _converted(column.type, tuple(texts))
     except (cyclopts.CycloptsError, ValueError, OverflowError):
-        say(f"{shown(given, _SHOWN)} is not taken", f"give {column.taken}")
+        fault(f"{shown(given, _SHOWN)} is not taken", f"give {column.taken}")
         return None
     if isinstance(value, float) and not math.isfinite(value):
-        say(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
+        fault(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
         return None
     if column.name == MARKERS and Path(value).suffix == ".toml":  # else the name of a set
-        return existing(value, folder, say)
+        return existing(value, folder, fault)
     if column.files:
-        return [_named_file(text, folder, column.files, say) for text in value]
+        return [_named_file(text, folder, column.files, fault) for text in value]
     if column.is_path and texts[0] not in WORDS.get(column.name, ()):
-        return existing(texts[0], folder, say)
+        return existing(texts[0], folder, fault)
     return list(value) if column.several else str(value) if isinstance(value, Path) else value
 
 
-@cache  # most cells of a column say the same
+@cache  # most cells of a column are the same
 def _converted(hint: Any, texts: tuple[str, ...]) -> Any:
     return cyclopts.convert(hint, texts)
 
 
-def existing(text: str, folder: Path, say: Say, what: str = "file") -> str:
-    """An absolute path; where nothing is there that is said."""
+def existing(text: str, folder: Path, fault: Fault, what: str = "file") -> str:
+    """An absolute path; a fault where nothing is there."""
     path = os.path.abspath(folder / text)
     if not os.path.exists(path):
         relative = "" if os.path.isabs(text) else f"looked for in {folder}"
-        say(f"there is no such {what}: {shown(text, _SHOWN)}", relative)
+        fault(f"there is no such {what}: {shown(text, _SHOWN)}", relative)
     return path
 
 
-def _named_file(text: str, folder: Path, what: str, say: Say) -> str:
+def _named_file(text: str, folder: Path, what: str, fault: Fault) -> str:
     name, separator, path = text.partition("=")
     if not separator or os.path.exists(folder / text):  # a file may have = in its name
-        return existing(text, folder, say, what)
+        return existing(text, folder, fault, what)
     if not name or not path:
-        say(f"{shown(text, _SHOWN)} is no {what}", "write NAME=PATH or PATH")
+        fault(f"{shown(text, _SHOWN)} is no {what}", "write NAME=PATH or PATH")
         return text
-    return f"{name}={existing(path, folder, say, what)}"
+    return f"{name}={existing(path, folder, fault, what)}"
 
 
-def _texts(column: Column, given: Any, folder: Path, say: Say) -> list[str] | None:
-    """What a cell says, as the words of a command line."""
+def _texts(column: Column, given: Any, folder: Path, fault: Fault) -> list[str] | None:
+    """A cell as the words of a command line."""
     if isinstance(given, (str, Path)):
         text = str(given).strip()
         if not column.several or isinstance(given, Path) or os.path.exists(folder / text):
             return [text]  # a file's name may have spaces
-        return _words(text, say)
+        return _words(text, fault)
     if isinstance(given, (bool, int, float)):
         return [str(given)]
     if column.several and isinstance(given, (Mapping, list, tuple)):
         parts = list(given.values()) if isinstance(given, Mapping) else list(given)
         if not all(isinstance(part, (str, Path, int, float)) for part in parts):
-            say(f"{shown(given, _SHOWN)} is not taken", "give a list of texts")
+            fault(f"{shown(given, _SHOWN)} is not taken", "give a list of texts")
             return None
         return (
             [f"{name}={part}" for name, part in given.items()] if isinstance(given, Mapping) else list(map(str, parts))
         )
-    say(f"cannot be of type {type(given).__name__}", f"give {column.taken}")
+    fault(f"is of type {type(given).__name__}", f"give {column.taken}")
     return None
 
 
-def _words(text: str, say: Say) -> list[str] | None:
+def _words(text: str, fault: Fault) -> list[str] | None:
     """A text split at spaces as a shell does, but that a backslash is one: paths of Windows have them."""
     lexer = shlex.shlex(text, posix=True, punctuation_chars=False)
     lexer.whitespace_split, lexer.commenters, lexer.escape = True, "", ""
     try:
         return list(lexer)
     except ValueError:
-        say(f"a quotation mark has no second: {shown(text, _SHOWN)}", 'write "names with spaces" in quotation marks')
+        fault(f"unclosed quotation mark: {shown(text, _SHOWN)}", 'write "names with spaces" in quotation marks')
         return None

@@ -1,4 +1,4 @@
-"""What a clip's result depends on: its inputs and options, as digests that tell whether they have changed."""
+"""What a clip's result depends on: its inputs and options, as digests, to see whether they have changed."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class FileStamp(NamedTuple):
 
 
 def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any]) -> str:
-    """Of what a row says, names of files included, not what is in them."""
-    said = json.dumps([subject, list(clips), dict(options)], sort_keys=True)
-    return hashlib.sha256(said.encode("utf-8", "surrogateescape")).hexdigest()
+    """Of what a row has, names of files included, not what is in them."""
+    given = json.dumps([subject, list(clips), dict(options)], sort_keys=True)
+    return hashlib.sha256(given.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def input_files(*said: Any) -> list[Path]:
+def input_files(*given: Any) -> list[Path]:
     """The files that texts name, in lists and mappings too, alone or as NAME=PATH; of a folder all that are in it."""
-    return sorted({file for text in _texts(said) for file in _files(text)})
+    return sorted({file for text in _texts(given) for file in _files(text)})
 
 
 def _texts(value: Any) -> Iterator[str]:

@@ -99,7 +99,7 @@ class DaskEngine:
     InputError: no such scheduler, or none of the versions here; a worker with other versions, or of several threads.
     """
 
-    deaths = 1  # the scheduler has tried several workers before it tells
+    deaths = 1  # the scheduler has tried several workers before it fails
 
     def __init__(self, scheduler: str) -> None:
         distributed = optional("distributed", "dask", _DASK)
@@ -157,7 +157,7 @@ class DaskEngine:
 
 
 def engine_of(name: str, workers: int | None, scheduler: str | None) -> ProcessEngine | DaskEngine:
-    """An engine by the arguments of `kinemode.batch`. Raises InputError for what they cannot be."""
+    """An engine by the arguments of `kinemode.batch`. Raises InputError for invalid ones."""
     if name not in ENGINES:
         raise InputError("engine", f"{name!r} is unknown", remedy=f"one of {', '.join(ENGINES)}")
     if name == "dask":

@@ -48,7 +48,7 @@ class FaultList:
         """Note a fault of a row, or of a column in it."""
         where = ", ".join(part for part in (place, f"column {column}" if column else "") if part)
         fault = InputError(self.source, problem, place=where, remedy=remedy)
-        self._faults.setdefault((where, problem), fault)  # what is said for all rows is wrong once
+        self._faults.setdefault((where, problem), fault)  # what holds for all rows is wrong once
 
     def with_last(self, place: str, problem: str, remedy: str) -> ManifestError:
         """The error of all faults and of one that nothing can be read after."""

@@ -85,7 +85,7 @@ def write_manifest(made: MadeManifest, out: str | Path, *, overwrite: bool = Fal
 
 
 def _with_known_persons(listing: Listing, recordings: Sequence[ClipFiles]) -> list[ClipFiles]:
-    """The same without persons of whom two heights are told: those are several people of one name."""
+    """The same without persons with two heights: those are several people of one name."""
     heights: dict[str, set[str]] = {}
     for recording in recordings:
         heights.setdefault(recording.others.get("person", ""), set()).add(recording.others.get("height", ""))
@@ -100,7 +100,7 @@ def _with_known_persons(listing: Listing, recordings: Sequence[ClipFiles]) -> li
 
 
 def _names(recordings: Sequence[ClipFiles]) -> list[str]:
-    """A name for each: the last of its parts, and as many before it as tell it from the others."""
+    """A name for each: the last of its parts, and as many before it as distinguish it from the others."""
     names = [""] * len(recordings)
     open_rows = list(range(len(recordings)))
     for count in range(1, 1 + max(len(r.parts) for r in recordings)):

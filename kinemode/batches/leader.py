@@ -66,7 +66,7 @@ def opened_root(root: Path) -> Iterator[str]:
 class Leader:
     """Hands the tasks of a plan to an engine.
 
-    Nothing is held of a clip that has been told, so that a batch may be as long as one likes.
+    Nothing is kept in memory of a clip that was reported, so that a batch may be as long as one likes.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Leader:
         self._again.append(first)
         with (unreported if are_made() else progress)("compiling, once") as report, suppress(Exception):
             report(0, 1)
-            self._engine.once_a_machine(made_kernels)  # what is wrong with it is said by the clips
+            self._engine.once_a_machine(made_kernels)  # what is wrong with it is reported by the clips
             report(1, 1)
 
     def _next(self) -> BatchTask | None:
@@ -128,7 +128,7 @@ class Leader:
                 yield from self._clip(row)
 
     def _clip(self, row: BatchRow) -> Iterator[BatchTask]:
-        """The task of a clip, unless it is done, or cannot be."""
+        """The task of a clip, unless it is done, or impossible."""
         if row.person in self._unfitted:
             why = f"{row.person} has no subject: {self._unfitted[row.person]}"
             self._told(ClipOutcome(row.name, FAILED, why))

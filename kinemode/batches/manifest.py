@@ -31,7 +31,7 @@ def read_manifest(path: str | Path) -> tuple[BatchRow, ...]:
     Columns are name, clips, person (who it is), fits (whether that person's subject is fitted from this clip), subject,
     reference, person_id (`track --person`), and every option of `kinemode track`, with - or _. An empty cell is not
     given. In CSV (commas, semicolons or tabs) a cell has several files with spaces between them, a name that has some
-    in "quotation marks". In TOML a clip is a table [[clip]]; [defaults] holds for clips that do not say otherwise,
+    in "quotation marks". In TOML a clip is a table [[clip]]; [defaults] holds for clips without a value of their own,
     [people.NAME] has subject and height of a person.
 
     Raises
@@ -54,7 +54,7 @@ def rows_of(
     mappings: Sequence[Mapping[str, Any]], *, folder: str | Path | None = None, source: str = "clips"
 ) -> tuple[BatchRow, ...]:
     """The clips that a program names, one mapping each, whose keys are the columns of `read_manifest`; folder: where
-    relative paths start, the working directory unless given. source: what faults are said of.
+    relative paths start, the working directory unless given. source: what faults name.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class ClipOutcome:
     notes: tuple[str, ...] = ()
 
     def written(self, folder: Path) -> None:
-        """Keep it in the clip's folder; raises InputError where that cannot be."""
+        """Keep it in the clip's folder; raises InputError where that fails."""
         with replacing(folder / FILE) as temporary:
             temporary.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8", errors="surrogateescape")
 
@@ -64,11 +64,11 @@ class ClipOutcome:
     def kept(folder: Path) -> ClipOutcome | None:
         """The one that a clip's folder has; None where there is none, or it cannot be read."""
         with suppress(OSError, ValueError, KeyError, TypeError):
-            said: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8", errors="surrogateescape"))
-            runs = tuple(TrackedRun(**run) for run in said.pop("runs"))
+            stored: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8", errors="surrogateescape"))
+            runs = tuple(TrackedRun(**run) for run in stored.pop("runs"))
             stamps = {
-                which: {name: FileStamp(*stamp) for name, stamp in said.pop(which).items()}
+                which: {name: FileStamp(*stamp) for name, stamp in stored.pop(which).items()}
                 for which in ("inputs", "reference")
             }
-            return ClipOutcome(**{**said, **stamps, "runs": runs, "notes": tuple(said["notes"])})
+            return ClipOutcome(**{**stored, **stamps, "runs": runs, "notes": tuple(stored["notes"])})
         return None

@@ -1,4 +1,4 @@
-"""Who is in the clips of a batch: what is said of a person holds for all of that person's clips."""
+"""Who is in the clips of a batch: what is given for a person holds for all of that person's clips."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from kinemode.request import USUAL_SUBJECT
 def with_people(
     rows: Sequence[RowValues], people: Mapping[str, RowValues], defaults: RowValues, faults: FaultList
 ) -> list[RowValues]:
-    """Rows with what is said of their persons, then with what is said for all; rows that disagree are faults."""
+    """Rows with what is given for their persons, then for all; rows that disagree are faults."""
     persons = [row.get(PERSON, defaults.get(PERSON, "")) for row in rows]
     by_person: dict[str, list[RowValues]] = defaultdict(list)
     for row, person in zip(rows, persons, strict=True):
         if person:
             by_person[person].append(row)
-    for name, said in people.items():
+    for name, known_rows in people.items():
         if name not in by_person:
-            faults.add(said.place, f"no clip is of the person {shown(name)}", nearest(name, by_person, "persons"))
+            faults.add(known_rows.place, f"no clip is of the person {shown(name)}", nearest(name, by_person, "persons"))
     known = {
         person: _known([*([people[person]] if person in people else []), *theirs], person, faults)
         for person, theirs in by_person.items()
@@ -37,7 +37,7 @@ def with_people(
 
 
 def _known(rows: Sequence[RowValues], person: str, faults: FaultList) -> RowValues:
-    """Subject and height of a person, by the first row that says them."""
+    """Subject and height of a person, by the first row that has them."""
     known: dict[str, tuple[Any, str]] = {}
     for row in rows:
         for column in OF_PEOPLE:
@@ -45,7 +45,7 @@ def _known(rows: Sequence[RowValues], person: str, faults: FaultList) -> RowValu
                 continue
             value, place = known.setdefault(column, (row.values[column], row.place))
             if value != row.values[column]:
-                problem = f"{shown(row.values[column])} for {shown(person)}, of whom {place} says {shown(value)}"
+                problem = f"{shown(row.values[column])} for {shown(person)}, for whom {place} has {shown(value)}"
                 faults.add(row.place, problem, "give the same, or name two persons", column=column)
     values = {column: value for column, (value, _) in known.items()}
     return RowValues("", values, {column: place for column, (_, place) in known.items()})
@@ -62,7 +62,7 @@ def fitting_rows(rows: Sequence[RowValues], faults: FaultList) -> set[int]:
         elif row.get(FITS):
             faults.add(row.place, "is for clips of a person", "name the person in the column person", column=FITS)
         if person and wants_all(row.get(PERSON_ID)):
-            problem = f"is everybody in the clip, and the column person says {shown(person)}"
+            problem = f"is everybody in the clip, and the column person has {shown(person)}"
             faults.add(row.place, problem, "leave one of them empty", column=PERSON_ID)
     return {i for indices in by_person.values() for i in _fitting(rows, indices, faults)}
 

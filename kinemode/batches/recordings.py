@@ -22,8 +22,8 @@ _BEST_STEMS = ("calibration", "calib", "cameras")
 class ClipFiles:
     """A clip as it lies in a folder.
 
-    parts: names of the folders that it is in and its own, of which the last ones tell it from others. videos,
-    keypoints: by camera. cameras: the camera file. others: what else the layout tells, by column.
+    parts: names of the folders that it is in and its own, of which the last ones distinguish it. videos,
+    keypoints: by camera. cameras: the camera file. others: what else the layout has, by column.
     """
 
     parts: tuple[str, ...]
@@ -184,8 +184,8 @@ def _paired(listing: Listing, file: Path, folder: Path, stems: Sequence[str]) ->
         return {stem: stem for stem in stems}
     if len(stems) == len(cameras):
         pairs = dict(zip(stems, cameras, strict=True))
-        said = ", ".join(f"{camera}={stem}" for stem, camera in pairs.items())
-        listing.note(folder, f"cameras of {os.path.basename(file)} taken in their order: {said}")
+        listed = ", ".join(f"{camera}={stem}" for stem, camera in pairs.items())
+        listing.note(folder, f"cameras of {os.path.basename(file)} taken in their order: {listed}")
         return pairs
     problem = f"{', '.join(stems)}: not the cameras of {os.path.basename(file)}, which are {', '.join(cameras)}"
     listing.note(folder, f"{problem}; the column cameras is left empty")

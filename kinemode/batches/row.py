@@ -18,8 +18,8 @@ class BatchRow:
     Attributes
     ----------
     name: unique, and fit for a folder: letters, digits, dots, underscores and hyphens, at most 100 characters.
-    place: where the manifest says it, for messages: "row 3", the line of a CSV file, or of TOML the third [[clip]].
-    person: who is seen, "" where that is not told.
+    place: where it is in the manifest, for messages: "row 3", the line of a CSV file, or of TOML the third [[clip]].
+    person: who is seen, "" where that is unknown.
     fits: whether the person's subject is fitted from this clip.
     subject: a built-in name or the absolute path of a URDF, as `kinemode.track` takes it.
     clips: absolute paths or NAME=PATH texts; none where the keypoints are enough.

@@ -20,7 +20,7 @@ else:
     import tomli as tomllib
 
 OF_PEOPLE = (SUBJECT, "height")
-"""What a manifest may say of a person once, for all the clips of that person."""
+"""What a manifest may have of a person once, for all the clips of that person."""
 _OF_A_CLIP = (NAME, CLIPS, FITS)
 _SEPARATORS = ",;\t"
 _LINE = re.compile(r"\(at (line \d+), column \d+\)$")
@@ -28,7 +28,7 @@ _LINE = re.compile(r"\(at (line \d+), column \d+\)$")
 
 @dataclass(frozen=True)
 class TableRow:
-    """Cells by the names of their columns, only those that say something. place: for messages."""
+    """Cells by the names of their columns, only those with a value. place: for messages."""
 
     place: str
     cells: Mapping[str, Any]
@@ -36,7 +36,7 @@ class TableRow:
 
 @dataclass(frozen=True)
 class ManifestTable:
-    """The rows of a manifest. defaults: cells of rows that do not say it themselves. people: cells by person."""
+    """The rows of a manifest. defaults: cells for rows that lack them. people: cells by person."""
 
     rows: list[TableRow]
     defaults: TableRow = TableRow("[defaults]", {})

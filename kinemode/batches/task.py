@@ -37,8 +37,8 @@ _OF_THE_FIT = (
 class BatchTask:
     """A clip to be tracked, or a person to be fitted from it.
 
-    row: the clip. root: folder of the batch, absolute. token: what its file `TOKEN` says. fits: whether the person is
-    to be fitted. subject: the person's URDF, once that is fitted, "" of a row that takes its own. exports: formats.
+    row: the clip. root: folder of the batch, absolute. token: the content of its file `TOKEN`. fits: whether the person
+    is to be fitted. subject: the person's URDF, once that is fitted, "" of a row that takes its own. exports: formats.
     report: whether one is written. versions: those of the leader, by library.
     """
 

@@ -1,4 +1,4 @@
-"""What the rows of a manifest say, read: values by column, faults beside."""
+"""The rows of a manifest, read: values by column, faults beside."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BARE = re.compile(r"[\w:-]+")
 class RowValues:
     """A row's values by column, as JSON knows them.
 
-    places: where each column is said, also those that could not be read: in the row itself, or for several. faulty:
+    places: where each column is given, also those that could not be read: in the row itself, or for several. faulty:
     columns with a fault.
     """
 
@@ -33,7 +33,7 @@ class RowValues:
     faulty: frozenset[str] = frozenset()
 
     def filled(self, others: RowValues) -> RowValues:
-        """The same with what others say of columns that it does not say."""
+        """The same with the values that others have of columns that it lacks."""
         places = {column: place for column, place in others.places.items() if column not in self.places}
         values = {column: value for column, value in others.values.items() if column in places}
         faulty = self.faulty | (others.faulty & places.keys())
@@ -79,7 +79,7 @@ def _value(column: Column, given: Any, folder: Path, problems: list[tuple[str, s
 
 @cache
 def is_built_in(subject: str) -> bool:
-    """Whether a subject is one of those that are fitted to a person unless it is said otherwise."""
+    """Whether a subject is one of those that are fitted to a person by default."""
     if subject == USUAL_SUBJECT:
         return True  # most are, and the others take a second to look up
     if not _BARE.fullmatch(subject):
@@ -98,7 +98,7 @@ def _is_robot(subject: str) -> bool:
     try:
         find(subject)
     except InputError:
-        return False  # what is wrong is said where it is loaded
+        return False  # what is wrong is reported where it is loaded
     return True
 
 

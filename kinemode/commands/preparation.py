@@ -97,7 +97,7 @@ def calibrate(
         Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
         and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
     check
-        A camera file, of which a person whom all see tells whether it still holds: whether rays meet, and which camera
+        A camera file to check by a person whom all see: whether rays meet, and which camera
         stands otherwise. The arguments are the cameras' clips.
     """
     import kinemode as km
@@ -279,8 +279,8 @@ def subjects(
     """List the subjects that have a name, or begin a landmark file for a URDF, or a set of markers for a laboratory.
 
     Any other URDF is loaded by its path; its landmarks stand in NAME.landmarks.toml next to NAME.urdf. The file that is
-    begun loads as it is: a landmark at every joint, under COCO's names where the links' names tell a person's joints,
-    the tips of the last links, and in comments what else there is.
+    begun loads as it is: a landmark at every joint, under COCO's names where the links' names identify a person's
+    joints, the tips of the last links, and in comments what else there is.
 
     Examples:
 
@@ -317,7 +317,7 @@ def subjects(
 
 
 def cues() -> None:
-    """List what pictures can be looked at for, see `track --cues`."""
+    """List the image cues, see `track --cues`."""
     from kinemode.terminal import report
 
     report.print_cues()

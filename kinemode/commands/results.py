@@ -239,7 +239,7 @@ def gait(run: Path, /, *, out: Path | None = None) -> None:
 
     By when the feet stand and, for toe-offs in walking, where they are relative to the hips (Zeni et al. 2008); by the
     hips alone where keypoints have no feet; of the best hypothesis. Where nobody walks, or the clip is too short for a
-    stride, it says so.
+    stride, that is printed.
 
     Example: kinemode gait walk.run --out strides.csv
 
@@ -279,7 +279,7 @@ def evaluate(run: Path, /, *, reference: Path, up: str | None = None, offset: fl
         trc or c3d (markers, of which joint centres are compared), or joint angles: mot, sto or csv.
     up
         The axis of the world of a trc or c3d that points up: x, y, z, -x, -y or -z; unless given y of trc, and of c3d
-        what the file says.
+        the file's.
     offset
         Seconds that the reference's first moment is after the clip's.
     """

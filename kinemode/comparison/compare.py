@@ -49,8 +49,8 @@ def compare_trackers(loaded: Subject, files: FileOptions, request: CompareReques
     names, out = tracker_names(request.trackers), Path(request.out)
     wanted, known = shared(request, TrackRequest), jobs.Known()
     runs_at = {name: out / f"{name}.run" for name in names}
-    order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
-    # anything wrong with the settings is said before the first is tracked
+    order = sorted(names, key=lambda n: not runs_at[n].exists())  # existing runs have the person's subject
+    # the settings are checked before the first is tracked
     fits = wanted.fit != "off" and is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, fits)
     start = BY_INDEX if request.begins_by_index else None

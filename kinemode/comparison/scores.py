@@ -1,4 +1,4 @@
-"""What can be said of several trackers' runs on one clip, frame by frame and over all of it."""
+"""Scores of several trackers' runs on one clip, frame by frame and over all of it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Course:
 
     time (T,) [s]. energy (T,): of its pose alone, under the one cost by which all trackers are compared; NaN where
     nothing was observed. residual (T,): mean distance of its landmarks from the keypoints [px], NaN without keypoints.
-    error (T,): mean error of the compared landmarks, aligned as `estimator.runs.evaluation.shared_landmarks` says
+    error (T,): mean error of the compared landmarks, aligned as by `estimator.runs.evaluation.shared_landmarks`
     [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
     camera where it is largest [px]; NaN unless reference and cameras share one world.
     lost (T,) bool: see `estimator.runs.trajectory_errors.TrajectoryErrors`. Without a reference, or where it knows
@@ -56,7 +56,7 @@ class Course:
 
 @dataclass(frozen=True)
 class TrackerScore:
-    """One tracker over the whole clip; NaN where there is nothing to tell.
+    """One tracker over the whole clip; NaN where there is nothing.
 
     frames: of the clip. fps: frames per second of tracking and smoothing. hard, unobserved: frames of that status.
     energy, residual [px]: means of the `Course`. mpjpe, pa_mpjpe: of the best hypothesis of each frame as it was

@@ -62,10 +62,10 @@ def detect_clip(path: Path, out: Path, wanted: DetectorChoice, progress: Progres
 
 
 def detector_of(file: Path) -> str | None:
-    """The identity of the detector that a keypoint file was written by, None where it does not say."""
+    """The identity of the detector that a keypoint file was written by, None where it is unknown."""
     with suppress(OSError, ValueError, AttributeError):
-        told = json.loads(file.read_text(encoding="utf-8")).get("detector")
-        return told if isinstance(told, str) else None
+        stored = json.loads(file.read_text(encoding="utf-8")).get("detector")
+        return stored if isinstance(stored, str) else None
     return None
 
 
@@ -91,7 +91,7 @@ def _frames(clip: Clip, part: Path, wanted: DetectorChoice, detector: Asked, pro
 
 
 def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, list[str]]:
-    """The layout and the names of the keypoints; their count tells it where the detector does not."""
+    """The layout and the names of the keypoints; by their count where the detector has none."""
     count = next((len(person["keypoints"]) for frame in frames for person in frame.values()), 0)
     layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count, "")
     if count and not layout:
@@ -124,9 +124,9 @@ def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
         if json.loads(head) != key:
             return None
         whole = [line for line in lines if line.endswith(b"\n")]
-        told = [json.loads(line) for line in whole]
-        frames = [{int(number): person for number, person in frame["people"].items()} for frame in told]
-        people = People.of(told[-1]["next"], most) if told else People(most)
+        stored = [json.loads(line) for line in whole]
+        frames = [{int(number): person for number, person in frame["people"].items()} for frame in stored]
+        people = People.of(stored[-1]["next"], most) if stored else People(most)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     return _Done(frames, people, len(head) + sum(map(len, whole)))
@@ -134,7 +134,7 @@ def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
 
 @contextmanager
 def _appended(path: Path, end: int) -> Iterator[IO[bytes]]:
-    """The file, to be written on from there; raises InputError where it cannot be."""
+    """The file, to be written on from there; raises InputError where that fails."""
     try:
         with path.open("r+b" if end else "wb") as file:
             file.truncate(end)

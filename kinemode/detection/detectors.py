@@ -20,7 +20,7 @@ SCRIPTS = Path(__file__).parent / "scripts"
 class Patience:
     """How long a detector is waited for [s].
 
-    answer: until it must have said something, at its start and of each picture. end: that it may take to end. python:
+    answer: until it must have answered, at its start and of each picture. end: that it may take to end. python:
     until it is known what packages a Python has. installation: that making the environment may take, some 150 MB over
     a slow line.
     """
@@ -58,7 +58,7 @@ class DetectorChoice:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What the program is told when it starts."""
+        """What the program gets when it starts."""
         models = {"model": self.model, "boxes": self.boxes}
         return {name: str(path.absolute()) for name, path in models.items() if path is not None}
 

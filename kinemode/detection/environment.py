@@ -1,6 +1,6 @@
 """The environment of a detector: made once in the user's cache, with packages that never meet ours.
 
-The package uv, a dependency of ours, makes it: it reads what a program says that it needs (PEP 723: inline script
+The package uv, a dependency of ours, makes it: it reads what a program declares that it needs (PEP 723: inline script
 metadata), finds or fetches a Python, and is there wherever we are, so that there is no second way by pip.
 """
 
@@ -62,7 +62,7 @@ def made_python(detector: str, script: Path) -> Path | None:
 
 
 def alone(python: Path, *words: str) -> list[str]:
-    """The command of a Python that looks at no variable and no packages of the user, and writes nothing beside code."""
+    """The command of a Python that uses no variables and no packages of the user, and writes nothing beside code."""
     return [str(python), "-E", "-s", "-B", *words]
 
 
@@ -73,7 +73,7 @@ def clean_environment() -> dict[str, str]:
 
 
 def _needs(script: Path) -> tuple[str, str]:
-    """The versions of Python that a program says it runs with, and a digest of this and of its packages."""
+    """The versions of Python that a program declares to run with, and a digest of this and of its packages."""
     header = script.read_text(encoding="utf-8").partition("# ///\n")[0]
     return re.findall(r'requires-python = "(.+)"', header)[0], hashlib.sha256(header.encode()).hexdigest()[:16]
 
@@ -96,8 +96,8 @@ def _has_packages(python: Path, script: Path, seconds: float) -> bool:
 def _make(folder: Path, detector: str, script: Path, base: Path | None, seconds: float) -> None:
     """Make the environment, which gets its name when it is whole; what an interrupted attempt has left goes first."""
     needed = _needs(script)[0]
-    said = f"{detector} gets an environment of its own, once: some 150 MB of packages into {folder}"
-    warnings.warn(said, InputWarning, stacklevel=3)
+    note = f"{detector} gets an environment of its own, once: some 150 MB of packages into {folder}"
+    warnings.warn(note, InputWarning, stacklevel=3)
     part = folder.with_suffix(".part")
     for old in (folder, part):
         shutil.rmtree(old, ignore_errors=True)

@@ -70,7 +70,7 @@ class DetectorProcess:
                 stream.write(np.ascontiguousarray(picture).data)
             stream.flush()
         except BrokenPipeError:
-            pass  # it has ended: what it said is read below
+            pass  # it has ended: what it wrote is read below
         return self._answer()
 
     def close(self) -> None:
@@ -101,7 +101,7 @@ class DetectorProcess:
         return cast("dict[str, Any]", answer)
 
     def _last_words(self) -> str:
-        """What a program that has ended said last."""
+        """What a program that has ended wrote last."""
         code = self._child.wait()
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]

@@ -1,1 +1,1 @@
-"""What a user names: clips, keypoints, cameras, and what the files do not say, made into observations."""
+"""What a user names: clips, keypoints, cameras, and what the files do not have, made into observations."""

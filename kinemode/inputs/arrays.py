@@ -53,7 +53,7 @@ class Spool:
         self.file_layout = "auto" if self.folder is not None else self._of_files(keypoints)
 
     def run_path(self, out: str | Path | None) -> str | Path | None:
-        """Where a run is written: beside the pictures that were written here, which it keeps, unless `out` says it."""
+        """Where a run is written: beside the pictures that were written here, which it keeps, unless `out` is given."""
         return self.folder.path / "track.run" if out is None and self.folder else out
 
     def _of_files(self, keypoints: Keypoints) -> str:

@@ -38,9 +38,9 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 
 class KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
-    clips' pixels, by name, where they are known. up, floor: the axis that the file says points up, and how high along
-    it the floor is [m]; None where it says none. clips: by name, which may tell the lens. focal, phone: what the user
-    says of it. by_person: whether they are found from the person: what is given then are their lenses."""
+    clips' pixels, by name, where they are known. up, floor: the file's axis that points up, and how high along
+    it the floor is [m]; None where it has none. clips: by name, whose tags may have the lens. focal, phone: the
+    user's. by_person: whether they are found from the person: what is given then are their lenses."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
@@ -107,7 +107,7 @@ def as_detected(
 
 
 def _detector_sizes(tracks: Mapping[str, KeypointTrack], files: FileOptions) -> dict[str, Size | None]:
-    """Size of the pictures that each detector saw, None where neither the file nor the user says."""
+    """Size of the pictures that each detector saw, None where neither the file nor the user gives it."""
     given = sizes(files.keypoint_size, tracks)
     return {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
 
@@ -139,7 +139,7 @@ def _guessed(track: KeypointTrack, name: str, size: Size | None, known: KnownCam
     """A camera that no file describes, and a note on its lens."""
     if size is None:
         remedy = "give the clip, a camera file or --keypoint-size WxH"
-        raise InputError(track.source, "does not say the size of the image", remedy=remedy)
+        raise InputError(track.source, "does not have the size of the image", remedy=remedy)
     aspect = known.aspects.get(name, 1.0)
     lens = lens_of(known.focal, known.clips.get(name), max(aspect * size[0], size[1]), known.phone)
     guess = guessed_camera(name, size, aspect, lens.focal, lens.std)

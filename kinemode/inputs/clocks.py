@@ -94,7 +94,7 @@ def _without_clips(
         name: keypoint_clock(track.frame_count, known[name] or usual or DEFAULT_FPS, offsets[name])
         for name, track in tracks.items()
     }
-    # where offsets are still to be found, lengths tell nothing
+    # where offsets are still to be found, lengths mean nothing
     return clocks, notes + (_lengths(tracks, clocks) if files.sync == OFF else [])
 
 

@@ -1,4 +1,4 @@
-"""What several cameras' keypoints say of the sizes and clocks that the user gave, or did not give."""
+"""Whether several cameras' keypoints agree with the sizes and clocks that were given, or assumed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def checked_agreement(
 
     Raises
     ------
-    InputError: they would fit as those of pictures of another size, and no file or option says what size it was.
+    InputError: they would fit as those of pictures of another size, and no file or option has that size.
     """
     cameras = observations[0].cameras
     if len(cameras) < 2:
@@ -101,7 +101,7 @@ def _unlikely_size(body: Body, cameras: Sequence[Camera], pixels: np.ndarray) ->
 def _other_size(
     misfit: Agreement, tracks: Mapping[str, KeypointTrack], pictures: Sequence[Size], files: FileOptions
 ) -> str:
-    """The note on keypoints of another size, or the refusal where no file or option says what size it was."""
+    """The note on keypoints of another size, or the refusal where no file or option has that size."""
     factor = misfit.factor or 1.0
     sizes = {
         name: "x".join(str(round(side / factor)) for side in picture)

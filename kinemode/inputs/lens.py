@@ -1,4 +1,4 @@
-"""The focal length of a camera without a calibration: as the user, the file or the phone's model says it, else that of
+"""The focal length of a camera without a calibration: as the user, the file or the phone's model has it, else that of
 most phones."""
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _RANGE = (5.0, 2000.0)  # mm
 
 
 class Lens(NamedTuple):
-    """focal: length over the picture's longer side. std: relative standard deviation of it. source: who says so, for a
-    note; empty where it is a guess."""
+    """focal: length over the picture's longer side. std: relative standard deviation of it. source: where it is from,
+    for a note; empty where it is a guess."""
 
     focal: float
     std: float
@@ -48,13 +48,13 @@ class Lens(NamedTuple):
 
 
 def lens_of(said: str | None, path: Path | None, longer_side: float, model: str | None = None) -> Lens:
-    """The lens of a clip: what the user says, else its tags, else the lens of the phone that its tags name.
+    """The lens of a clip: the user's, else its tags', else the lens of the phone that its tags name.
 
     said: by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path: of the clip.
     longer_side: of the picture [px]. model: of the phone, by the user, see `kinemode.inputs.phones.phone` for what its
     focal length is of.
 
-    Raises InputError: said is none of these; the phone is not known.
+    Raises InputError: it is none of these; the phone is not known.
     """
     if model is not None:
         chosen = checked_phone(model)
@@ -101,7 +101,7 @@ def before_subject(
     body: Body, tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera]
 ) -> tuple[dict[str, Camera], list[str]]:
     """The one camera of a clip, moved to where the subject at rest looks as large as its keypoints in the first frame
-    that has enough of them, preferably those of head and trunk, which arms do not move; and a note that says so. As it
+    that has enough of them, preferably those of head and trunk, which arms do not move; and a note on it. As it
     is where no frame has enough."""
     ((name, track),) = tracks.items()
     order = np.array(
@@ -117,7 +117,7 @@ def before_subject(
             camera = camera_before(cameras[name], rest[chosen], pixels[order[chosen]])
             away = camera.depths(rest[chosen]).mean()
             place = f"level before {body.subject.name}, {away:.2f} m away"
-            return {name: camera}, [f"{name} is taken to stand {place}: no camera file says where"]
+            return {name: camera}, [f"{name} is assumed to stand {place}: no camera file places it"]
     return dict(cameras), []
 
 

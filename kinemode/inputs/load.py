@@ -65,7 +65,7 @@ class Inputs:
     other_layouts: makes the observations as they are if the keypoints are of another layout of as many points, by its
     name. noise (C,): standard deviation of each camera's keypoints [px] as the user gives it, NaN where it is to be
     measured; empty where none is given. has_world: whether a camera file or files of points give the world, of which
-    --up says the axis that points up.
+    --up names the axis that points up.
     """
 
     observations: list[Observation]
@@ -143,7 +143,7 @@ def calibration_by_person(body: Body, files: FileOptions) -> PersonCalibration:
 
 
 def checked_cameras(body: Body, files: FileOptions) -> RigCheck:
-    """What the person in several clips or keypoint files says of the cameras that are given.
+    """Whether the person in several clips or keypoint files agrees with the given cameras.
 
     Raises InputError: as `load_inputs` does; fewer than two cameras; too little that two see at once.
     """
@@ -153,7 +153,7 @@ def checked_cameras(body: Body, files: FileOptions) -> RigCheck:
 
 
 def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
-    """The same in a world whose z points up, one for all people: as the one who is seen longest tells."""
+    """The same in a world whose z points up, one for all people: by the one who is seen longest."""
     longest = max(inputs, key=lambda each: len(each.observations)).observations
     R_upright_given, notes = upright_turn(
         body, longest, read.files.up or read.known.up, given=read.known.cameras is not None
@@ -168,7 +168,7 @@ def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
 
 
 def _floor(read: _Read) -> KnownFloor:
-    """What the user or the camera file says of the floor: a turn about the origin leaves its height along up."""
+    """The floor that the user or the camera file gives: a turn about the origin leaves its height along up."""
     given = known_floor(read.files.floor)
     if given is None:
         return read.known.floor

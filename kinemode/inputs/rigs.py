@@ -34,8 +34,8 @@ def rig_by_person(
 ) -> PersonCalibration:
     """The cameras, of pictures of the size that the detectors saw, and how much later each clock began.
 
-    persons: who is looked at in each camera. lenses: of the cameras, of that size. Clocks are found unless the user
-    says an offset of every camera but one.
+    persons: who is followed in each camera. lenses: of the cameras, of that size. Clocks are found unless every
+    camera but one has an offset.
 
     Raises InputError: as `estimator.data.rigs.calibrate.calibrate_by_person`; no keypoint files.
     """
@@ -63,8 +63,8 @@ def check_by_cameras(
     cameras: Mapping[str, Camera],
     times: Mapping[str, np.ndarray],
 ) -> RigCheck:
-    """What a person says of given cameras, of pictures of the size that the detectors saw; times [s]: of the frames, on
-    one clock.
+    """Whether a person's motion agrees with given cameras, of pictures of the size that the detectors saw; times [s]:
+    of the frames, on one clock.
 
     Raises InputError: as `estimator.data.rigs.check.check_by_person`.
     """

@@ -31,7 +31,7 @@ def synchronised_clocks(
     """The clocks with offsets, and rates where these differ, that were found for the cameras that the user gives no
     offset for, and notes on them.
 
-    landmarks: of the body. cameras: of pictures of the size that the detectors saw. persons: who is looked at in each
+    landmarks: of the body. cameras: of pictures of the size that the detectors saw. persons: who is followed in each
     camera, "auto" for the one that its file alone would choose.
 
     Raises

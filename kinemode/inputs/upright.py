@@ -15,9 +15,9 @@ from estimator.numerics.angles import angle_between
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 
-_MOST = 400  # instants that are looked at
+_MOST = 400  # instants that are used
 _NEAREST, _FARTHEST, _DOUBTFUL = (float(np.radians(a)) for a in (3.0, 12.0, 20.0))  # from an axis that is taken
-_DEVIATIONS, _QUIET = 2.5, np.radians(5.0)  # off z, up to which nothing is said
+_DEVIATIONS, _QUIET = 2.5, np.radians(5.0)  # off z, up to which there is no note
 _LEVEL = np.radians(70.0)  # between the cameras' own up and the world's, at most
 _LIKE_Z = np.radians(25.0)
 _ASKED = "give which way is up with --up AXIS: exports, gait and previews depend on it, joint angles do not"
@@ -28,7 +28,7 @@ def upright_turn(
 ) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """R_upright_given (3, 3), None where z points up already or nobody can know; and notes.
 
-    up: the axis that the user or the camera file says, else it is found: from balance and floor where several cameras
+    up: the user's axis or the camera file's, else it is found: from balance and floor where several cameras
     see the person, and z where one does. A world with z up is left as it is to the last bit. given: whether the
     cameras are, and not guessed.
 
@@ -76,7 +76,7 @@ def _level(cameras: Sequence[Camera]) -> np.ndarray:
 
 
 def _of_person(body: Body, observations: Sequence[Observation]) -> UpDirection | None:
-    """Up as the person tells it whom several cameras see, None where they do not, or the person does not stand."""
+    """Up by the person whom several cameras see, None where they do not, or the person does not stand."""
     cameras = observations[0].cameras
     if len(cameras) < 2 or any(camera.parallel for camera in cameras):
         return None
@@ -111,7 +111,8 @@ def _by_person(up: UpDirection | None, level: np.ndarray) -> tuple[np.ndarray | 
 
 
 def _by_cameras(level: np.ndarray) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    """Where the person does not tell: z, in doubt where the cameras are held across it (from a ceiling, too)."""
+    """Where the person does not determine it: z, in doubt where the cameras are held across it (from a ceiling,
+    too)."""
     if angle_between(level, axis_of("z")) < _LEVEL:
         return None, ()
     return None, (f"which way is up in the cameras' world? z is taken, across which the cameras are held. {_ASKED}",)

@@ -1,4 +1,4 @@
-"""What the functions of the front door are given, checked: one line says what is taken where something else came.
+"""Checks of the arguments of public functions: where one is of another kind, one line names the kinds that are taken.
 
 Nothing is imported to check against: a value cannot be of a class whose module was never imported.
 """
@@ -19,7 +19,7 @@ def check_arguments(**given: Any) -> None:
 
     Raises
     ------
-    InputError: one is of a kind that is not taken; it says which are.
+    InputError: one is of another kind; it names those that are taken.
     """
     for name, value in given.items():
         _check(name, value, name)
@@ -42,7 +42,7 @@ def whole(name: str, value: Any, low: int) -> int:
     check_arguments(**{name: value})
     number = int(value)
     if not low <= number <= _MOST:
-        problem = f"{shown(number)} {'is negative' if number < 0 else 'cannot be'}"
+        problem = f"{shown(number)} {'is negative' if number < 0 else 'is too large'}"
         raise InputError(name, problem, remedy=f"{low} or more, at most {_MOST}")
     return number
 
@@ -165,4 +165,4 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
         "a kinemode.Reference, or the path of an .npz, .trc, .c3d, .mot, .sto or .csv file",
     ),
 }
-"""By argument: whether a value is of a kind that is taken, and what to say of those that are."""
+"""By argument: whether a value is of a kind that is taken, and their names."""

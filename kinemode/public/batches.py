@@ -55,7 +55,7 @@ def batch(
     """Track many clips, each as `kinemode.track` does; what is finished is not done again by the same call.
 
     A clip that fails stops no other. What was made of a clip is kept as long as its options and the content of its
-    files are the same. A person that several rows name is fitted once, from the first clip or that whose `fits` says
+    files are the same. A person that several rows name is fitted once, from the first clip or that whose `fits` is set
     so. Every clip is worked on by one thread, and its run is that of a single `track`.
 
     Parameters
@@ -74,7 +74,7 @@ def batch(
     Raises
     ------
     ManifestError: with all faults of the manifest, before anything is begun.
-    InputError: other arguments that cannot be; another batch in the folder; a scheduler that cannot be reached, or
+    InputError: other invalid arguments; another batch in the folder; a scheduler that cannot be reached, or
         whose workers have other versions.
     """
     check_arguments(progress=progress)
@@ -93,12 +93,12 @@ def batch(
     with opened_root(root) as token, engine_of(engine, workers, scheduler) as crew:
         shown, reporter = ShownBatch(rows, root, title), progress or unreported
 
-        def told(outcome: ClipOutcome) -> None:
+        def keep(outcome: ClipOutcome) -> None:
             outcomes[outcome.name] = outcome
             shown.put(outcome)
 
         try:
-            leader = Leader(plan, crew, token, told)
+            leader = Leader(plan, crew, token, keep)
             leader.prepare(reporter)
             with reporter("clips") as reported:
                 leader.run(lambda: reported(len(outcomes), len(rows)))
@@ -116,7 +116,7 @@ def batch(
 def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -> list[dict[str, str]]:
     """Write a manifest for `kinemode.batch` of the clips in a folder and below it, and return its rows.
 
-    What is guessed and what could not be placed is told as warnings; clips without keypoints are to be detected.
+    What is guessed and what could not be placed is reported in warnings; clips without keypoints are to be detected.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ def calibrate(
     """Calibrate cameras from pictures of a board: their lenses, and of several where they stand.
 
     Picture number i of every camera has to be of the same instant where there are several cameras. Up to 120 pictures
-    of each, evenly spaced, are looked at.
+    of each, evenly spaced, are used.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     """The text of a landmark file for a URDF, to be looked through and completed; it loads as it is.
 
-    It has a landmark at every joint (under COCO's names where the names of the links tell a person's joints, the rest
-    in comments), the tips of the last links, and stabilisers in comments.
+    It has a landmark at every joint (under COCO's names where the names of the links identify a person's joints, the
+    rest in comments), the tips of the last links, and stabilisers in comments.
 
     Parameters
     ----------

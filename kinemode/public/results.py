@@ -1,4 +1,4 @@
-"""`open_run`, and what is done with a run: looked at, drawn over the video, plotted, reported, exported, measured."""
+"""`open_run`, and what is done with a run: shown, drawn over the video, plotted, reported, exported, measured."""
 
 from __future__ import annotations
 
@@ -119,8 +119,8 @@ def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) ->
     from kinemode.reporting import facts_of
     from viz.report.page import write_report
 
-    with (progress or unreported)("report") as told:
-        return write_report(opened, Path(file), facts_of(opened), progress=told)
+    with (progress or unreported)("report") as step:
+        return write_report(opened, Path(file), facts_of(opened), progress=step)
 
 
 def plot(
@@ -203,9 +203,9 @@ def export(
         models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
         [cm] and its turns; "motion-npz" and "motion-csv", root, joints and, in the npz, links at one rate, in the order
         of the URDF, for trainers of policies (`estimator.runs.trainer_motion.motion_arrays`); "glb", the moving body;
-        "rrd", body, hypotheses, cameras, keypoints and angles for rerun. What the file's ending says unless given. npz
+        "rrd", body, hypotheses, cameras, keypoints and angles for rerun. By default by the file's ending. npz
         and rrd have all hypotheses, the others the best path. Frames that nobody saw are marked, by their status, as
-        missing points or in a line; bvh, glb and motions for trainers have no mark for them, which is said.
+        missing points or in a line; bvh, glb and motions for trainers have no mark for them, with a warning.
     degrees: of csv, joint angles in degrees, their standard deviations beside them; otherwise these are its last
         columns, and both are in radians.
     filter: cut-off of a Butterworth filter of the best path [Hz], see `kinemode.Run.butterworth`; off unless given.
@@ -237,14 +237,15 @@ def contact(run: RunLike, *, hands: bool = False, plot: PathLike | None = None) 
 
     From how fast and how high they are in the world, z up; see `estimator.inference.foot_contact` for the method. A
     probability for each point and frame, the floor with its uncertainty, stances with how far the point slides, and
-    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide says so. On a treadmill, which
-    is found by the velocity that both feet share, feet that move with the belt stand, and `belt` has its velocity.
+    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide is reported as it is. On a
+    treadmill, which is found by the velocity that both feet share, feet that move with the belt stand, and `belt` has
+    its velocity.
 
     Parameters
     ----------
-    run: a run, or the path of its file; one that is not finished is looked at as far as it goes. hands: also when hands
-    stand on the floor; the setting `smooth.hands` holds them while smoothing. plot: draw probabilities and heights over
-    time there, a PNG, with heel strikes and toe-offs where somebody walks.
+    run: a run, or the path of its file; of one that is not finished, the frames that are there are used. hands: also
+    when hands stand on the floor; the setting `smooth.hands` holds them while smoothing. plot: draw probabilities and
+    heights over time there, a PNG, with heel strikes and toe-offs where somebody walks.
 
     Raises
     ------
@@ -273,13 +274,13 @@ def gait(run: RunLike) -> Gait:
     A foot strikes when it begins to stand, see `contact`. It leaves the ground when its toes are farthest behind the
     pelvis (Zeni et al., Gait & Posture 27(4), 2008) if the other foot stands, when it ceases to stand if not, as in
     running. Where keypoints have no feet, so that contact is not to be trusted, both events are by the pelvis, and
-    `method` says "pelvis" rather than "contact". World z is up. See `estimator.runs.strides.Stride` for what a stride
-    has. Where nobody walks there are no strides, and `remark` says why. On a treadmill lengths and speeds are along the
-    belt, whose speed is `belt`.
+    `method` is "pelvis" rather than "contact". World z is up. See `estimator.runs.strides.Stride` for what a stride
+    has. Where nobody walks there are no strides, and `remark` has the reason. On a treadmill lengths and speeds are
+    along the belt, whose speed is `belt`.
 
     Parameters
     ----------
-    run: a run, or the path of its file; one that is not finished is looked at as far as it goes.
+    run: a run, or the path of its file; of one that is not finished, the frames that are there are used.
 
     Raises
     ------
@@ -307,11 +308,11 @@ def evaluate(
     run: a run, or the path of its file.
     reference: a `kinemode.Reference`, or a file: npz of `export`, truth.npz of `render`, npz with points (T, L, 3) in
         metres, names and fps, trc or c3d (markers, of which joint centres are compared), or joint angles: mot and sto
-        (degrees or radians as the header says), and csv (`estimator.data.formats.angle_files.read_angle_csv`).
+        (degrees or radians by the header), and csv (`estimator.data.formats.angle_files.read_angle_csv`).
     joints: the landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three
         are limb joints.
     up: the axis of the world of a trc or c3d that points up, x, y, z, -x, -y or -z; unless given y of trc, and of c3d
-        what the file says.
+        the file's.
     offset: seconds that the file's first moment is after the clip's.
 
     Raises
@@ -345,7 +346,7 @@ def _opened(run: RunLike) -> Run:
 
 
 def _filtered(run: Run, cutoff: float | None) -> Run:
-    """The run, filtered where a cut-off [Hz] is given; says what the filter met."""
+    """The run, filtered where a cut-off [Hz] is given, with warnings about what was filtered."""
     if cutoff is None:
         return run
     filtered = run.butterworth(float(cutoff))

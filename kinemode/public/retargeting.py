@@ -44,7 +44,7 @@ def retarget(request: RetargetRequest) -> Run:
 
     Raises
     ------
-    InputError: a file that cannot be read, or says too little; nothing that corresponds; an argument that cannot be.
+    InputError: a file that cannot be read, or has too little; nothing that corresponds; an invalid argument.
     """
     check_together(request)
     if isinstance(request.source, (str, Path)):
@@ -86,21 +86,21 @@ class Retargeter:
     ...     robot.send(frame.q)
 
     Each frame is followed from the one before, as `retarget` does by the method "frames": limits, velocities, parts and
-    floor are kept to alike. Contacts are told from the frames of the last 0.4 s and of those that have come since; a
+    floor are kept to alike. Contacts are found from the frames of the last 0.4 s and of those that have come since; a
     foot that stands is held where the body has it.
 
     Parameters
     ----------
     subject: a loaded subject, a built-in name, or the path of a URDF. names: of the landmarks (L) that come, as
         subjects have them (left_hip, left_big_toe, ...).
-    match: a TOML file that says which limbs and landmarks correspond; those whose names are alike unless given.
+    match: a TOML file of which limbs and landmarks correspond; those whose names are alike unless given.
     look_ahead: seconds that each frame is given out after it came.
     floor: its height [m]; what the first frames stand on unless given.
     velocity, clearance, seed: as `retarget` has them.
 
     Raises
     ------
-    InputError: nothing that corresponds; an argument that cannot be.
+    InputError: nothing that corresponds; an invalid argument.
     """
 
     def __init__(

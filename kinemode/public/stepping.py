@@ -86,7 +86,7 @@ class Tracker:
         ----------
         keypoints: of one person, (K, 2) x, y [px], or (K, 3) with confidences from 0 to 1; NaN where one is missing.
             A mapping by camera where there are several. None where nobody was seen.
-        picture: (H, W, 3) uint8, BGR, as OpenCV reads it, where cues are looked at; a mapping by camera where there
+        picture: (H, W, 3) uint8, BGR, as OpenCV reads it, where cues are used; a mapping by camera where there
             are several.
         time: when the frame was taken [s], later than the one before.
 

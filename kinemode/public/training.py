@@ -52,7 +52,7 @@ def train_index(
 
     Raises
     ------
-    InputError: a subject without flesh, numbers that cannot be, a file that is there or cannot be written.
+    InputError: a subject without flesh, invalid numbers, a file that is there or cannot be written.
     """
     check_arguments(subject=subject, examples=examples, seed=seed, workers=workers, progress=progress)
     check_as("file", out=out)

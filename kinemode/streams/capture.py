@@ -147,7 +147,7 @@ class LatestFrameQueue:
                     self.dropped += self._waiting is not None
                     self._waiting = shot
                     self._news.notify_all()
-        except Exception as error:  # the reader is told
+        except Exception as error:  # the reader gets it
             self._error = error
         finally:
             with self._news:

@@ -121,7 +121,7 @@ def _print_address(address: str) -> None:
 
 
 class Recording:
-    """Keeps every frame of a stepper that it is told of."""
+    """Keeps every frame of a stepper that it is called with."""
 
     def __init__(self, writer: RunWriter) -> None:
         self._writer = writer
@@ -219,7 +219,7 @@ class Detecting:
 
     @property
     def layout(self) -> str | tuple[str, ...]:
-        """What its keypoints are called, as a name or one by one; "auto": their count tells."""
+        """What its keypoints are called, as a name or one by one; "auto": by their count."""
         names = self._process.names
         return self._process.layout or (tuple(names) if names else "auto")
 

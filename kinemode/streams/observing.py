@@ -18,14 +18,14 @@ from estimator.data.standing import StandingPoints
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced
 
-REMEMBERED = 150  # frames from which it is told how much keypoints tremble
+REMEMBERED = 150  # frames in which the trembling of keypoints is measured
 
 
 class Observer:
     """Makes the observations of a stream, in order.
 
     layout: see `estimator.data.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or
-    of all (`Observation.jitter`); None tells it from the last frames, `REMEMBERED` at most.
+    of all (`Observation.jitter`); None measures it in the last frames, `REMEMBERED` at most.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Observer:
             self._check_layout()
 
     def at(self, keypoints: Any, time: float) -> Observation:
-        """The next frame's; it counts once it is accepted. Raises InputError for what cannot be."""
+        """The next frame's; it counts once it is accepted. Raises InputError where it is invalid."""
         if not np.isfinite(time) or time <= self._time:
             raise InputError("time", f"{time:g} s does not follow {self._time:g} s", remedy="frames come in order")
         given = self._by_camera(keypoints, "keypoints")

@@ -21,7 +21,7 @@ Show = Callable[[Step, CapturedPicture, int], None]
 class Session:
     """What became of a live track.
 
-    pictures: numbers of those that were looked at, in order. dropped: how many others were overtaken. seconds: by the
+    pictures: numbers of those that were tracked, in order. dropped: how many others were overtaken. seconds: by the
     wall's clock. statuses: how many frames were given out of each. interrupted: it was ended by Ctrl-C.
     """
 

@@ -78,12 +78,12 @@ def known_floor(request: StreamOptions, *, placed: bool) -> KnownFloor:
 class Stepper:
     """Tracks one body through frames that come one by one.
 
-    watcher: is told of every frame as the tracker left it, before any lag.
+    watcher: is called with every frame as the tracker left it, before any lag.
 
     Attributes
     ----------
     body, cameras (C): what is tracked, and from where. chosen: the tracker with its settings; cues: the names of those
-    that are looked at. frames: the tracker on its way.
+    that are used. frames: the tracker on its way.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Stepper:
 
 
 def _chosen_cues(given: str | Iterable[str], chosen: Chosen) -> CueSettings | None:
-    """Settings of the cues to look at, None for keypoints alone; raises InputError for those that cannot be."""
+    """Settings of the cues to use, None for keypoints alone; raises InputError for those that cannot be."""
     choice = cue_choice(given)
     if choice is None:
         raise InputError("cues", "auto needs a whole clip", remedy=f"off, or some of {', '.join(CUES)}")

@@ -25,10 +25,10 @@ class RunInterrupted(KeyboardInterrupt):
 def is_interruption(error: BaseException) -> bool:
     """Whether it is KeyboardInterrupt, or what is made of it by compiled code that overlooks it: numba's calls turn it
     into SystemError, those that return several arrays more than once."""
-    told: BaseException | None = error
-    while isinstance(told, SystemError):
-        told = told.__cause__ or told.__context__
-    return isinstance(told, KeyboardInterrupt)
+    cause: BaseException | None = error
+    while isinstance(cause, SystemError):
+        cause = cause.__cause__ or cause.__context__
+    return isinstance(cause, KeyboardInterrupt)
 
 
 @contextmanager

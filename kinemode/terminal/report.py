@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from estimator.data.rigs.check import RigCheck
 
 
-_FEW = 16  # numbers that are printed of what a tracker tells
+_FEW = 16  # numbers that are printed of a tracker's diagnostics
 
 
 def console() -> Console:
@@ -171,7 +171,7 @@ def _print_events(events: Sequence[Event], kinds: Sequence[tuple[str, str]], out
 
 
 def print_gait(gait: Gait) -> None:
-    """The strides and their events, and what keeps them from being told."""
+    """The strides and their events, and why there are none."""
     out = console()
     if gait.strides:
         made = table("strides, from a strike of the foot to its next", *_STRIDE_COLUMNS)
@@ -208,7 +208,7 @@ def print_lines(lines: Sequence[str]) -> None:
 
 
 def print_notes(notes: Sequence[str]) -> None:
-    """What a run was told about its input: a guessed camera, say, leaves only errors after a similarity meaningful."""
+    """Notes on a run's input: with a guessed camera, for example, only errors after a similarity mean anything."""
     for note in notes:
         console().print(f"note: {note}")
 
@@ -364,7 +364,7 @@ def print_check(check: RigCheck, cameras: Path) -> None:
         print_lines([f"the cameras hold: {better}"])
     else:
         which = " or ".join(check.moved)
-        print_lines([f"{which} stands otherwise than {cameras} says: {better}; calibrate again, or check the clocks"])
+        print_lines([f"{which} does not stand where {cameras} has it: {better}; calibrate again, or check the clocks"])
 
 
 def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:

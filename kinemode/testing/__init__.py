@@ -1,6 +1,6 @@
 """Checks of what a new term, cue or tracker promises, for its tests, as scikit-learn has them for estimators.
 
-Each raises `ContractError`, an AssertionError, at the first promise that is broken, and says which one, with numbers.
+Each raises `ContractError`, an AssertionError, at the first promise that is broken, and names it, with numbers.
 """
 
 from kinemode.testing.calibration import SimulatedClip, check_calibration, simulated_clips

@@ -50,8 +50,8 @@ def simulated_clips(
 ) -> Iterator[SimulatedClip]:
     """So many short clips of known motions, whose keypoints are those of a simulated detector with noise of known size.
 
-    There are no outliers and no missing keypoints (`estimator.synthesis.detector`); observations say the noise as their
-    jitter, which trackers count beside the noise that they suppose of every detector.
+    There are no outliers and no missing keypoints (`estimator.synthesis.detector`); observations have the noise as
+    their jitter, which trackers count beside the noise that they suppose of every detector.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def check_calibration(
 
     The last frame of each clip counts, as frames of one clip are not independent; so do joints that one number places,
     and not a free root. Ranks are exactly uniform where truths come from the tracker's own prior and noise from its own
-    model. Where they do not, say in `band` how far a tracker may be off.
+    model. Where they do not, `band` is how far a tracker may be off.
 
     Parameters
     ----------
@@ -120,6 +120,6 @@ def check_calibration(
     statistics = rank_statistics(list(joints), truth, among, np.random.default_rng(seed))
     limit = statistics.band(chance) if band is None else band
     off = float(statistics.deviation.max())
-    said = f"{statistics.worst()}, {off:.0%} off; the band is {limit:.0%}"
-    require(off <= limit, who, _LAW, f"{said}, the expected calibration error {statistics.calibration_error:.3f}")
+    detail = f"{statistics.worst()}, {off:.0%} off; the band is {limit:.0%}"
+    require(off <= limit, who, _LAW, f"{detail}, the expected calibration error {statistics.calibration_error:.3f}")
     return statistics

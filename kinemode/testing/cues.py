@@ -36,7 +36,7 @@ def check_cue(
 
     It names and describes itself; its settings are plain and cannot change; what it reads of an instant does not depend
     on what was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
-    is an InputError; what its matcher says depends on the pose alone; features lie on points that there are, with
+    is an InputError; what its matcher returns depends on the pose alone; features lie on points that there are, with
     weights that are none below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
     agreement is one; its pictures have the size of the cues.
 
@@ -50,7 +50,7 @@ def check_cue(
     Raises
     ------
     ContractError: the first promise that is not kept.
-    ValueError: the cue has nothing to say of the clip.
+    ValueError: the cue has no features in the clip.
     """
     check = _CueCheck(cue, body, pictures, np.asarray(q), settings)
     check.describes_itself()
@@ -69,13 +69,13 @@ class _CueCheck:
         if len(q) < 2:
             raise ValueError(f"poses of {len(q)} instants are too few: two or more are needed")
 
-    def require(self, kept: bool, law: str, said: str) -> None:
-        require(kept, self.who, law, said)
+    def require(self, kept: bool, law: str, count_matched: str) -> None:
+        require(kept, self.who, law, count_matched)
 
     def describes_itself(self) -> None:
         name, summary, settings = (getattr(self.cue, n, None) for n in ("name", "summary", "settings"))
         self.require(isinstance(name, str) and name.isidentifier(), "has a plain name", f"its name is {name!r}")
-        self.require(isinstance(summary, str) and bool(summary), "says what it is", f"its summary is {summary!r}")
+        self.require(isinstance(summary, str) and bool(summary), "has a summary", f"its summary is {summary!r}")
         frozen = is_dataclass(settings) and type(settings).__dataclass_params__.frozen  # type: ignore[union-attr]
         self.require(frozen, "its settings are a frozen dataclass", f"they are a {type(settings).__name__}")
         assert is_dataclass(settings)
@@ -129,10 +129,10 @@ class _CueCheck:
         apart = differing(before, parts(view.cues[self.cue.name]))
         self.require(not apart, "matching leaves what was read as it is", apart)
         matching.depends_on_the_pose_alone()
-        said = matching.features_are_some(curvature) + matching.terms_keep_their_contract(curvature)
-        said += matching.past_is_followed(curvature)
-        if not said:
-            raise ValueError(f"{self.who} says nothing of the body in this clip")
+        count_matched = matching.features_are_some(curvature) + matching.terms_keep_their_contract(curvature)
+        count_matched += matching.past_is_followed(curvature)
+        if not count_matched:
+            raise ValueError(f"{self.who} has no features on the body in this clip")
         matching.agreement_is_a_share()
         matching.pictures_fit()
 
@@ -164,17 +164,17 @@ class _Matching:
         self.posed = body.at(self.q)
         self.past = PastPose(body.at(parent), self.posed)
 
-    def require(self, kept: bool, law: str, said: str) -> None:
-        self.check.require(kept, law, said)
+    def require(self, kept: bool, law: str, count_matched: str) -> None:
+        self.check.require(kept, law, count_matched)
 
     def said_of(self, q: np.ndarray) -> dict[str, np.ndarray]:
-        """All that is said of a pose."""
+        """All that a matcher returns for a pose."""
         posed = self.body.at(q)
         prediction = self.view.predictor.predict(posed)
-        told = parts([tuple(match) for match in self.matcher.contours(prediction)], "contours")
+        parts_told = parts([tuple(match) for match in self.matcher.contours(prediction)], "contours")
         for k, term in enumerate([*self.matcher.terms(posed, prediction), *self.since([self.past])]):
-            told[f"term {k}, {term.name}"] = np.array(term.value(posed))
-        return told | {"agreement": np.array(self.matcher.agreement(prediction), dtype=float)}
+            parts_told[f"term {k}, {term.name}"] = np.array(term.value(posed))
+        return parts_told | {"agreement": np.array(self.matcher.agreement(prediction), dtype=float)}
 
     def since(self, pasts: Sequence[PastPose]) -> list[Term]:
         return [term for followed in self.matcher.follow(pasts) for term in self.matcher.since(followed)]
@@ -183,11 +183,11 @@ class _Matching:
         first = self.said_of(self.q)
         self.said_of(self.other)
         apart = differing(first, self.said_of(self.q))
-        self.require(not apart, "what is said depends on the pose alone", f"after a look at another: {apart}")
+        self.require(not apart, "what is returned depends on the pose alone", f"after another pose:  {apart}")
 
     def features_are_some(self, curvature: float | None) -> int:
         prediction = self.view.predictor.predict(self.posed)
-        count, said = len(prediction.contours.state), 0
+        count, count_matched = len(prediction.contours.state), 0
         for match in self.matcher.contours(prediction):
             self.labelled(match.label)
             f = match.features
@@ -198,9 +198,9 @@ class _Matching:
             least = float(f.weight.min(initial=0.0))
             self.require(least >= 0.0, "no weight is below zero", f"one is {least:.3g}")
             if len(f.point):
-                said += 1
+                count_matched += 1
                 check_term(self.view.on_contours(prediction, f), self.body, self.q, curvature=curvature)
-        return said
+        return count_matched
 
     def labelled(self, label: Any) -> None:
         self.require(isinstance(label, str) and bool(label), "parts of the energy have labels", f"one is {label!r}")
@@ -213,14 +213,14 @@ class _Matching:
         return len(terms)
 
     def past_is_followed(self, curvature: float | None) -> int:
-        """As another process would: what `follow` says is sent, and makes the same terms there."""
+        """As another process would: what `follow` returns is sent, and makes the same terms there."""
         pasts = [self.past, PastPose(self.past.parent)]
         followed = list(self.matcher.follow(pasts))
         law = "each past is followed"
         self.require(len(followed) == len(pasts), law, f"{len(followed)} answers to {len(pasts)} pasts")
         if not self.check.cue.follows:
             some = sum(answer is not None for answer in followed)
-            self.require(some == 0, "what follows says so", f"{some} of {len(pasts)} pasts were followed")
+            self.require(some == 0, "what follows is declared", f"{some} of {len(pasts)} pasts were followed")
             return 0
         law = "what is followed can be sent to another process"
         terms = self.matcher.since(followed[0])
@@ -243,8 +243,10 @@ class _Matching:
         for picture in self.matcher.pictures(shown):
             self.require(bool(picture.name and picture.title), "pictures have names and titles", f"{picture[:2]!r}")
             fits = picture.base.shape[:2] == (height, width) and picture.base.dtype == np.uint8
-            said = f"{picture.name} is {picture.base.shape} {picture.base.dtype}, the cues are {width} x {height}"
-            self.require(fits, "pictures have the size of the cues", said)
+            count_matched = (
+                f"{picture.name} is {picture.base.shape} {picture.base.dtype}, the cues are {width} x {height}"
+            )
+            self.require(fits, "pictures have the size of the cues", count_matched)
 
 
 def parts(thing: Any, name: str = "it") -> dict[str, np.ndarray]:

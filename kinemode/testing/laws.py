@@ -1,4 +1,4 @@
-"""How a broken promise is told."""
+"""The error of a broken promise."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from humanoid.kinematics.body import Body
 class ContractError(AssertionError):
     """A promise of a contract is not kept. law: which one, in a few words."""
 
-    def __init__(self, who: str, law: str, said: str) -> None:
-        super().__init__(f"{who}: {law}: {said}")
+    def __init__(self, who: str, law: str, detail: str) -> None:
+        super().__init__(f"{who}: {law}: {detail}")
         self.law = law
 
 
-def require(kept: bool, who: str, law: str, said: str) -> None:
-    """Raise ContractError unless the law is kept; `said` tells what was seen instead."""
+def require(kept: bool, who: str, law: str, detail: str) -> None:
+    """Raise ContractError unless the law is kept; `detail`: what was seen instead."""
     if not kept:
-        raise ContractError(who, law, said)
+        raise ContractError(who, law, detail)
 
 
 def differing(ours: Mapping[str, np.ndarray], theirs: Mapping[str, np.ndarray]) -> str:

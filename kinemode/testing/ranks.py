@@ -45,8 +45,8 @@ class RankStatistics:
 
     @property
     def deviation(self) -> np.ndarray:
-        """Largest distance (n,) of a coordinate's empirical distribution from the uniform one: of its ranks, which tell
-        a bias, and of the central intervals that reach the truth, which tell a wrong width."""
+        """Largest distance (n,) of a coordinate's empirical distribution from the uniform one: of its ranks, which show
+        a bias, and of the central intervals that reach the truth, which show a wrong width."""
         return np.maximum(self._of_ranks(), self._of_intervals())
 
     @property

@@ -29,13 +29,13 @@ def check_result(
     *,
     keeps_limits: bool = True,
 ) -> None:
-    """Check what a tracker says of a frame: shapes, a known status, weights that fall and sum to 1, configurations that
+    """Check a tracker's result of a frame: shapes, a known status, weights that fall and sum to 1, configurations that
     are some and keep to the limits, symmetric positive semi-definite covariances, parents in the frame before, and
     that numbers are finite.
 
     Parameters
     ----------
-    who: the tracker, for what is said. body: what is tracked. seen: the frame. before: the result of the frame before,
+    who: the tracker, for messages. body: what is tracked. seen: the frame. before: the result of the frame before,
     None for the first.
 
     Raises
@@ -44,8 +44,8 @@ def check_result(
     """
     where = f"frame {seen.index}"
 
-    def law(kept: bool, name: str, said: str) -> None:
-        require(kept, who, name, f"{where}: {said}")
+    def law(kept: bool, name: str, detail: str) -> None:
+        require(kept, who, name, f"{where}: {detail}")
 
     law(result is not None, "every frame from the first has a result", "there is none")
     assert result is not None
@@ -67,8 +67,8 @@ def check_result(
         apart = np.abs(covariance - covariance.T).max()
         law(apart <= _SYMMETRIC * largest, "covariances are symmetric", f"hypothesis {k} to {apart:.3g} only")
         least = np.linalg.eigvalsh(covariance)[0]
-        said = f"hypothesis {k} has the eigenvalue {least:.3g}, its largest entry is {largest:.3g}"
-        law(least >= -_DEFINITE * largest, "covariances are positive semi-definite", said)
+        detail = f"hypothesis {k} has the eigenvalue {least:.3g}, its largest entry is {largest:.3g}"
+        law(least >= -_DEFINITE * largest, "covariances are positive semi-definite", detail)
     most = 0 if before is None else len(before.weight)
     outside = [int(p) for p in result.parent if not -1 <= p < most]
     law(not outside, "parents are in the frame before", f"{outside}, there are {most}")
@@ -99,5 +99,5 @@ def _poses(law: Law, body: Body, result: FrameResult, keeps_limits: bool) -> Non
         if keeps_limits:
             beyond = np.maximum(body.lower - q, q - body.upper)
             worst = int(np.argmax(beyond))
-            said = f"hypothesis {k} is {beyond[worst]:.3g} beyond, at {body.q_names[worst]}"
-            law(beyond[worst] <= 0.0, "configurations keep to the limits", said)
+            detail = f"hypothesis {k} is {beyond[worst]:.3g} beyond, at {body.q_names[worst]}"
+            law(beyond[worst] <= 0.0, "configurations keep to the limits", detail)

@@ -17,7 +17,7 @@ _STEP, _CURVATURE_STEP = 1e-5, 1e-4
 
 
 def check_term(term: Any, body: Body, q: np.ndarray, *, curvature: float | None = 1e-4) -> None:
-    """Check the promises of a term at a configuration at which it says something.
+    """Check the promises of a term at a configuration where it has an effect.
 
     Its name is a text; `value` is what `accumulate` returns, to the last bit; `accumulate` adds and leaves no trace;
     the gradient is the derivative through `pin.integrate`; the Hessian is symmetric, and positive semi-definite unless
@@ -59,8 +59,8 @@ class _TermCheck:
         gradient, hessian = np.zeros(self.body.nv), np.zeros((self.body.nv, self.body.nv))
         return float(self.term.accumulate(self.body.at(q), gradient, hessian, exact)), gradient, hessian
 
-    def require(self, kept: bool, law: str, said: str) -> None:
-        require(kept, self.who, law, said)
+    def require(self, kept: bool, law: str, detail: str) -> None:
+        require(kept, self.who, law, detail)
 
     def names_itself(self) -> None:
         name = getattr(self.term, "name", None)
@@ -69,10 +69,10 @@ class _TermCheck:
     def values_agree(self) -> None:
         value, gradient, hessian = self.at(self.q)
         self.require(np.isfinite(value), "has a finite value", f"it is {value}")
-        self.require(bool(gradient.any() or hessian.any()), "says something at q", "no gradient and no Hessian there")
+        self.require(bool(gradient.any() or hessian.any()), "has an effect at q", "no gradient and no Hessian there")
         alone = self.term.value(self.body.at(self.q))
-        said = f"value gives {alone!r}, accumulate {value!r}"
-        self.require(float(alone) == value, "value is what accumulate returns", said)
+        detail = f"value gives {alone!r}, accumulate {value!r}"
+        self.require(float(alone) == value, "value is what accumulate returns", detail)
 
     def adds(self) -> None:
         value, gradient, hessian = self.at(self.q)
@@ -82,8 +82,8 @@ class _TermCheck:
         for whole, part, what in ((total, gradient, "gradient"), (sums, hessian, "Hessian")):
             missed = np.abs(whole - 1.0 - 2.0 * part).max()
             allowed = 1e-12 * (1.0 + np.abs(part).max())
-            said = f"the {what} is off by {missed:.3g} when twice added to ones"
-            self.require(missed <= allowed, "adds to what is there", said)
+            detail = f"the {what} is off by {missed:.3g} when twice added to ones"
+            self.require(missed <= allowed, "adds to what is there", detail)
 
     def leaves_no_trace(self) -> None:
         """Neither in the term nor in the posed body."""
@@ -98,7 +98,7 @@ class _TermCheck:
         self.term.value(self.body.at(away))
         after = self.at(self.q)
         apart = max(float(np.abs(np.subtract(before[i], after[i])).max()) for i in range(3))
-        self.require(apart == 0.0, "has no memory", f"after a look at another pose it differs by {apart:.3g}")
+        self.require(apart == 0.0, "has no memory", f"after another pose it differs by {apart:.3g}")
 
     def gradient_is_the_derivative(self) -> None:
         """One direction at a time and all at once: a wrong entry cannot hide behind large ones."""
@@ -109,8 +109,8 @@ class _TermCheck:
         for name, v in zip(names, (*np.eye(self.body.nv), mixed), strict=True):
             expected = float(slope(lambda x: np.array(self.at(x)[0]), self.body, self.q, v, _STEP))
             allowed = _GRADIENT * max(abs(expected), _LEAST * size * float(np.linalg.norm(v)))
-            said = f"along {name} {gradient @ v:.9g}, by differences {expected:.9g}"
-            self.require(abs(gradient @ v - expected) <= allowed, "the gradient is the derivative", said)
+            detail = f"along {name} {gradient @ v:.9g}, by differences {expected:.9g}"
+            self.require(abs(gradient @ v - expected) <= allowed, "the gradient is the derivative", detail)
 
     def hessian_is_convex(self) -> None:
         for exact in (False, True):
@@ -122,14 +122,14 @@ class _TermCheck:
         hessian = self.at(self.q)[2]
         least = np.linalg.eigvalsh(hessian)[0]
         allowed = -1e-12 * self.body.nv * np.abs(hessian).max()
-        said = f"its least eigenvalue is {least:.3g}, its largest entry {np.abs(hessian).max():.3g}"
-        self.require(least >= allowed, "the Hessian is positive semi-definite", said)
+        detail = f"its least eigenvalue is {least:.3g}, its largest entry {np.abs(hessian).max():.3g}"
+        self.require(least >= allowed, "the Hessian is positive semi-definite", detail)
 
     def exactness_changes_the_curvature_alone(self) -> None:
         plain, exact = self.at(self.q), self.at(self.q, exact=True)
         apart = max(abs(plain[0] - exact[0]), float(np.abs(plain[1] - exact[1]).max()))
-        said = f"value or gradient differ by {apart:.3g}"
-        self.require(apart == 0.0, "exact changes the curvature alone", said)
+        detail = f"value or gradient differ by {apart:.3g}"
+        self.require(apart == 0.0, "exact changes the curvature alone", detail)
 
     def change_of_gradient(self, v: np.ndarray) -> float:
         return float(slope(lambda x: np.array(self.at(x)[1] @ v), self.body, self.q, v, _CURVATURE_STEP))
@@ -142,6 +142,6 @@ class _TermCheck:
             for k in range(i, self.body.nv):
                 v = eye[i] + eye[k]
                 expected = self.change_of_gradient(v)
-                said = f"along {names[i]} and {names[k]} {v @ hessian @ v:.6g}, by differences {expected:.6g}"
+                detail = f"along {names[i]} and {names[k]} {v @ hessian @ v:.6g}, by differences {expected:.6g}"
                 kept = abs(v @ hessian @ v - expected) <= allowed
-                self.require(kept, "the exact Hessian is the second derivative", said)
+                self.require(kept, "the exact Hessian is the second derivative", detail)

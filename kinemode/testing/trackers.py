@@ -17,7 +17,7 @@ from kinemode.testing.results import check_result
 
 
 class Told(NamedTuple):
-    """What a tracker said of a frame and what it carried on, None before the first pose."""
+    """A tracker's result of a frame and its state, None before the first pose."""
 
     result: FrameResult | None
     state: Any
@@ -42,7 +42,7 @@ def check_tracker(
     Parameters
     ----------
     make: a new tracker, each time it is called.
-    observations: at least three frames in order, from the first of which the tracker can start, with what it looks at:
+    observations: at least three frames in order, from the first of which the tracker can start, with what it uses:
         keypoints, cues of the pictures, or both.
     seed: of the generators, one a frame.
     keeps_limits: whether all poses keep to the joint limits; else the first frame's do.
@@ -77,8 +77,8 @@ class _TrackerCheck:
         if len(observations) < 3:
             raise ValueError(f"{len(observations)} frames are too few: three or more are needed")
 
-    def require(self, kept: bool, law: str, said: str) -> None:
-        require(kept, self.who, law, said)
+    def require(self, kept: bool, law: str, detail: str) -> None:
+        require(kept, self.who, law, detail)
 
     def track(self, frames: Sequence[Observation], state: Any = None, first: int = 0, of: Any = None) -> list[Told]:
         return track_frames(self.make() if of is None else of, frames, (self.seed,), state, first)
@@ -89,23 +89,25 @@ class _TrackerCheck:
         answers = [tracker.can_start(first) for _ in range(2)]
         if not answers[0]:
             raise ValueError("the tracker cannot start from the first frame: give one from which it can")
-        self.require(answers == [True, True], "can_start is true or false", f"it says {answers[0]!r}, {answers[1]!r}")
+        self.require(
+            answers == [True, True], "can_start is true or false", f"it returns {answers[0]!r}, {answers[1]!r}"
+        )
         blank = tracker.can_start(_nothing_seen(first))
-        self.require(not blank, "nothing is not enough to begin", f"of a frame without anything it says {blank!r}")
+        self.require(not blank, "nothing is not enough to begin", f"of a frame without anything it returns {blank!r}")
         needs = getattr(tracker, "needs_keypoints", None)
-        self.require(isinstance(needs, bool), "says whether it needs keypoints", f"needs_keypoints is {needs!r}")
+        self.require(isinstance(needs, bool), "declares whether it needs keypoints", f"needs_keypoints is {needs!r}")
         without = tracker.can_start(_no_keypoints(first))
-        said = f"needs_keypoints, but can_start says {without!r} of a frame without"
-        self.require(not (needs and without), "does not begin without the keypoints it needs", said)
+        detail = f"needs_keypoints, but can_start returns {without!r} of a frame without"
+        self.require(not (needs and without), "does not begin without the keypoints it needs", detail)
 
     def results_are_well_formed(self, whole: Sequence[Told]) -> None:
         body, before = self.make().body, None
-        for seen, told in zip(self.frames, whole, strict=True):
+        for seen, steps in zip(self.frames, whole, strict=True):
             limits = self.keeps_limits or before is None
-            check_result(self.who, body, seen, told.result, before, keeps_limits=limits)
-            said = f"after the frame of {seen.time} s the state is of {told.state.time} s"
-            self.require(told.state.time == seen.time, "a state knows its time", said)
-            before = told.result
+            check_result(self.who, body, seen, steps.result, before, keeps_limits=limits)
+            detail = f"after the frame of {seen.time} s the state is of {steps.state.time} s"
+            self.require(steps.state.time == seen.time, "a state knows its time", detail)
+            before = steps.result
 
     def equal_seeds_give_equal_tracks(self, whole: Sequence[Told]) -> None:
         tracker = self.make()
@@ -116,16 +118,16 @@ class _TrackerCheck:
         self.same(whole, twice, self.frames, "a tracker that has tracked tracks the same again")
 
     def states_are_plain_arrays(self, whole: Sequence[Told]) -> None:
-        for seen, told in zip(self.frames, whole, strict=True):
-            arrays = told.state.arrays()
+        for seen, steps in zip(self.frames, whole, strict=True):
+            arrays = steps.state.arrays()
             odd = [f"{n} is a {type(a).__name__}" for n, a in arrays.items() if not isinstance(a, np.ndarray)]
             odd += [f"{n} holds objects" for n, a in arrays.items() if np.asarray(a).dtype.hasobject]
             self.require(not odd, "a state's arrays are plain", f"frame {seen.index}: {', '.join(odd)}")
 
     def states_survive_as_arrays(self, whole: Sequence[Told]) -> None:
         law = "a state is its arrays, to the last bit"
-        for seen, told in zip(self.frames, whole, strict=True):
-            arrays = told.state.arrays()
+        for seen, steps in zip(self.frames, whole, strict=True):
+            arrays = steps.state.arrays()
             apart = differing(arrays, self.make().state_from(_stored(arrays)).arrays())
             self.require(not apart, law, f"frame {seen.index}, stored and read again: {apart}")
 
@@ -150,11 +152,11 @@ class _TrackerCheck:
     def nothing_seen_is_unobserved(self, whole: Sequence[Told]) -> None:
         law = "a frame in which nothing is seen is flagged, not raised"
         frames = [self.frames[0], _nothing_seen(self.frames[1]), self.frames[2]]
-        told = self.tried(frames, whole, law)
-        result = told[1].result
+        steps = self.tried(frames, whole, law)
+        result = steps[1].result
         status = None if result is None else result.status
         self.require(status == "unobserved", law, f"its status is {status!r}")
-        check_result(self.who, self.make().body, frames[1], result, told[0].result, keeps_limits=False)
+        check_result(self.who, self.make().body, frames[1], result, steps[0].result, keeps_limits=False)
 
     def nonsense_is_flagged(self, whole: Sequence[Told]) -> None:
         """Keypoints all over the picture; of a clip without any there is nothing to scatter."""
@@ -164,8 +166,8 @@ class _TrackerCheck:
         width, height = seen.cameras[0].image_size
         scattered = np.random.default_rng(0).uniform(0.0, (width, height), size=seen.pixels.shape)
         frames = [self.frames[0], replace(seen, pixels=scattered), self.frames[2]]
-        told = self.tried(frames, whole, "a frame of nonsense is flagged, not raised")
-        for here, before, frame in zip(told[1:], told, frames[1:], strict=False):
+        steps = self.tried(frames, whole, "a frame of nonsense is flagged, not raised")
+        for here, before, frame in zip(steps[1:], steps, frames[1:], strict=False):
             limits = self.keeps_limits
             check_result(self.who, self.make().body, frame, here.result, before.result, keeps_limits=limits)
 
@@ -189,7 +191,7 @@ def track_frames(
 ) -> list[Told]:
     """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
     ahead, behind = capabilities_of(tracker).frames_ahead, capabilities_of(tracker).frames_behind
-    told = []
+    steps = []
     for k in range(first, len(frames)):
         seen, result = frames[k], None
         rng = np.random.default_rng((*seed, seen.index))
@@ -199,19 +201,19 @@ def track_frames(
             state, result = tracker.step(rng, state, seen, *following, *before)
         elif tracker.can_start(seen):
             state, result = tracker.init(rng, seen, *following)
-        told.append(Told(result, state))
-    return told
+        steps.append(Told(result, state))
+    return steps
 
 
-def _told(told: Told) -> dict[str, np.ndarray]:
+def _told(steps: Told) -> dict[str, np.ndarray]:
     """All of a frame as arrays."""
-    result = told.result
+    result = steps.result
     if result is None:
         return {}
     named = {name: value for name, value in vars(result).items() if name not in ("origins", "extra")}
     named |= getattr(result, "extra", {})
     named |= {} if result.origins is None else result.origins.arrays()
-    named |= {f"state {name}": value for name, value in told.state.arrays().items()}
+    named |= {f"state {name}": value for name, value in steps.state.arrays().items()}
     return {name: np.asarray(value) for name, value in named.items() if value is not None}
 
 

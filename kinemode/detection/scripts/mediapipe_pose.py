@@ -71,7 +71,7 @@ Point = tuple[float, float]
 
 
 class MediapipePose:
-    """Searches for people and looks at them; see `serving.Detector`."""
+    """Searches for people and finds their keypoints; see `serving.Detector`."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         from google.protobuf import text_format

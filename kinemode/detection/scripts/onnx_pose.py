@@ -13,7 +13,7 @@
 al. 2022), for each keypoint how likely it is in each column and in each line of one person's picture.
 
 Pictures are prepared as MMPose does: the person's box grown by a quarter, RGB, ImageNet's mean and deviation. Who is in
-the picture is told by a second model, if there is one (RTMDet or YOLOX with their suppression of doubles inside: boxes
+the picture is found by a second model, if there is one (RTMDet or YOLOX with their suppression of doubles inside: boxes
 (1, N, 5) left, top, right, bottom, score, and labels (1, N), 0 for people); else one person is searched for in the
 whole picture. After that a person's box follows from the keypoints before.
 """
@@ -57,7 +57,7 @@ def window(box: list[float], picture: tuple[int, int], size: tuple[int, int]) ->
 
 
 class OnnxPose:
-    """Searches for people and looks at them; see `serving.Detector`."""
+    """Searches for people and finds their keypoints; see `serving.Detector`."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         self._pose = _session(options["model"])

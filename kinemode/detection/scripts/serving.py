@@ -1,9 +1,9 @@
 """The detector's side of the talk: requests and pictures on standard input, lines of JSON on standard output.
 
-A request is a line of JSON. "size": [width, height] says that the bytes of a picture follow (height, width, 3; BGR);
+A request is a line of JSON. "size": [width, height] means that the bytes of an image follow (height, width, 3; BGR);
 without it the request is about the picture before. "search" asks for "starts", where people seem to be: "whole" or
 "parts" (a closer look, for people who are small), else null.
-"states" are people to look at: "people" in the answer has for each null, or its "keypoints" [x, y, confidence] in
+"states" are people to follow: "people" in the answer has for each null, or its "keypoints" [x, y, confidence] in
 pixels, perhaps their "world" [x, y, z] in metres (see `estimator.data.formats.keypoints_own`), and the "state" to look
 for it with in the next picture. A state has a "box" (left, top, right, bottom in shares
 of the picture); whatever else is in it is the detector's own.
@@ -20,7 +20,7 @@ import numpy as np
 
 
 class Detector(Protocol):
-    """What looks at pictures; `about` says once what it gives."""
+    """Finds people in images; `about` describes once what it returns."""
 
     about: dict[str, Any]
 
