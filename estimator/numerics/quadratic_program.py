@@ -95,15 +95,17 @@ class WarmSolvers:
 
     def multipliers(self, program: QuadraticProgram, start: np.ndarray) -> np.ndarray:
         """Those (m + n,) of rows and bounds, from a start (n,)."""
-        size = len(start), len(program.least)
+        size = n, m = len(start), len(program.least)
+        hessian, gradient, _, _, rows, least, most, low, high = program
+        of_rows = (rows, least, most) if m else (None, None, None)  # which is quicker than empty ones
         solver = self._solvers.get(size)
         if solver is None:
-            solver = self._solvers[size] = self._made(*size)
-            solver.init(*program, compute_preconditioner=False)
+            solver = self._solvers[size] = self._made(n, m)
+            solver.init(hessian, gradient, None, None, *of_rows, low, high, compute_preconditioner=False)
         else:
-            solver.update(*program)
+            solver.update(hessian, gradient, None, None, *of_rows, low, high)
         results = solver.results  # an update clears them
-        results.x, results.z = start, np.zeros(size[0] + size[1])
+        results.x, results.z = start, np.zeros(n + m)
         solver.solve()
         return results.z
 
