@@ -1,4 +1,4 @@
-"""What is tracked: the subject, its body and its geometry. Independent of images."""
+"""The tracked subject, its body and its geometry. Independent of images."""
 
 from __future__ import annotations
 

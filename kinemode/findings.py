@@ -174,7 +174,7 @@ def out_of_balance(run: Run, settings: BalanceSettings) -> tuple[int, ...]:
 
 
 def _resting(run: Run) -> Iterator[Observation]:
-    """What was seen in each frame, with what rests in it."""
+    """The observation of each frame, with the points at rest in it."""
     points = StandingPoints(run.body.landmark_names)
     for t in range(len(run)):
         observation = run.observation(t)

@@ -41,7 +41,7 @@ def hexadecimal(colour: Rgb) -> int:
 
 
 def web(colour: Rgb) -> str:
-    """What pages and plots take, "#rrggbb"."""
+    """The colour for pages and plots, "#rrggbb"."""
     return f"#{hexadecimal(colour):06x}"
 
 

@@ -95,14 +95,14 @@ def _far_apart(k: int) -> palette.Rgb:
 
 
 class _Log:
-    """What is put into the recording `to` of the scene; rr: the module."""
+    """Writes the scene into the recording `to`; rr: the module."""
 
     def __init__(self, rr: Any, to: Any, scene: Scene) -> None:
         self._rr, self._to, self._scene = rr, to, scene
         self._known = np.array([scene.has_body(t) for t in range(len(scene))])
 
     def layout(self, angles: Sequence[Angle]) -> Any:
-        """What is seen first: the world, the cameras' pictures, the angles that change most."""
+        """The initial layout: the world, the cameras' pictures, the angles that change most."""
         rrb = optional("rerun.blueprint", "rerun", "rrd files")
         cameras = [
             rrb.Spatial2DView(origin=self._camera_path(camera), name=camera.name) for camera in self._scene.cameras
@@ -171,7 +171,8 @@ class _Log:
             shown = {k for k, _, _ in others}
 
     def source(self, landmarks: np.ndarray) -> None:
-        """Whom the body followed, and what stands of it, and of the body by its landmarks (T, L, 3) [m]."""
+        """The source that the body followed, and the standing points of both, of the body by its landmarks (T, L, 3)
+        [m]."""
         rr, source, names = self._rr, self._scene.source, self._scene.body.landmark_names
         if source is None:
             return

@@ -52,8 +52,9 @@ def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[
 
 
 def likely_order(cameras: Sequence[Camera], pixels: np.ndarray) -> tuple[int, ...] | None:
-    """Whose keypoints, of pixels (T, C, L, 2), fit each camera much better than its own: exchanged files or names. None
-    where no order does; of over four cameras two are exchanged at most."""
+    """Order of the cameras whose keypoints, pixels (T, C, L, 2), fit each camera much better than its own, which
+    reveals exchanged files or names. None where no order does; with more than four cameras at most two are
+    exchanged."""
     count = len(cameras)
     picked = np.unique(np.linspace(0, len(pixels) - 1, min(len(pixels), _MOST_FRAMES)).astype(int))
     some, pairs, own = pixels[picked], pairs_of(cameras), tuple(range(count))

@@ -16,7 +16,7 @@ _BRIDGE = 0.1  # frames further apart are not interpolated [s]
 
 @dataclass(frozen=True)
 class MovingRays:
-    """What one camera saw: rays (T, L, 3), z = 1, and the speed (T, L) of each [1/s]; NaN where missing."""
+    """Motion seen by one camera: rays (T, L, 3), z = 1, and the speed (T, L) of each [1/s]; NaN where missing."""
 
     rays: np.ndarray
     speed: np.ndarray

@@ -94,7 +94,7 @@ def clip_clock(
 
 
 def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: str = "") -> tuple[str, ...]:
-    """What a user should know about tracks that are matched frame by frame and differ from the clip's length."""
+    """Notes for the user on tracks that are matched frame by frame and differ from the clip's length."""
     notes = []
     for name, track in tracks.items():
         note, ratio = "", _ratio(track.frame_count, frame_count)

@@ -83,7 +83,7 @@ class MassSpread(NamedTuple):
 
 
 class _Feet(NamedTuple):
-    """What a body stands on, and how heavy its parts are.
+    """The points a body stands on, and the masses of its parts.
 
     landmark (P,): heels and toes, by their numbers among the body's; foot (P,): 0 left, 1 right. ankle (2,): landmark
     of each foot's ankle, -1 for none. joint (M,), local (M, 3) [m], share (M,): points that carry the body's mass.

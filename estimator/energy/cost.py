@@ -54,7 +54,7 @@ class Cost:
         return self._base.recorded.plus(self._rows.own[len(self._base._rows.own) :])
 
     def in_python(self, left: bool) -> tuple[Term, ...]:
-        """What is to be added to `recorded`: the other terms, and before them the repulsion, the last of `compiled`,
+        """Terms to be added to `recorded`: the other terms, and before them the repulsion, the last of `compiled`,
         where that was left out."""
         return (*self.compiled[-1:], *self.others) if left else self.others
 

@@ -78,7 +78,8 @@ class LiftedDirections(BatchTerm):
 
 
 def lifted_directions(body: Body, observation: Observation, weight: float) -> list[LiftedDirections]:
-    """What draws the bones of a body to a frame's lifted pose; nothing where it has none, or no bone's ends are seen.
+    """Terms that pull the bones of a body to a frame's lifted pose; none where it has no such pose, or no bone's ends
+    are seen.
 
     A bone counts as much as the less sure of its two keypoints.
     """

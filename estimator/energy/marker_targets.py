@@ -28,7 +28,7 @@ class MarkerNoise(NamedTuple):
 
 
 def marker_targets(body: Body, observation: Observation, noise: MarkerNoise) -> list[PointTargets]:
-    """What draws a body's markers to where a frame has them; nothing where it has none."""
+    """Terms that pull a body's markers to their measured places in a frame; none without markers."""
     some = observation.known_markers
     if observation.markers is None or not len(some):
         return []

@@ -102,7 +102,7 @@ _SAME_AXIS = math.cos(math.radians(30.0))  # locked joints may turn those behind
 
 
 def misfit(body: Body, mixture: PoseMixture) -> str | None:
-    """What a body lacks for a mixture of joint angles, None where nothing.
+    """The requirement of a mixture of joint angles that a body lacks, None where it suits.
 
     Each of the mixture's joints has to be a joint of one angle there, about the same axis and with a stabiliser, or is
     locked: fixed, under the same name.

@@ -33,7 +33,7 @@ class RecordedTerm(BatchTerm):
 
     @cached_property
     def record(self) -> Record:
-        """What the kernel reads."""
+        """The kernel's input."""
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class Reprojection(RecordedTerm):
         return values
 
     def values_of_cameras(self, posed: PosedBody) -> np.ndarray:
-        """What each camera's keypoints have of the value, (C,)."""
+        """Share of each camera's keypoints in the value, (C,)."""
         placed, values = posed.alone, np.empty((len(self._confidence), 1))
         for c, value in enumerate(values):
             camera = slice(c, c + 1)
@@ -120,8 +120,7 @@ class Reprojection(RecordedTerm):
         return np.where(self._confidence[..., None] > 0.0, self._pixels - projected, np.nan)
 
     def robust_share(self, residuals: np.ndarray) -> np.ndarray:
-        """What the potential leaves of the pull that residuals (C, L, 2) [px] would have by least squares, (C, L); 0
-        where they are NaN."""
+        """Robust weights (C, L) of residuals (C, L, 2) [px], relative to least squares; 0 where they are NaN."""
         square = np.square(residuals).sum(axis=-1) * self._precision
         left = np.zeros(square.size)
         slopes(self._kind, square.ravel(), self._nu, left)

@@ -34,7 +34,7 @@ class HeldPoints:
         )  # fmt: skip
 
     def targets(self, before: PosedBody) -> list[PointTargets]:
-        """What holds them where an earlier pose has them; nothing where none stands."""
+        """Terms that hold them at their places in an earlier pose; none where none stands."""
         if not len(self._joint):
             return []
         return [self._targets.with_targets(points_in_world(before, self._joint, self._local))]

@@ -21,7 +21,7 @@ class Term(Protocol):
         ...
 
     def value(self, posed: PosedBody) -> float:
-        """What `accumulate` returns, to the last bit, without the cost of derivatives."""
+        """The value that `accumulate` returns, to the last bit, without the cost of derivatives."""
         ...
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:

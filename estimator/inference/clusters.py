@@ -66,7 +66,7 @@ def _masses(square, square_of_others, scalar, weights, limit, mass):  # type: ig
 
 
 class Manifold(Protocol):
-    """What states live on: a body's configurations, or placements."""
+    """The space of states: a body's configurations, or placements."""
 
     def differences(self, q0: np.ndarray, q1: np.ndarray, /) -> np.ndarray:
         """Tangents (N, nv) that lead from q0 (nq,) to each of q1 (N, nq)."""

@@ -21,8 +21,8 @@ MODE_FIELDS = {
     "parent": Field("i", ("K",)),
     "association": Field("U", ("K",)),
 }
-"""What K modes are as arrays, one for every field of `Mode` but its origin (see `estimator.inference.origin`). States,
-results, run files and `Run` go by this table."""
+"""Arrays of K modes, one for every field of `Mode` except its origin (see `estimator.inference.origin`). States,
+results, run files and `Run` use this table."""
 
 
 @dataclass(frozen=True)

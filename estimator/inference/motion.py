@@ -42,8 +42,8 @@ class MotionPrior(NamedTuple):
         return scale, left * scale
 
     def news(self, v: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """What is new in the accelerations (T - 2, nv, ...) between velocities v (T - 1, nv, ...) over dt (T - 1,)
-        [s], with the standard deviation of the accelerations themselves."""
+        """Innovations of the accelerations (T - 2, nv, ...) between velocities v (T - 1, nv, ...) over dt (T - 1,) [s],
+        with the standard deviation of the accelerations themselves."""
         span = 0.5 * (dt[1:] + dt[:-1])
         a = np.diff(v, axis=0) / span.reshape(-1, *[1] * (v.ndim - 1))
         after, before = (factor.reshape(-1, *[1] * (v.ndim - 1)) for factor in self.innovation(span[1:]))

@@ -26,7 +26,7 @@ is left out where all of it is."""
 
 
 class Family(str, Enum):
-    """What a mode was searched from. The values are what runs hold and people read."""
+    """Source of a mode's search. The values are stored in runs and shown to users."""
 
     START = "start"  # of a track: no frame before
     KEPT = "parent"  # the parent's own pose

@@ -17,7 +17,7 @@ P = TypeVar("P", bound="Prepared")
 
 
 class Prepared(Protocol):
-    """What a target has worked out of N samples."""
+    """Intermediate results of a target for N samples."""
 
     def of(self: P, rows: np.ndarray) -> P:
         """Of some of them."""
@@ -29,11 +29,11 @@ class SampleTarget(Protocol[P]):
     about whole samples, which count from the start, and the likelihood that is let in by powers."""
 
     def prepared(self, x: np.ndarray) -> P:
-        """What the last two use."""
+        """Input of the last two."""
         ...
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
-        """What is expected (N,) of one group."""
+        """Log-density (N,) of the prediction of one group."""
         ...
 
     def log_message(self, samples: P) -> np.ndarray:
@@ -41,7 +41,7 @@ class SampleTarget(Protocol[P]):
         ...
 
     def likelihood(self, samples: P) -> np.ndarray:
-        """What is let in (N,)."""
+        """Log-likelihood (N,) that is let in by powers."""
         ...
 
 

@@ -46,8 +46,8 @@ def turn_of(R):  # type: ignore[no-untyped-def]
 
 @jit
 def half_sine_ratio(x, y, z, w):  # type: ignore[no-untyped-def]
-    """What (x, y, z) is multiplied by to give the rotation vector of a unit quaternion, exactly: angle / sin(angle /
-    2), the angle at most pi in size, negative where w is: so q and -q have the same vector."""
+    """Exact factor from (x, y, z) of a unit quaternion to its rotation vector: angle / sin(angle / 2), the angle at
+    most pi in size, negative where w is: so q and -q have the same vector."""
     sine = math.sqrt(x * x + y * y + z * z)
     if w < 0.0:
         return -2.0 * math.atan2(sine, -w) / sine if sine > 1e-9 else -2.0

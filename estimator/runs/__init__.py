@@ -1,1 +1,1 @@
-"""What came of a track: run files, the posterior and its calibration, metrics, gait, and exports."""
+"""Results of tracking: run files, the posterior and its calibration, metrics, gait, and exports."""

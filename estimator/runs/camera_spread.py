@@ -1,4 +1,4 @@
-"""What cameras leave open of a pose: the distance from a single one, and the errors of cameras that were found."""
+"""Uncertainty of a pose due to cameras: the distance from a single one, and the errors of estimated cameras."""
 
 from __future__ import annotations
 

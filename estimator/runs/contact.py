@@ -135,7 +135,7 @@ class Contact(Summarised):
 
     @property
     def remark(self) -> str:
-        """What keeps this from being trusted; empty where nothing does."""
+        """Reason not to trust this; empty where there is none."""
         if self.raised is not None:
             return f"feet rest at {self.raised.height:.2f} m, with the body below them: this is not used as a floor"
         if self.belt is not self.known_belt:

@@ -135,7 +135,7 @@ def coordinate_errors(
 
 
 def _several_numbers(body: Body) -> set[str]:
-    """What the entries of joints that no one number places are called, a free root's for one; they are not compared."""
+    """Names of the entries of joints with several coordinates, such as a free root; they are not compared."""
     entries = [entry for entry in joint_entries(body) if entry.kind not in ONE_NUMBER]
     ours = {name for e in entries for name in body.q_names[e.start : e.start + e.count]}
     return ours | {name for e in entries for name in opensim_names(body, e)}

@@ -1,4 +1,4 @@
-"""What the entries of q are called and measured in, joint by joint."""
+"""Names and units of the entries of q, joint by joint."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
 
 
 def opensim_names(body: Body, entry: JointEntry) -> list[str]:
-    """What the coordinates of a joint are called in files for OpenSim, in their order there."""
+    """Names of a joint's coordinates in files for OpenSim, in their order there."""
     names = [entry.name]
     if entry.kind == "free":
         names = [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]

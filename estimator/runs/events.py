@@ -26,8 +26,8 @@ _LEAST_APART = 0.3  # s between two strikes of one foot
 
 @dataclass(frozen=True)
 class Feet:
-    """What gait is read from, by time (T,) [s]: points (T, 3) [m] in a world with z up, NaN where there are none; heel
-    and toe by side."""
+    """Points from which gait is computed, by time (T,) [s]: points (T, 3) [m] in a world with z up, NaN where there are
+    none; heel and toe by side."""
 
     time: np.ndarray
     pelvis: np.ndarray

@@ -61,7 +61,7 @@ class Filtering:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, a sentence each."""
+        """Notes for the user, a sentence each."""
         notes = []
         if self.clamped:
             listed = ", ".join(f"{name} in {count} of {len(self.q)} frames" for name, count in self.clamped.items())

@@ -29,10 +29,10 @@ _UNMEASURED = ("subtalar_angle", "mtp_angle", "pro_sup", "wrist_flex", "wrist_de
 
 @dataclass(frozen=True)
 class GaitModel:
-    """What is special to a model.
+    """Properties of a model.
 
-    title: what its files are called by. knee_axis: positive turns about it are positive angles. mid_hip: the middle of
-    its hips in the pelvis [m]. arms: whether it has them. patella: whether a coordinate of its own repeats the knee's.
+    title: its name in files. knee_axis: positive turns about it are positive angles. mid_hip: the middle of its hips in
+    the pelvis [m]. arms: whether it has them. patella: whether a coordinate of its own repeats the knee's.
     """
 
     title: str
@@ -111,7 +111,7 @@ def _arm(placed: _Segments, side: str, letter: str) -> dict[str, np.ndarray]:
 
 
 def _mirror(side: str) -> np.ndarray:
-    """What an axis of the right side is multiplied by to be the left one's: turns mirrored in the plane of x and y."""
+    """Factors from an axis of the right side to that of the left: turns mirrored in the plane of x and y."""
     return np.array([1.0, 1.0, 1.0] if side == "right" else [-1.0, -1.0, 1.0])
 
 

@@ -1,4 +1,4 @@
-"""What is off by as much in every frame, and no number of frames takes away: where a detector marks a person, and where
+"""Errors common to all frames, which no number of frames removes: the places where a detector marks a person, and where
 markers sit on one."""
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def lasting_by_places(
 def _moved(
     jacobians: Iterator[np.ndarray], deviation: np.ndarray, priors: Sequence[np.ndarray], covariances: np.ndarray
 ) -> np.ndarray:
-    """What least squares makes of points that are off by deviations (N,) [m], drawn towards the rest positions; zero
+    """Effect on least squares of points that are off by deviations (N,) [m], regularised by the rest positions; zero
     for modes that are free nowhere. jacobians (K) of (N, 3, nv): of the points.
 
     Degrees of freedom that a limit holds count too: with other places of the points they may not be held there.

@@ -131,7 +131,7 @@ def _axis(joint: pin.JointModel, entry: JointEntry) -> np.ndarray:
 
 
 def _couplings(body: Body) -> Iterator[Coupling]:
-    """What the coordinates of joints that follow others are, from those of their leaders."""
+    """The coordinates of joints that follow others, from those of their leaders."""
     leaders = {entry.start: entry for entry in joint_entries(body) if not entry.follows}
     for entry in joint_entries(body):
         if entry.follows:

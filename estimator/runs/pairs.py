@@ -34,7 +34,8 @@ class ComparedFrames(NamedTuple):
 def paired(
     names: Sequence[str], time: np.ndarray, reference: Reference, joints: Sequence[str] | None = None
 ) -> ComparedFrames:
-    """What can be compared of a run with landmarks `names` at `time` (T,) [s]; joints: see `shared_landmarks`."""
+    """Comparable landmarks and frames of a run with landmarks `names` at `time` (T,) [s]; joints: see
+    `shared_landmarks`."""
     shared = shared_landmarks(names, reference.names, joints)
     frame = match_frames(time, reference.time, len(reference.points))
     there = frame >= 0

@@ -25,7 +25,7 @@ from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult, check_ex
 from humanoid.kinematics.body import Body
 
 EXTRA = "extra_"
-"""What the names of a frame's extra arrays (see `FrameResult.extra`) begin with in a run file."""
+"""Prefix of the names of a frame's extra arrays (see `FrameResult.extra`) in a run file."""
 _LARGEST = 1e9  # of pixels
 
 _FRAME = {
@@ -47,7 +47,7 @@ _OBSERVATION = {
 
 
 def frame_arrays(result: FrameResult) -> dict[str, np.ndarray]:
-    """What is stored of a frame; covariances as the upper triangle in single precision, the exact ones being in the
+    """The stored arrays of a frame; covariances as the upper triangle in single precision, as the exact ones are in the
     state."""
     rows, columns = triangle_of(result.covariance.shape[-1])
     return {

@@ -1,4 +1,4 @@
-"""What a run was made from."""
+"""The input of a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 
 RETARGETED = "retarget"
-"""What stands for a tracker in a run that was made from another motion."""
+"""The tracker's name in a run that was made from another motion."""
 
 
 @dataclass(frozen=True)

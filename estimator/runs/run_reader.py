@@ -171,7 +171,7 @@ class Run(Summarised):
         return frame_result(self._frames[self._frame_number(i)], self.body)
 
     def observation(self, i: int, *, standing: bool = False) -> Observation:
-        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored, and
+        """The observation of planned frame `i`, without the pictures; raises InputError where it was never stored, and
         for anything but a whole number.
 
         standing: also which points stand, for which the frames just before are read as well.
@@ -212,7 +212,7 @@ class Run(Summarised):
 
     @property
     def estimates(self) -> dict[int, PoseEstimate] | None:
-        """What a fit of the person knew of poses, by planned frame (see `Observation.estimate`); None where nothing was
+        """Estimates of poses by a fit of the person, by planned frame (see `Observation.estimate`); None where none are
         stored yet."""
         with run_store.reading(self.file) as connection:
             rows = connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()

@@ -1,4 +1,4 @@
-"""What a run file keeps of the smoothing, and what it has to be."""
+"""The arrays of the smoothing in a run file, and their checks."""
 
 from __future__ import annotations
 

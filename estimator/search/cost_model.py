@@ -69,7 +69,7 @@ class CostModel:
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def rest_energies(self, q: np.ndarray) -> np.ndarray:
-        """What the priors on rest positions make of configurations q (N, nq), (N,)."""
+        """Energies (N,) of the priors on rest positions at configurations q (N, nq)."""
         rest = [term for term in self._fixed if isinstance(term, (Stabilisers, PosePrior))]
         return Cost(self.body, rest).values_at(q)
 
@@ -93,7 +93,7 @@ class CostModel:
 
     @property
     def image(self) -> ImageModel:
-        """What the image terms of all frames share, made on first use."""
+        """Data shared by the image terms of all frames, made on first use."""
         if self._image is None:
             self._image = ImageModel(self.body, self.cues)
         return self._image
@@ -171,7 +171,7 @@ class CostModel:
         return standing_ties(self.body, standing, s.standing_slip * max(dt, SHORTEST_STEP), s.standing_weight)
 
     def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
-        """What the change of the configuration since `q_previous` (nq,), `dt` seconds ago, costs."""
+        """Penalty of the change of the configuration since `q_previous` (nq,), `dt` seconds ago."""
         known = self._last_transition
         if known is None or known[0] != dt:
             s, std = self.settings, self.transition_std(dt)

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 
 def without_prior(body: Body, settings: CostSettings) -> str | None:
-    """What a body lacks for the shipped mixture, which is then left out; None where nothing, or a file is named, which
-    has to suit it."""
+    """The requirement of the shipped mixture that a body lacks, which is then left out; None where it suits, or a file
+    is given, which has to suit."""
     return None if settings.pose_prior_file else misfit(body, shipped_mixture())
 
 

@@ -109,7 +109,7 @@ class FrameSearch:
         return Refined(c.hypothesis, mode, landmarks, q_assigned, steps.plus(solution.steps))
 
     def log_volume(self, refined: Refined) -> float:
-        """What a mode's weight gains by the probability around it, by the second-order model."""
+        """Log-volume of a mode, added to its weight, by the second-order model."""
         return Surroundings(self._body, self.surroundings(refined)[0]).log_volume
 
     def surroundings(self, refined: Refined) -> tuple[QuadraticModel, Cost]:
@@ -127,7 +127,7 @@ class FrameSearch:
         return self._bases[key]
 
     def _pulled(self, pull: int) -> list[Term]:
-        """What draws the limbs of hypotheses under one of the case's pulls, nothing for -1."""
+        """Terms that pull the limbs of hypotheses under one of the case's pulls, none for -1."""
         if pull < 0:
             return []
         if pull not in self._pulls:

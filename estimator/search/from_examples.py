@@ -102,8 +102,8 @@ def best_reached(
 
 
 def without_silhouette(search: ModeSearch, observation: Observation, case: FrameProblem, q: np.ndarray) -> FrameProblem:
-    """What examples are searched in: the case without the silhouette where depth shows the person too, since from poses
-    far off it leads astray. q (nq,): about where the body is."""
+    """The problem in which examples are searched: the case without the silhouette where depth shows the person too,
+    since it misleads from poses far off. q (nq,): about where the body is."""
     if search.evidence.cue == Outline.name or not shows_silhouette(observation):
         return case
     without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
@@ -139,7 +139,7 @@ def descended(
 def _seen_for_limbs(
     search: ModeSearch, observation: Observation, lookups: Sequence[Lookup], how: ExampleSearch
 ) -> SeenPoints | None:
-    """What limbs of examples are ranked by; None where none are tried."""
+    """Ranking of the limbs of examples; None where none are tried."""
     depth = search.model.cues.of(Depth.name)
     return seen_points(observation, depth.surface_noise, depth.nu) if lookups and how.recombined else None
 

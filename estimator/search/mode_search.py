@@ -69,7 +69,8 @@ class ModeSearch:
 
     @cached_property
     def evidence(self) -> PersonEvidence:
-        """What a person is looked up by: depth where that is used; the height is that of the landmarks at rest."""
+        """The cue by which a person is looked up: depth where that is used; the height is that of the landmarks at
+        rest."""
         cue = next((name for name in CUES if name in self.model.cues.used), CUES[0])
         return PersonEvidence(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
 
@@ -184,7 +185,7 @@ class ModeSearch:
     def log_volumes(
         self, best: Sequence[Refined], case: FrameProblem, rng: np.random.Generator | None = None
     ) -> np.ndarray:
-        """What each mode's weight gains by the probability around it, (K,); see `ModeSearchSettings.weigh`."""
+        """Log-volumes (K,) of the modes, added to their weights; see `ModeSearchSettings.weigh`."""
         frame = self.frame(case)
         if self.settings.weigh == BY_HEIGHT:
             return np.zeros(len(best))
@@ -246,8 +247,8 @@ class Examples:
         self._banks: dict[int, LimbBank] = {}
 
     def lookups(self, observation: Observation, count: int, together: bool = True) -> list[Lookup]:
-        """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
-        all cameras together, or as many by each."""
+        """The keys of a frame's pictures, and the `count` most similar examples: chosen by all cameras together, or as
+        many by each."""
         return lookups(self.index, observation, count, self.evidence, self._votes if together else None)
 
     def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Lookup]:

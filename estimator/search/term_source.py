@@ -1,4 +1,4 @@
-"""What a kind of terms is that is part of every frame's energy."""
+"""Kinds of terms in every frame's energy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TermContext:
-    """What terms are made for.
+    """The context for which terms are made.
 
     cost: all weights of the energy. self_collision: distances between body parts, None where they may overlap. cameras:
     those that observe the body, None where none is known. observation: the frame's, None for terms of every frame.

@@ -1,4 +1,4 @@
-"""What the rendered body wears: colours and patterns of its parts."""
+"""Clothes of the rendered body: colours and patterns of its parts."""
 
 from __future__ import annotations
 

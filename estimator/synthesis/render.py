@@ -37,7 +37,7 @@ _SPECKLES = 0.04  # m
 
 
 class Maps(NamedTuple):
-    """What each pixel's centre shows.
+    """Geometry seen at each pixel's centre.
 
     depth (H, W): along the optical axis [m], infinite where there is nothing. part (H, W) int: index of the visible
     part of the body into `Renderer.parts`, -1 elsewhere. mask (H, W) bool: where the body is visible.
@@ -161,7 +161,7 @@ class Renderer:
         return [painted_plate(c, self._behind, floor, rng, empty) for c in self.cameras]
 
     def _plate(self, camera: int, time: float) -> Plate:
-        """What is behind the person, or in front of a hidden one."""
+        """The scene behind the person, or in front of a hidden one."""
         plate = self._screened[camera] if self.settings.hides(time) else self._scenery(camera, time)
         for board in self._swinging:
             plate = _covered(plate, self.cameras[camera], board.at(time))

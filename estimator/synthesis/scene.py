@@ -1,4 +1,4 @@
-"""What stands around the person: floor, walls, clutter, a pillar, occluders; and the truth as a file."""
+"""The scene around the person: floor, walls, clutter, a pillar, occluders; and the truth as a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rendered scene looks like."""
+"""Settings of a rendered scene."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a tracker is: its contract, its declaration (`Spec`) and what several of them share. A folder a tracker."""
+"""Trackers: their contract, their declaration (`Spec`) and shared code. Each tracker has a folder."""

@@ -1,6 +1,6 @@
-"""What every tracker is: `init` makes a state, `step` carries it to the next frame.
+"""The interface of trackers: `init` makes a state, `step` takes it to the next frame.
 
-What else a tracker may be able to do is in `estimator.trackers.capabilities`.
+Optional capabilities are in `estimator.trackers.capabilities`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from humanoid.kinematics.body import Body
 
 
 class State(Protocol):
-    """What a tracker carries from frame to frame: all that the next frame needs, and only that. Each has its own."""
+    """State of a tracker between frames: all that the next frame needs, and only that. Each tracker has its own."""
 
     @property
     def time(self) -> float:

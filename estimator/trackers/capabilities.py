@@ -38,7 +38,7 @@ class Capabilities:
 
 
 def capabilities_of(tracker: TrackerProtocol[Any]) -> Capabilities:
-    """What a tracker is able to do beside tracking."""
+    """Optional capabilities of a tracker."""
     said: Capabilities = getattr(tracker, "capabilities", Capabilities())
     return said
 

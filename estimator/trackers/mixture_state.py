@@ -1,4 +1,4 @@
-"""What trackers that carry a mixture of modes share: their state, and the frames that are searched or only carried."""
+"""Shared code of trackers with a mixture of modes: their state, and frames that are searched or only predicted."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class MixtureState:
 
 
 class CarriesMixture:
-    """What is carried by trackers whose state is a `MixtureState` (see `estimator.trackers.base.TrackerProtocol`)."""
+    """Base of trackers whose state is a `MixtureState` (see `estimator.trackers.base.TrackerProtocol`)."""
 
     body: Body
 

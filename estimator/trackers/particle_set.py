@@ -1,4 +1,5 @@
-"""What the particle trackers share: the energy of a frame at any pose, the first particle set, and its hypotheses."""
+"""Shared code of the particle trackers: the energy of a frame at any pose, the first particle set, and its
+hypotheses."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ DYNAMICS_ALONE = (
     unused_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
     unused_where("search.flow_in_covariance", "covariances are those of the particles"),
 )
-"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.unused`)."""
+"""Settings without effect on a particle tracker (`estimator.trackers.spec.Spec.unused`)."""
 
 
 class FrameEnergy:

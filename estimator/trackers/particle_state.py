@@ -1,4 +1,4 @@
-"""What the particle trackers carry."""
+"""State of the particle trackers."""
 
 from __future__ import annotations
 

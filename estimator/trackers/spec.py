@@ -17,7 +17,7 @@ from humanoid.support.unused import UnusedRule, unused_where
 
 
 class TrackerSettings(Protocol):
-    """What a tracker is made from, see `estimator.tracking.settings.Settings`."""
+    """Settings from which a tracker is made, see `estimator.tracking.settings.Settings`."""
 
     @property
     def cost(self) -> CostSettings:
@@ -31,7 +31,7 @@ class TrackerSettings(Protocol):
 
     @property
     def cues(self) -> CueSettings:
-        """What is taken from the pictures."""
+        """Settings of the image cues."""
         ...
 
     @property
@@ -82,7 +82,7 @@ class Spec:
 
 
 ONLY_TO_BEGIN = unused_where("search.index", "no pose is looked up but the first", search__start=BY_KEYPOINTS)
-"""What has no effect on a tracker that has no use for an index after the first frame (`Spec.unused`)."""
+"""Settings without effect on a tracker that uses no index after the first frame (`Spec.unused`)."""
 
 
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:

@@ -11,4 +11,4 @@ STATUS_MEANINGS = {
     "unobserved": "too few keypoints and no pictures: poses are extrapolated from the frame before; give keypoints"
     " there, or pictures (--cues)",
 }
-"""What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""
+"""Meanings of a frame's statuses, and what to do: one line each, wherever a status is printed."""

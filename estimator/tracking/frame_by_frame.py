@@ -63,7 +63,7 @@ class FrameByFrame(Generic[S]):
             yield self._next()
 
     def stored(self) -> dict[str, np.ndarray]:
-        """What a resumed run needs."""
+        """State for a resumed run."""
         if self.state is None:
             return {}
         return self.state.arrays() | ({} if self.last is None else self.last.arrays())

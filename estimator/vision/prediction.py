@@ -1,4 +1,4 @@
-"""What a camera should see of a posed body: nodes with their visibility, and occluding contours (CSS 2, 3.1)."""
+"""Prediction of a camera's view of a posed body: nodes with their visibility, and occluding contours (CSS 2, 3.1)."""
 
 from __future__ import annotations
 

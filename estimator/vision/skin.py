@@ -58,7 +58,7 @@ class SkinModel:
     size: float
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What `from_arrays` takes."""
+        """The arrays for `from_arrays`."""
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What a body keeps clear of: its own parts, a floor, or several such things together."""
+"""Obstacles of a body: its own parts, a floor, or several of these together."""
 
 from __future__ import annotations
 

@@ -316,8 +316,8 @@ class Body(Summarised):
         return self.collected(np.where(self.column_support[joints][:, None, :], velocity, 0.0))
 
     def collected(self, columns: np.ndarray) -> np.ndarray:
-        """What belongs to the columns of the spatial Jacobian (..., nc) by degree of freedom, (..., nv): sums, of
-        booleans whether any is true. Itself where no joint follows another."""
+        """Values of the columns of the spatial Jacobian (..., nc), summed by degree of freedom, (..., nv); for booleans
+        whether any is true. Unchanged where no joint follows another."""
         if not self.follows:
             return columns
         first = self.tree.dof_column

@@ -19,7 +19,7 @@ _PULL = 1e-6  # of a joint's own place on its axis, where parallel axes leave op
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What each joint moves, the world being body 0, with the body at rest (`Body.neutral`), in the world's frame.
+    """The bodies that joints move, with the world as body 0, at rest (`Body.neutral`), in the world's frame.
 
     posed: the rest pose. parent (J,): the body on the other side of each body's joint, -1 for the root; -2 for the
     world where it has no surface and is nothing: what hangs on it hangs on its largest child then. hung (J,) bool: the

@@ -1,1 +1,1 @@
-"""What a body looks like: flesh, solids, surface nodes and their derivatives."""
+"""Shape of a body: flesh, solids, surface nodes and their derivatives."""

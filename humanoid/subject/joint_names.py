@@ -1,4 +1,4 @@
-"""What the coordinates of a body are called, the same in every file that is written of it."""
+"""Names of a body's coordinates, the same in every file that is written of it."""
 
 from __future__ import annotations
 

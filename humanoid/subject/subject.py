@@ -164,7 +164,7 @@ class Subject(Summarised):
 
 @dataclass(frozen=True)
 class SubjectName:
-    """What can be loaded by name: the name, one line about it, its degrees of freedom."""
+    """Subjects that can be loaded by name: the name, one line about it, its degrees of freedom."""
 
     name: str
     about: str

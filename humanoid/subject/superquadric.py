@@ -38,7 +38,7 @@ MIRROR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0])
 
 
 def fault(parameters: np.ndarray) -> tuple[str, str] | None:
-    """What makes parameters (9,) no surface, and the remedy; None for valid ones."""
+    """The problem of invalid parameters (9,), and the remedy; None for valid ones."""
     p = np.asarray(parameters, dtype=float)
     if p.shape != (9,) or not np.isfinite(p).all():
         return "nine finite numbers are needed", "they are " + ", ".join(NAMES)

@@ -1,4 +1,4 @@
-"""What a URDF must be before Pinocchio sees it: every fault is an InputError with element, line and remedy."""
+"""Checks of a URDF before Pinocchio reads it: every fault is an InputError with element, line and remedy."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Elements:
-    """What `parse` found, and the URDF without it."""
+    """The result of `parse`, and the URDF without it."""
 
     base: str | None
     plain_urdf: str

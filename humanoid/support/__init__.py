@@ -1,1 +1,1 @@
-"""What every floor stands on: errors, files, quiet C libraries, compiled functions."""
+"""Support for all packages: errors, files, quiet C libraries, compiled functions."""

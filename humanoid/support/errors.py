@@ -75,7 +75,7 @@ def _message(source: str, place: str, problem: str, remedy: str) -> str:
 
 
 def _one_line(text: str) -> str:
-    """What a terminal would act on is written out: line ends, escapes, marks that turn the direction of writing."""
+    """Text with control characters written out: line ends, escapes, marks that change the direction of writing."""
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 

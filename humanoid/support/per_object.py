@@ -1,4 +1,4 @@
-"""What is worked out of an object once, and kept as long as the object lives."""
+"""Values computed once for an object, and kept as long as it lives."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ ENTRY_POINTS = "kinemode.plugins"
 
 
 class Named(Protocol):
-    """What has a name in a registry."""
+    """A named member of a registry."""
 
     @property
     def name(self) -> str:

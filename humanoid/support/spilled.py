@@ -187,5 +187,5 @@ class _Unpickler(pickle.Unpickler):
     shared: dict[int, object]
 
     def persistent_load(self, pid: int) -> object:
-        """What has that number."""
+        """The item of that number."""
         return self.shared[pid]

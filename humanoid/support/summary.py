@@ -15,7 +15,7 @@ class Summarised:
     """
 
     def _called(self) -> str:
-        """What this object is called; empty where it has no name."""
+        """Name of this object; empty where it has none."""
         return ""
 
     def _facts(self) -> Facts:

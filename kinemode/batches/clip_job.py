@@ -248,7 +248,7 @@ class RunFacts(NamedTuple):
 
 
 def run_facts(run: Run) -> RunFacts:
-    """What a batch shows of a run: `BatchEntry(name, "done", **run_facts(run)._asdict())`."""
+    """Entry of a run in a batch: `BatchEntry(name, "done", **run_facts(run)._asdict())`."""
     status, count = run.status, len(run)
     hard, unobserved, tracked = (int(np.count_nonzero(status == name)) for name in (HARD, "unobserved", TRACKED))
     doubtful = 1.0 - tracked / count if count else None

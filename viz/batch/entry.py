@@ -1,4 +1,4 @@
-"""What a batch shows of a clip, and which clips to review first."""
+"""Entries of clips in a batch, and which clips to review first."""
 
 from __future__ import annotations
 

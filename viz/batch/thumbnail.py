@@ -97,7 +97,7 @@ class _Window:
 
 
 def _best_window(scene: Scene, painter: BodyPainter, posed: PosedBody, t: int) -> tuple[_Window, np.ndarray | None]:
-    """What is shown, and the camera's whole picture."""
+    """The shown part, and the camera's whole picture."""
     vertices = painter.vertices(posed)
     views = [camera_view(camera, max(camera.image_size)) for camera in scene.cameras]
     for c, view in enumerate(views):

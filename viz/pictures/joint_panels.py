@@ -17,7 +17,7 @@ _FEW = 12
 
 
 class JointPanel(NamedTuple):
-    """What is drawn over each other: a joint, or those of both sides; their common name."""
+    """Curves in one panel: a joint, or those of both sides; their common name."""
 
     title: str
     curves: tuple[tuple[Side, JointAngle], ...]

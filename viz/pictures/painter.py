@@ -40,7 +40,7 @@ class ImageProjection(Protocol):
 
 @dataclass(frozen=True)
 class CameraProjection:
-    """What a camera sees, lens distortion included, reduced by `scale` across and down."""
+    """A camera's view with lens distortion, reduced by `scale` across and down."""
 
     camera: Camera
     scale: tuple[float, float]

@@ -47,7 +47,7 @@ class MeasurePanel:
 
 @dataclass(frozen=True)
 class Plot:
-    """What is drawn: a title, and one panel or several below each other over the same time."""
+    """Content of a figure: a title, and one panel or several below each other over the same time."""
 
     title: str
     panels: Sequence[MeasurePanel]

@@ -25,8 +25,8 @@ _ROUND = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np
 
 @dataclass(frozen=True)
 class SourceLayer:
-    """What a source adds to one picture, an image (H, W, 3) uint8 that changes in place, of instant t, in which the
-    body has the configuration q (nq,), NaN for none."""
+    """Draw a source into one picture, an image (H, W, 3) uint8 that changes in place, of instant t, in which the body
+    has the configuration q (nq,), NaN for none."""
 
     body: Body
     source: SourceFigure

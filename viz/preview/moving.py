@@ -102,7 +102,7 @@ class MovingPreview:
         webbrowser.open(self.address, new=2)
 
     def page(self) -> bytes:
-        """What a browser gets that opens the address now."""
+        """The page for a browser that opens the address now."""
         with self._news:
             return _WAITING if self._page is None else self._page
 

@@ -156,7 +156,7 @@ def _add_body(
 
 
 def node_names(parts: tuple[DrawnMesh, ...]) -> dict[int, str]:
-    """What the node of each joint that moves something is called, in the order of the joints."""
+    """Name of the node of each joint that moves something, in the order of the joints."""
     names = {part.joint: part.name for part in reversed(parts)}
     return {joint: f"{joint}_{names[joint]}" for joint in sorted(names)}
 

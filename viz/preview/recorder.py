@@ -22,7 +22,7 @@ Json = dict[str, Any]
 
 
 class Command(Protocol):
-    """What meshcat's commands have in common."""
+    """Base of meshcat's commands."""
 
     def lower(self) -> Json:
         """The command as plain data."""

@@ -22,7 +22,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is reported beside the motion.
+    """Facts reported beside the motion.
 
     findings: what contradicts the subject or the input. assumed: what was not measured, a sentence each. lengths: name
     and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.

@@ -99,7 +99,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
 
 
 def _source(run: Run) -> str:
-    """What the run is of: its clips' names, else its own."""
+    """Title of the run: its clips' names, else its own."""
     clips = [Path(clip).name for clip in (*run.header.clips.values(), *run.header.points) if clip]
     return ", ".join(clips) or run.file.name
 

@@ -1,1 +1,1 @@
-"""What a body is drawn as: solids of its flesh, or of a foreign URDF's visual shapes."""
+"""Drawn shapes of a body: solids of its flesh, or of another URDF's visual shapes."""

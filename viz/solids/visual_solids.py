@@ -35,7 +35,7 @@ class VisualSolids(NamedTuple):
 
 
 class _Source(NamedTuple):
-    """What a shape's triangles are made from: all that they depend on."""
+    """Key of a shape's triangles: all that they depend on."""
 
     kind: str
     size: tuple[float, ...]

@@ -96,7 +96,7 @@ class Camera(Summarised):
 
     @cached_property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What the kernels of `estimator.data.cameras.projection` take: intrinsics (5,) fx, fy, cx, cy, skew [px],
+        """Arguments of the kernels of `estimator.data.cameras.projection`: intrinsics (5,) fx, fy, cx, cy, skew [px],
         lens (5,), (1, 22) or (1, 1, 22), R (3, 3) and t (3,) camera from world."""
         K = self.K
         intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]])

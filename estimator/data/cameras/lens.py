@@ -61,7 +61,7 @@ def lens_array(distortion: np.ndarray, *, fisheye: bool = False) -> np.ndarray:
 
 
 def parallel_lens() -> np.ndarray:
-    """What stands for the lens of a parallel camera, (1, 1, 22)."""
+    """The lens array of a parallel camera, (1, 1, 22)."""
     lens = np.zeros((1, 1, _SIZE))
     lens[0, 0, _TILT:_MODEL] = np.eye(3).ravel()
     lens[0, 0, _MODEL] = PARALLEL

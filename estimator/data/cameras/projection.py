@@ -37,8 +37,8 @@ AWAY = 1e3
 
 @jit
 def nearness(depth, parallel):  # type: ignore[no-untyped-def]
-    """What is linear in the picture along a straight line in space, positive, and larger the nearer: 1 / depth, of a
-    parallel camera 2 AWAY - depth. It is its own inverse."""
+    """Nearness, which is linear in the picture along a straight line in space, positive, and larger for nearer points:
+    1 / depth, or 2 AWAY - depth for a parallel camera. It is its own inverse."""
     if parallel:
         return 2.0 * AWAY - depth
     return 1.0 / depth

@@ -20,7 +20,7 @@ _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis 
 _MOST_JOINTS, _DEEPEST = 2000, 200  # of a skeleton; deeper ones are damage
 _LARGEST = 1e7  # of a length in the file's unit, or of an angle [deg]
 END_SITE = "_end"
-"""What is added to a joint's name for its end site."""
+"""Suffix of a joint's name for its end site."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def read_bvh(path: str | Path) -> BvhMotion:
 
 @dataclass(frozen=True)
 class _Skeleton:
-    """What has been read so far."""
+    """The content read so far."""
 
     names: list[str]
     parents: list[int]

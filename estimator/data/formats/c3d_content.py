@@ -1,4 +1,4 @@
-"""What a C3D file holds: parameters, and points over time; of any processor, as whole numbers or floating point.
+"""Content of a C3D file: parameters, and points over time; of any processor, as whole numbers or floating point.
 
 The format is that of the C3D User Guide (Motion Lab Systems, c3d.org). Read by a strict reader of our own: ezc3d, by
 which such files are written, ends the process or never returns on some that are damaged.

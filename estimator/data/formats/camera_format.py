@@ -1,4 +1,4 @@
-"""What a camera file's format is: how a file of it is recognised, and how it is read."""
+"""Formats of camera files: how they are recognised and read."""
 
 from __future__ import annotations
 

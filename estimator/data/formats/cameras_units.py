@@ -1,4 +1,4 @@
-"""What camera files give in ways of their own: rotation vectors, lengths of an unknown unit."""
+"""Conversions for camera files: rotation vectors, and lengths of an unknown unit."""
 
 from __future__ import annotations
 

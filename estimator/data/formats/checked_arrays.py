@@ -39,7 +39,7 @@ class Field(NamedTuple):
 
 
 class DamageError(ValueError):
-    """What is wrong with an array of a stored file."""
+    """A fault of an array in a stored file."""
 
 
 def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], sizes: Mapping[str, int]) -> None:

@@ -1,4 +1,4 @@
-"""What a keypoint file's format is: how a file of it is recognised, and how it is read."""
+"""Formats of keypoint files: how they are recognised and read."""
 
 from __future__ import annotations
 

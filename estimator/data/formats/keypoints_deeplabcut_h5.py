@@ -145,7 +145,7 @@ def _joined(blocks: list[np.ndarray], rows: int) -> np.ndarray:
 
 
 def _index(values: np.ndarray, path: Path) -> tuple[str, ...]:
-    """What each row is called: the number of a frame, or the path of a picture."""
+    """Name of each row: the number of a frame, or the path of a picture."""
     if values.ndim == 1 and values.dtype.kind in "iu" and (values >= 0).all():
         return tuple(map(str, values.tolist()))
     return texts(values, path, "index")

@@ -1,5 +1,5 @@
-"""What rtmlib's models return, `keypoints, scores = body(picture)`, kept as it is: of every frame keypoints (N, K, 2)
-[px] and scores (N, K) of N people.
+"""Output of rtmlib's models, `keypoints, scores = body(picture)`, unchanged: for every frame keypoints (N, K, 2) [px]
+and scores (N, K) of N people.
 
 As JSON a list of {"keypoints", "scores"}, one a frame, or one object whose two lists have an entry a frame; a frame may
 have "frame_id" (or "frame") and "track_ids" (N), as rtmlib's PoseTracker keeps them. As arrays in an npz: see

@@ -37,7 +37,7 @@ def is_unnamed(label: str) -> bool:
 
 
 def output_kind(label: str) -> str | None:
-    """What a gait model has written as a point of this name, as "angles"; None for markers."""
+    """Kind of a gait model's output by the name of its point, such as "angles"; None for markers."""
     name = label.rpartition(":")[2].strip()
     return next((kind for kind, pattern in _KINDS.items() if pattern.fullmatch(name)), None)
 

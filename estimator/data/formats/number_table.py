@@ -13,7 +13,7 @@ from estimator.data.formats.checked_json import read_text
 from humanoid.support.errors import InputError, shown
 
 TIMES = ("time_s", "time", "t", "seconds")
-"""What a column of time [s] is called."""
+"""Names of a column of time [s]."""
 _MOST_ROWS = 1_000_000
 
 

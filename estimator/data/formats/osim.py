@@ -33,7 +33,7 @@ class OsimPlacement:
 
 @dataclass(frozen=True)
 class OsimShape:
-    """What is displayed of a segment: an ellipsoid with half-axes size (3,), or a cylinder along its own y axis with
+    """Displayed geometry of a segment: an ellipsoid with half-axes size (3,), or a cylinder along its own y axis with
     size (radius, half height) [m]; place: in the segment's frame."""
 
     size: tuple[float, ...]
@@ -64,7 +64,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Joint:
-    """What carries `child` on `parent` (names of segments, `GROUND` for the world).
+    """The joint of `child` on `parent` (names of segments, `GROUND` for the world).
 
     on_parent, on_child: the joint's frames in those of the segments. In on_parent the child first slides along
     `slides`, then turns about `turns`, each about its direction as the turns before have left it; three at most of

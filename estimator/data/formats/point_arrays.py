@@ -1,4 +1,4 @@
-"""What arrays of points over time have to be, whoever wrote them."""
+"""Checks of arrays of points over time, from any source."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than 
 
 @dataclass(frozen=True)
 class ClipReport:
-    """What one pass through a clip found.
+    """Result of one pass through a clip.
 
     declared: frames the file claims, None where it makes no usable claim, or FFmpeg only estimates it.
     read: frames that could be decoded.
@@ -277,7 +277,7 @@ class VideoClip(Clip):
 
 
 def listed(folder: Path) -> list[Path]:
-    """What a folder holds, hidden files aside."""
+    """Files of a folder, except hidden ones."""
     try:
         return [p for p in folder.iterdir() if not p.name.startswith(".")]
     except OSError as error:

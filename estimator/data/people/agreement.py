@@ -40,7 +40,7 @@ class PairAffinities:
 
     @property
     def gain(self) -> np.ndarray:
-        """What each pair counts (R,): 1 for perfect agreement, 0 where nothing could be compared, -2 at least."""
+        """Score of each pair (R,): 1 for perfect agreement, 0 where nothing could be compared, -2 at least."""
         gain = np.maximum(1.0 - np.square(self.distance / self.scale), WORST)
         return np.where(np.isnan(gain), 0.0, gain)
 

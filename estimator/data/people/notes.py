@@ -1,4 +1,4 @@
-"""What a user should know about a person chosen in several cameras."""
+"""Notes for the user on a person chosen in several cameras."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def no_common_person(names: Sequence[str]) -> InputError:
 
 
 def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names: Sequence[str]) -> str:
-    """What the cameras agree on, and how well."""
+    """The cameras' common choice, and how well they agree."""
     used = subject[affinities.first] & subject[affinities.second]
     seen = [name for c, name in enumerate(names) if subject[table.camera == c].any()]
     if not used.any():

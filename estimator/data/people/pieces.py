@@ -137,7 +137,7 @@ class _Builder:
             self._rows.append((c, frame, camera_detections.instant(frame), number, owner, person.weight / diagonal))
 
     def table(self) -> Table:
-        """What was collected."""
+        """The collected table."""
         rows = np.array(self._rows).reshape(-1, 6)
         camera, frame, instant, track, piece = rows[:, :5].astype(np.int64).T
         return Table(

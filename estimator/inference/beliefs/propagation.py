@@ -148,7 +148,7 @@ class _Passing:
         return tuple(each(lambda i: self._belief(int(seeds[i]), i, iteration), range(len(self._graph.nodes))))
 
     def result(self, seeds: np.ndarray, iteration: int, each: Each) -> Propagated:
-        """What it has come to."""
+        """The current result."""
         return Propagated(self.beliefs(seeds, iteration, each), self._messages, self._status)
 
     def _belief(self, seed: int, i: int, iteration: int) -> Belief:

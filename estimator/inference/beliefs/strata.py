@@ -106,8 +106,8 @@ def weighted(strata: Sequence[Stratum]) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 class StrataTarget(NamedTuple):
-    """What samples are for. to: the incoming message that comes from where they go to; None for a belief, and where
-    nothing comes from there. samples: how many."""
+    """The purpose of samples. to: the incoming message from their receiver; None for a belief, and where there is none.
+    samples: how many."""
 
     to: int | None
     samples: int

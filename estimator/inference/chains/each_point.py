@@ -21,8 +21,8 @@ class Normals(NamedTuple):
 
 
 class PointMessages(NamedTuple):
-    """What the chain of each of M points receives: K kernels with log_weight (M, K), known (M, K) bool, whether a
-    kernel is informative, and its mean and covariance."""
+    """Message to the chain of each of M points: K kernels with log_weight (M, K), known (M, K) bool, whether a kernel
+    is informative, and its mean and covariance."""
 
     log_weight: np.ndarray
     known: np.ndarray
@@ -32,10 +32,10 @@ class PointMessages(NamedTuple):
 def messages_each(
     detected: Normals, suits: np.ndarray, other: Normals, settings: EvidenceSettings, exchange: str
 ) -> PointMessages:
-    """What the second of two chains receives of each of M points (see `exchange.messages`).
+    """Message about each of M points to the second of two chains (see `exchange.messages`).
 
-    detected: what may be a point (M, A), with suits (M, A), 0 for nothing. other (M): what the first chain expects.
-    The kernels are those of the detections, then that of none.
+    detected: possible detections of a point (M, A), with suits (M, A), 0 for none. other (M): the first chain's
+    prediction. The kernels are those of the detections, then that of none.
     """
     count = len(suits)
     seen = suits > 0.0

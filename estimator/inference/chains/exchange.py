@@ -137,5 +137,5 @@ def step(
 
 
 def nothing_seen(names: Sequence[str]) -> Message:
-    """What a chain receives that is alone in the dark."""
+    """The uninformative message, without detections or other chains."""
     return Message(uniform(names), uniform(names))

@@ -29,7 +29,7 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class IndexRecipe:
-    """What an index is made of; equal recipes give equal indices.
+    """The recipe of an index; equal recipes give equal indices.
 
     examples: how many. headings [degrees]: range of the body's heading about facing the camera. legs: whether they move
     too. elevation [degrees]: by how much the camera looks down. variants: bodies of other lengths and girth in the

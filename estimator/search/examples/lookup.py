@@ -20,9 +20,8 @@ _PROPOSED = 2  # times as many poses as are kept are proposed by each of several
 
 
 class Lookup(NamedTuple):
-    """What one camera's picture was looked up by, and found: the number of the camera, the frame at the person, the
-    cut-out (200, 200) uint8 and where it shows them (200, 200) bool, the nearest examples, and their poses (K, nq) in
-    the world."""
+    """The lookup of one camera's picture: the number of the camera, the frame at the person, the cut-out (200, 200)
+    uint8 and where it shows them (200, 200) bool, the nearest examples, and their poses (K, nq) in the world."""
 
     camera: int
     frame: ViewFrame

@@ -27,7 +27,7 @@ _MOST = 4000  # pixels that are placed
 
 
 class PersonEvidence(NamedTuple):
-    """What a person is seen by: which of `CUES`, and their height [m], of use to the silhouette."""
+    """How a person is located: by which of `CUES`, and with which height [m], for the silhouette."""
 
     cue: str
     stature: float

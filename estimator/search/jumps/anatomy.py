@@ -74,7 +74,7 @@ class Anatomy:
 
 @per_object
 def anatomy_of(body: Body) -> Anatomy:
-    """What can jump in depth; nothing of it is named in advance."""
+    """The parts that can jump in depth, found without their names."""
     probe = _Probe(body)
     limbs = probe.limbs()
     parts = probe.parts(limbs)

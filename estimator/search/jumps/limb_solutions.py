@@ -30,7 +30,7 @@ class LimbSolution(NamedTuple):
 
 
 def limb_solutions(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, near: float = REACHED) -> list[LimbSolution]:
-    """What the limb can be on its rays: up to four solutions that its joints reach within `near` [m]."""
+    """The limb's poses on its rays: up to four solutions that its joints reach within `near` [m]."""
     axes, through = axes_of(on_rays.spatial_jacobian, limb.dofs)
     lower, upper = body.tangent_bounds(on_rays.q)
     points = on_rays.points[limb.landmarks]

@@ -54,7 +54,7 @@ class RayBundle(NamedTuple):
     least: np.ndarray
 
     def spans(self, root: np.ndarray, near: float, far: float) -> Spans:
-        """What is from `near` to `far` [m] away from the root (3,)."""
+        """The parts of lines between `near` and `far` [m] from the root (3,)."""
         off = root - self.origins
         along = np.einsum("ni,ni->n", off, self.ways)
         square = np.einsum("ni,ni->n", off, off) - along**2

@@ -1,4 +1,4 @@
-"""What a pose looks like: a body of random size and clothes in random light, described as the tracked person is."""
+"""Pictures of a pose: a body of random size and clothes in random light, described as the tracked person is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What a rig's cameras see of a body anywhere in their common volume: random size, clothes, light, heading and pose."""
+"""Pictures by a rig's cameras of a body anywhere in their common volume: random size, clothes, light, heading and
+pose."""
 
 from __future__ import annotations
 

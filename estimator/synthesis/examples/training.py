@@ -68,7 +68,7 @@ def train_index(
 
 
 class Painting(NamedTuple):
-    """What a process needs to paint examples. urdf, source, base: of the subject. side [m]: of the square around a
+    """Input of a process that paints examples. urdf, source, base: of the subject. side [m]: of the square around a
     person."""
 
     urdf: str
@@ -163,7 +163,7 @@ class _PieceProgress:
 
 _Work = Callable[[Gallery, int], dict[str, np.ndarray]]
 _Paint = Callable[[_Work, Sequence[int]], Iterator[dict[str, np.ndarray]]]
-"""What work makes of pieces, in their order."""
+"""The results of work on pieces, in their order."""
 
 
 @contextmanager
@@ -202,7 +202,7 @@ def _work_in_gallery(work: _Work, piece: int) -> dict[str, np.ndarray]:
 def _made(
     paint: _Paint, store: _PieceStore, kind: str, work: _Work, pieces: Sequence[int], piece_progress: _PieceProgress
 ) -> Iterator[dict[str, np.ndarray]]:
-    """What comes out of every piece, in their order; each is stored when it is done."""
+    """The result of every piece, in their order; each is stored when it is done."""
     known = {k: arrays for k in pieces if (arrays := store.of(kind, k)) is not None}
     painted = paint(work, [k for k in pieces if k not in known])
     for k in pieces:

@@ -1,2 +1,1 @@
-"""What CSS and ELMO are compared with: one mode, several without sampling, CONDENSATION, the annealed particle
-filter."""
+"""Baselines for CSS and ELMO: one mode, several without sampling, CONDENSATION, the annealed particle filter."""

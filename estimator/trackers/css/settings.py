@@ -95,4 +95,4 @@ UNUSED = (
     unused_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
     unused_without(PICTURES, "css.momentum css.limb_searches css.limb_samples css.limb_penalty css.exchanges"),
 )  # fmt: skip
-"""What has no effect on it (`estimator.trackers.spec.Spec.unused`)."""
+"""Settings without effect on it (`estimator.trackers.spec.Spec.unused`)."""

@@ -1,4 +1,4 @@
-"""What a frame expects and receives of poses, as the density that samples of them are drawn from."""
+"""The density of poses that samples are drawn from, of a frame's predictions and messages."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from humanoid.kinematics.body import Body, PlacedBodies
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What is expected of the next frame, in the tangent space at reference (nq,): centres (K, nv) of kernels with
-    weights (K,), steps from there, and samples (N, nv)."""
+    """Prediction of the next frame, in the tangent space at reference (nq,): centres (K, nv) of kernels with weights
+    (K,), steps from there, and samples (N, nv)."""
 
     reference: np.ndarray
     centres: np.ndarray

@@ -29,7 +29,7 @@ class SeenFeatures(Protocol):
 
     @property
     def features(self) -> PointFeatures:
-        """What is detected. Raises InputError for a body that has nothing of that kind."""
+        """Names of the detected features. Raises InputError for a body without features of that kind."""
         ...
 
     @property
@@ -42,8 +42,8 @@ class SeenFeatures(Protocol):
         ...
 
     def learned(self, observation: Observation, pixels: np.ndarray) -> SkinModel | None:
-        """What has to be learned in the first frame; pixels (F, 2) [px]: features in its pose. Raises InputError where
-        the frame does not allow it."""
+        """Learn the model of the first frame; pixels (F, 2) [px]: features in its pose. Raises InputError where the
+        frame does not allow it."""
         ...
 
     def detected(self, observation: Observation, skin: SkinModel | None) -> Detections:

@@ -1,4 +1,4 @@
-"""What draws the limbs of a body: to the places of a choice, and to where pictures have them near a pose."""
+"""Terms that pull the limbs of a body: to the places of a choice, and to their places in pictures near a pose."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Stiffness(NamedTuple):
 
     @property
     def variance(self) -> np.ndarray:
-        """What is added to covariances, (6, 6)."""
+        """The covariance (6, 6) that is added to others."""
         return np.diag(np.repeat(np.square([self.place, self.turn]), 3))
 
 
 class Near(NamedTuple):
-    """What is sampled about each limb of a pose: `samples` places, normal deviates of `place` [m] and `turn` [rad], and
-    which share of the log likelihood ratios weighs them."""
+    """Sampling about each limb of a pose: `samples` places, normal deviates of `place` [m] and `turn` [rad], and which
+    share of the log likelihood ratios weighs them."""
 
     samples: int
     place: float

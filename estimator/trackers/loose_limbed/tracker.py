@@ -87,7 +87,7 @@ class LooseLimbed:
 
     @cached_property
     def instants(self) -> InstantReader:
-        """What is made of a frame."""
+        """The results of a frame."""
         s = self.settings
         return InstantReader(self._search.model, self.graph, s.seen, s.part_detectors)
 
@@ -144,7 +144,7 @@ class LooseLimbed:
         return LimbState(beliefs, mixture, after.time, after.time, believed), judgement
 
     def _behind(self, state: LimbState | None, before: Sequence[Observation]) -> list[Observation]:
-        """What of the frames before is inferred again: the last, if the person was seen and its past is known."""
+        """The earlier frames that are inferred again: the last, if the person was seen and its past is known."""
         return [o for o in before if state is not None and state.believed < o.time == state.seen]
 
     def inferred(
@@ -171,8 +171,8 @@ class LooseLimbed:
         return result, mixture
 
     def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
-        """What the next frame receives: some of it as the assembled poses have each limb, since beliefs of single limbs
-        do not show that two of them are in one place."""
+        """Message to the next frame: some of it from the assembled poses, since beliefs of single limbs do not show
+        that two of them are in one place."""
         tied = []
         for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):
             count = round(self.settings.tied * len(belief.points))

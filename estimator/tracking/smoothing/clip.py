@@ -258,7 +258,7 @@ class _Track:
         return replace(trajectory, q=q, motion=motion)
 
     def _ties(self, associations: Sequence[str]) -> SpilledList[Ties]:
-        """What ties each frame's feet to the one before."""
+        """Terms that tie each frame's feet to the one before."""
         ties: SpilledList[Ties] = self._spilled_ties.list([()])
         for i in range(1, len(self.some)):
             t, dt = self.some[i], self._times[i] - self._times[i - 1]

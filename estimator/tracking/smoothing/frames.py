@@ -56,7 +56,7 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
 
 
 def frame_shifts(search: ModeSearch, observation: Observation, energy: np.ndarray, result: FrameResult) -> np.ndarray:
-    """What is added to the energies (K,) of a frame's modes so that readings of the trunk are compared fairly, see
+    """Corrections of the energies (K,) of a frame's modes, so that readings of the trunk are compared fairly, see
     `ModeSearch.reading_shifts`."""
     return search.reading_shifts(result.q, energy, observation.only_camera)
 
@@ -72,14 +72,15 @@ def renewed_cost(search: ModeSearch, observation: Observation, association: str,
 def flow_ties(
     search: ModeSearch, observation: Observation, before: PosedBody, posed: PosedBody
 ) -> tuple[Ties, list[Term]]:
-    """What ties a frame to the one before, in which the body lay at `before`, and what can only be a term of the frame
-    itself, `before` being held."""
+    """Terms that tie a frame to the one before, with the body at `before`, and those that can only be terms of the
+    frame itself, with `before` fixed."""
     followed = search.likelihood(observation, posed.q).followed(before, posed)
     return ties_of(search.body, followed, before)
 
 
 def standing_ties(search: ModeSearch, observation: Observation, association: str, dt: float) -> Ties:
-    """What ties the feet of a frame, read in an association, to where they were in the one before, `dt` seconds ago."""
+    """Terms that tie the feet of a frame, read in an association, to their places in the one before, `dt` seconds
+    ago."""
     return search.model.standing_ties(search.associated(observation, association).standing, dt)
 
 

@@ -94,8 +94,8 @@ def frame_shares(residuals: Residuals) -> np.ndarray:
 
 
 def lasting_errors(residuals: Residuals, share: np.ndarray, lasting: float) -> np.ndarray:
-    """What lasts of the residuals, (T, C, L, 2) [px]: to be taken from keypoints, which then count by share (C,) of
-    their deviations.
+    """The lasting part of the residuals, (T, C, L, 2) [px], to be subtracted from keypoints, which then count by share
+    (C,) of their deviations.
 
     What stays for the whole clip, and the mean of a first-order process in time about it, of which the residuals are
     measurements with what is new in a frame as noise. So much of both is left to the keypoints that residuals which do

@@ -58,7 +58,7 @@ class MotionEnergy:
         return energy
 
     def energy(self, q: np.ndarray) -> float:
-        """What `add` returns, to the last bit, without derivatives."""
+        """The value that `add` returns, to the last bit, without derivatives."""
         steps, _ = self._steps.between(q)
         energy = 0.0
         for moved in self._rows:

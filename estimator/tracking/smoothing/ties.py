@@ -1,4 +1,4 @@
-"""What ties the poses of two successive frames: flow between them, with neither of the two held (CSS eq. 9)."""
+"""Terms between the poses of two successive frames: flow between them, with neither of the two held (CSS eq. 9)."""
 
 from __future__ import annotations
 

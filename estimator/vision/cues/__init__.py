@@ -1,1 +1,1 @@
-"""What a cue is, and points of the body with image features assigned to them; a folder a cue."""
+"""Image cues, and points of the body with image features assigned to them. Each cue has a folder."""

@@ -62,7 +62,7 @@ def assigned_loads(  # type: ignore[no-untyped-def]
 
 @jit
 def charge(a, visible, u, v, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
-    """What assignment a of target (A, 2), precision (A, 3), weight, kind, nu (A,) costs where its point is at u, v."""
+    """Energy of assignment a of target (A, 2), precision (A, 3), weight, kind, nu (A,) with its point at u, v."""
     square = BEHIND
     if visible:
         ex, ey = target[a, 0] - u, target[a, 1] - v

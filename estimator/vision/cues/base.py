@@ -59,7 +59,7 @@ class ExplainedPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What a cue is matched by: one camera at one instant.
+    """Context in which a cue is matched: one camera at one instant.
 
     body, surface, predictor: of the subject, in this camera. cues: all that was read of the image. extent: the
     subject's in the image [px]. weight: factor of all image terms, below 1 where keypoints see the person too.
@@ -126,7 +126,7 @@ class Matcher:
         return None
 
     def pictures(self, shown: ExplainedPose) -> Iterable[CuePicture]:
-        """What an explanation of a pose shows of the cue."""
+        """Diagnostic images of the cue for an explanation of a pose."""
         return ()
 
 

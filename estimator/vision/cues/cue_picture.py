@@ -1,4 +1,4 @@
-"""What a cue shows in an explanation: a description, which `viz.cue_pictures` draws."""
+"""Description of a cue's diagnostic image, which `viz.cue_pictures` draws."""
 
 from __future__ import annotations
 

@@ -71,8 +71,8 @@ class ImageLikelihood:
         return tuple(camera.extent for camera in self.cameras)
 
     def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
-        """What the cues have around a pose, features assigned to the surface as it lies there, with the penalties of
-        hidden nodes. brief: by some of the contours' points, which is enough for a first search."""
+        """The cues' terms around a pose, with features assigned to the surface there, and the penalties of hidden
+        nodes. brief: by some of the contours' points, which is enough for a first search."""
         return [term for camera in self.cameras for term in camera.assigned(posed, brief)]
 
     def assigned_values(self, posed: PosedBody) -> list[float]:
@@ -80,8 +80,8 @@ class ImageLikelihood:
         return [value for camera in self.cameras for value in camera.assigned_values(posed)]
 
     def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
-        """What ties a pose to the frame before, when the surface lay at `parent`; it is also looked for from where it
-        lies at `predicted`."""
+        """Terms that tie a pose to the frame before, with the surface at `parent`; it is also searched from its place
+        at `predicted`."""
         return self.followed_each([PastPose(parent, predicted)])[0]
 
     def followed_each(self, pasts: Sequence[PastPose]) -> list[list[Term]]:
@@ -125,7 +125,7 @@ class CameraLikelihood:
         self._following = [cue.name for cue in known if cue.follows]
 
     def view(self, name: str) -> CameraView:
-        """What a cue is matched by."""
+        """Context in which a cue is matched."""
         return CameraView(
             body=self.model.body,
             surface=self.model.surface,
@@ -204,5 +204,5 @@ class CameraLikelihood:
         return [share for share in shares if share is not None]
 
     def pictures(self, shown: ExplainedPose) -> list[CuePicture]:
-        """What an explanation of a pose shows of the cues."""
+        """Diagnostic images of the cues for an explanation of a pose."""
         return [picture for matcher in self.matchers.values() for picture in matcher.pictures(shown)]

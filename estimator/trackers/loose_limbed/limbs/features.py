@@ -1,4 +1,4 @@
-"""What is measured of a limb in a picture: responses along its outline and axis, and where the person is."""
+"""Features of a limb in a picture: responses along its outline and axis, and the foreground."""
 
 from __future__ import annotations
 

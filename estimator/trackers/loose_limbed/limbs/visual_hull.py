@@ -15,7 +15,7 @@ from estimator.trackers.loose_limbed.limbs.likelihood import LimbView
 from humanoid.support.compiled import jit
 
 ALL, MOST = 2, 1
-"""What a cell of the hull is: foreground in all views that show it, or in all but those that may overlook it."""
+"""Kinds of cells of the hull: foreground in all views that show it, or in all but those that may overlook it."""
 
 _COARSEST = 0.4  # m
 _MOST_CELLS = 30_000  # are halved: one camera alone sees a person anywhere along metres of its rays

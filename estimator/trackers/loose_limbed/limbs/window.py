@@ -23,7 +23,7 @@ Beliefs = tuple[Belief, ...]
 
 @dataclass(frozen=True)
 class Instant:
-    """What is measured at one instant.
+    """Measurements at one instant.
 
     time [s]. log_ratio: of a limb at some placements; None where nothing is measured. proposals (L): Q of each limb,
     None where there is none. box (2, 3) [m]: lowest and highest corner of where limbs can be.
@@ -37,7 +37,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class PastBeliefs:
-    """What was believed at an instant before, and stays. time [s]."""
+    """Fixed beliefs of an earlier instant. time [s]."""
 
     time: float
     beliefs: Beliefs

@@ -43,7 +43,7 @@ class TemplateSettings(CheckedSettings):
 
 @dataclass(frozen=True, eq=False)
 class LimbTemplate:
-    """What a limb, or that of the other side of the body, looks like around its middle, to all cameras of a rig.
+    """Appearance of a limb, or that of the other side of the body, around its middle in all cameras of a rig.
 
     limbs: their names. metres: side of a patch. space: of its patches. elsewhere: of patches at other places of the
     person. deviation [nats, or squared distance]: of the scores of its own patches, by ratio and by residual, (2,).

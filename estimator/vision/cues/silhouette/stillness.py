@@ -1,4 +1,4 @@
-"""What stays where it is in a clip: the camera, and places of the picture."""
+"""Static parts of a clip: the camera, and places of the picture."""
 
 from __future__ import annotations
 

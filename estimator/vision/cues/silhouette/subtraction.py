@@ -44,7 +44,7 @@ class SilhouetteSettings(CheckedSettings):
 
 @dataclass(frozen=True)
 class Background:
-    """What a fixed camera sees without people.
+    """The background of a fixed camera.
 
     mean, spread (H, W, 3) float32: of the BGR colours over time, grey values.
     known (H, W) bool: False where the scene was hardly ever seen.
