@@ -1,2 +1,2 @@
-"""How a body is estimated: pictures, energies, searches, trackers, results. Ten packages, the lowest first, in
+"""Estimation of a body: pictures, energies, searches, trackers, results. Ten packages, the lowest first, in
 `docs/design.md`."""

@@ -54,7 +54,7 @@ class SourceFigure:
         return next((self.names.index(name) for name in HEADS if name in self.names), None)
 
     def place(self, t: int) -> np.ndarray:
-        """Where the figure is at instant t [m], (3,): the middle of its landmarks, NaN without any."""
+        """Place of the figure at instant t [m], (3,): the middle of its landmarks, NaN without any."""
         known = self.points[t][np.isfinite(self.points[t]).all(axis=1)]
         return np.asarray(known.mean(axis=0)) if len(known) else np.full(3, np.nan)
 
@@ -76,7 +76,7 @@ class SourceFigure:
 
 
 def source_figure(run: Run) -> SourceFigure | None:
-    """Of a run that was made from another motion; None of one that was tracked.
+    """The figure of a run that was made from another motion; None for a tracked one.
 
     Raises InputError for a run without what it was made from.
     """
@@ -94,8 +94,8 @@ def source_figure(run: Run) -> SourceFigure | None:
 
 
 def heading(body: Body, q: np.ndarray) -> float:
-    """Where a free root's x axis points in the middle of the poses among q (T, nq), NaN where there is none [deg, -180
-    to 180]; 0 of a fixed one."""
+    """Heading of a free root's x axis in the middle pose among q (T, nq), NaN without one [deg, -180 to 180]; 0 for a
+    fixed one."""
     known = q[np.isfinite(q).all(axis=1)]
     if not body.has_free_root or not len(known):
         return 0.0

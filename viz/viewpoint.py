@@ -1,4 +1,4 @@
-"""From where a body is drawn that no camera saw."""
+"""Viewpoint for drawing a body that no camera saw."""
 
 from __future__ import annotations
 

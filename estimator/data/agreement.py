@@ -25,7 +25,7 @@ _BETTER = 0.4  # what is left of the distance where another size is believed
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well keypoints of several cameras fit each other.
+    """Agreement of keypoints of several cameras.
 
     distance: median Sampson distance of the pairs of cameras, averaged [px]. far: whether it is far too large.
     factor: on the keypoints of doubtful size, with which all would fit much better; None without.
@@ -37,7 +37,7 @@ class Agreement:
 
 
 def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bool]) -> Agreement | None:
-    """How well the keypoints pixels (T, C, L, 2), NaN where missing, fit each other; None where few are seen twice.
+    """Agreement of the keypoints pixels (T, C, L, 2), NaN where missing; None where few are seen twice.
 
     doubtful (C): the cameras whose keypoints may be of pictures of another size, the same share of all of them.
     """

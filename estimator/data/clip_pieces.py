@@ -20,7 +20,7 @@ class ClipPieces:
 
     @staticmethod
     def of(times: np.ndarray) -> ClipPieces | None:
-        """Those of a camera's times (N,) [s], None of a clip that is too short."""
+        """The pieces of a camera's times (N,) [s], None for a clip that is too short."""
         span = float(times[-1] - times[0])
         length = float(np.clip(span / _PIECES, _SHORTEST, _LONGEST))
         count = min(_MOST, int(span / length + 1e-6))
@@ -39,7 +39,7 @@ class ClipPieces:
         return np.asarray(self.middles - self.centre)
 
     def instants(self, start: float, step: float, count: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Of a grid of `count` instants from `start`: some that lie in pieces (I,), whose piece each is (I,), and the
+        """Instants of a grid of `count` from `start`: some that lie in pieces (I,), whose piece each is (I,), and the
         time that each stands for [s]."""
         stride = max(1, int(self.length / step * len(self.middles) / _INSTANTS))
         i = np.arange(0, count, stride)

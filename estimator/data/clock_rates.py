@@ -35,7 +35,7 @@ _ALIKE = 1.0  # frames from the middle to an end: what may be so, and is more, l
 
 @dataclass(frozen=True)
 class ClockRates:
-    """How C clocks run beside those that are held.
+    """Rates of C clocks relative to the held ones.
 
     scales (C,): seconds of the common clock for a second of each; 1 where no other is certain. stds (C,): their
     standard deviations, 0 where nothing was measured. doubtful (C,): whether pieces of the clip have different lags,
@@ -109,8 +109,8 @@ def _differs(slower: float, std: float, line: LagLine, probability: float) -> bo
 
 
 def _of_cameras(pairs: Sequence[_PairRate], count: int, held: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """By how much each clock is slower than those that are held (C,), from all pairs weighted by their deviations, and
-    standard deviations (C,), infinite where no pair leads to a clock that is held."""
+    """Relative slowness (C,) of each clock to the held ones, from all pairs weighted by their deviations, and standard
+    deviations (C,), infinite where no pair leads to a clock that is held."""
     information, towards = np.zeros((count, count)), np.zeros(count)
     for pair in pairs:
         step = np.zeros(count)
@@ -140,7 +140,7 @@ def _linked(pairs: Sequence[_PairRate], held: Sequence[int]) -> set[int]:
 def _pair_rates(
     cameras: Sequence[Camera], pixels: Sequence[np.ndarray], times: Sequence[np.ndarray], longest: float
 ) -> list[_PairRate]:
-    """Of each pair of cameras whose pieces have lags."""
+    """Rates of each pair of cameras whose pieces have lags."""
     if min(len(of) for of in times) < 2:
         return []
     step = max(_STEP, *(float(np.median(np.diff(of))) for of in times))

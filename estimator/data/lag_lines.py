@@ -93,8 +93,8 @@ def _weighted(design: np.ndarray, values: np.ndarray, weights: np.ndarray) -> np
 
 
 def best_lags(table: np.ndarray, near: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each piece (K,) its best lag in steps, between whole ones, NaN where it has none that is better than those
-    around it, and by how much others `near` steps away are worse."""
+    """Best lag of each piece (K,) in steps, interpolated, NaN where none is better than those around it, and how much
+    worse others `near` steps away are."""
     most = table.shape[1] // 2
     lags, rises = np.full(len(table), np.nan), np.zeros(len(table))
     for k, values in enumerate(table):

@@ -28,7 +28,7 @@ class MovingRays:
 
     @staticmethod
     def of(camera: Camera, pixels: np.ndarray, times: np.ndarray, grid: np.ndarray) -> MovingRays:
-        """From pixels (N, L, 2), NaN where missing, at times (N,) [s], to the instants of a grid (T,) [s] of even
+        """Rays of pixels (N, L, 2), NaN where missing, at times (N,) [s], to the instants of a grid (T,) [s] of even
         steps. Averaged over 0.02 s: jitter would otherwise count as motion, and be larger between two frames."""
         step = float(grid[1] - grid[0])
         rays = at_times(averaged(camera.directions(pixels), times), times, grid)

@@ -74,7 +74,7 @@ class Observation:
 
     @property
     def count(self) -> int:
-        """How many keypoints there are, over all cameras."""
+        """Number of keypoints in all cameras."""
         return int(np.count_nonzero(self.confidence > 0.0))
 
     @property
@@ -109,7 +109,7 @@ class Observation:
 
     @property
     def extents(self) -> np.ndarray:
-        """How large the person is in each picture (C,) [px], see `image_extent`."""
+        """Size of the person in each picture (C,) [px], see `image_extent`."""
         return np.array([image_extent(*seen) for seen in zip(self.pixels, self.confidence, strict=True)])
 
     def exchanged(self, mirror: np.ndarray) -> Observation:

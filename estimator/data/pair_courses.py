@@ -39,7 +39,8 @@ class PairCourse:
         return np.arange(max(0, -lag), self.count - max(0, lag), stride)
 
     def rays(self, lag: int, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of instants i (I,): the logarithms of the squared distances times their weights, and the weights (I, L)."""
+        """Misfit of rays at instants i (I,): the logarithms of the squared distances times their weights, and the
+        weights (I, L)."""
         j = i + lag
         weight = np.sqrt(self._speeds[0][i] * self._speeds[1][j])
         across = self.pair.focal * (self._ray[j] * self._line[i]).sum(axis=-1)

@@ -113,7 +113,7 @@ def stuck_points(places: np.ndarray) -> np.ndarray:
 
 
 def frames_elsewhere(places: np.ndarray, times: np.ndarray) -> int:
-    """How many of the first frames of places (T, N, D) at times (T,) [s] lie too far away to be reached in time:
+    """Number of the first frames of places (T, N, D) at times (T,) [s] that are too far away to be reached in time:
     exporters write a rest pose at the origin before the motion. 0 to 3."""
     step = np.linalg.norm(np.diff(places[: _FIRST + 2], axis=0), axis=2)
     known = np.isfinite(step).sum(axis=1) >= _FEWEST
@@ -139,7 +139,7 @@ class Unmeasured(NamedTuple):
 
     @staticmethod
     def of(places: np.ndarray, times: np.ndarray) -> Unmeasured:
-        """Of places with NaN where missing, at times (T,) [s]."""
+        """Those of places with NaN where missing, at times (T,) [s]."""
         first, repeated = frames_elsewhere(places, times), repeated_frames(places)
         repeated[:first] = False
         left = np.where(repeated[:, None, None], np.nan, places)

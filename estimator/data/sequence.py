@@ -1,4 +1,4 @@
-"""From keypoint tracks to the observations of every instant."""
+"""Observations of every instant from keypoint tracks."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def assemble(
 
 
 def _lifted_poses(body: Body, tracks: Sequence[KeypointTrack], count: int) -> list[LiftedPose | None]:
-    """Of each of `count` instants; none where there are several tracks."""
+    """Lifted pose of each of `count` instants; none where there are several tracks."""
     world = tracks[0].world
     if len(tracks) > 1 or world is None:
         return [None] * count
@@ -121,7 +121,7 @@ Progress = Callable[[int, int], None]
 
 
 class Cues(Protocol):
-    """Where the pictures' cues come from (see `estimator.vision.likelihood.reader.CueReader`)."""
+    """Source of image cues (see `estimator.vision.likelihood.reader.CueReader`)."""
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
         """The cues of every camera at a frame."""

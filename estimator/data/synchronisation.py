@@ -104,7 +104,7 @@ def _at_rates(
 
 
 def _nothing(count: int, held: Sequence[int]) -> Synchrony:
-    """Where no two cameras see a person move at any clocks."""
+    """Result where no two cameras see a person move at any clocks."""
     known = np.isin(np.arange(count), list(held))
     nan = np.where(known, 0.0, np.nan)
     return Synchrony(nan, known, np.where(known, 0.0, np.inf), np.where(known, np.inf, 0.0), float("nan"))
@@ -120,8 +120,8 @@ class _Coarse:
     step: float
 
     def assess(self, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of each pair (P,) at these lags (C,): by how much they are better than all that are further off, 0 where
-        they are not, and the distance [px]."""
+        """Margin of each pair (P,) at these lags (C,) over all lags further off, 0 where they are not better, and the
+        distance [px]."""
         margins, distances = np.zeros(len(self.rays)), np.full(len(self.rays), np.inf)
         apart = np.clip(lags[self.lags.b] - lags[self.lags.a], -self.lags.most, self.lags.most) + self.lags.most
         places = np.arange(self.rays.shape[1])
@@ -234,7 +234,7 @@ def _in_common(course: PairCourse) -> tuple[int, int]:
 
 
 def _weakest_links(lags: Lags, margins: np.ndarray, count: int, held: Sequence[int]) -> np.ndarray:
-    """Of each camera (C,) the smallest margin on the best chain of pairs to a camera that is held."""
+    """For each camera (C,) the smallest margin on the best chain of pairs to a camera that is held."""
     strength = np.zeros(count)
     strength[list(held)] = np.inf
     for _ in range(count):

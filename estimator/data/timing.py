@@ -112,7 +112,7 @@ def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: 
 
 
 def _ratio(a: int, b: int) -> int | None:
-    """How many times as many the one are as the other, where that is a small whole number."""
+    """Ratio of two counts, where that is a small whole number."""
     fewer, more = sorted((a, b))
     return next((r for r in _ORDINALS if fewer > 1 and fewer in (more // r, -(-more // r))), None)
 
@@ -176,7 +176,7 @@ def _by_time(clocks: Mapping[str, CameraClock]) -> Timeline:
 
 
 def _places(clock: CameraClock, at: np.ndarray) -> np.ndarray:
-    """Where instants `at` (T,) on a camera's own clock lie among its keypoint frames."""
+    """Places of instants `at` (T,) on a camera's own clock among its keypoint frames."""
     known, count = clock.keypoints, len(clock.keypoints)
     step = (known[-1] - known[0]) / (count - 1) if count > 1 else 1.0 / clock.rate
     around = np.concatenate([[known[0] - step], known, [known[-1] + step]])

@@ -31,7 +31,7 @@ _TALL = 0.3  # m: a body whose centre of mass is lower over its soles than that 
 
 @dataclass(frozen=True)
 class BalanceSettings(CheckedSettings):
-    """How far the centre of mass may be from over the feet that stand.
+    """Settings of balance: the distance of the centre of mass from above the standing feet.
 
     weight: of the term, 0 for none. robots: also for bodies whose masses come from their URDF.
     spread, spread_one_foot: its standard deviation about the middle of the heels and toes that stand, in standard
@@ -72,7 +72,7 @@ class BalanceSettings(CheckedSettings):
 
 
 class MassSpread(NamedTuple):
-    """How the centre of mass is spread about its support, see `BalanceSettings`; held: of this instant. feet: how many
+    """Spread of the centre of mass about its support, see `BalanceSettings`; held: of this instant. feet: how many
     stand."""
 
     spread: float
@@ -193,7 +193,7 @@ class Balance(RecordedTerm):
         return values
 
     def deviations(self, posed: PosedBody) -> float:
-        """How far the centre of mass is from the middle of its support, in standard deviations for a person who is not
+        """Distance of the centre of mass from the middle of its support, in standard deviations for a person who is not
         held."""
         around, offset, pull = np.empty((len(self._points[0]), 2)), np.empty(2), np.empty(2)
         offset_of(posed.placements, *self._points, self._axes, around, offset)

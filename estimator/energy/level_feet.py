@@ -17,7 +17,7 @@ from humanoid.support.per_object import per_object
 
 
 class Soles(NamedTuple):
-    """From heel to toes of each foot.
+    """Soles of the feet, from heel to toes.
 
     heel, toe (S,): landmarks. joint (S,): that moves both. along (S, 3): from one to the other in its frame [m]. rise
     (S,): how much higher the toes are where all joints are at zero [m].
@@ -32,7 +32,7 @@ class Soles(NamedTuple):
     @staticmethod
     @per_object
     def of(body: Body) -> Soles:
-        """Of the feet whose first toe is on the heel's joint; none where the body's upright axis is unknown."""
+        """The soles of feet whose first toe is on the heel's joint; none where the body's upright axis is unknown."""
         upright, names, joint = body.subject.upright, body.landmark_names, body.landmark_joint
         toes = [(i, [j for j, n in enumerate(names) if n.endswith("toe") and joint[j] == joint[i]])
                 for i, name in enumerate(names) if name.endswith("heel") and upright is not None]  # fmt: skip

@@ -20,7 +20,7 @@ STRAIGHT = 0.05  # rad; of smaller angles the logarithm's derivatives are those 
 
 
 class LimbPull(NamedTuple):
-    """Where limbs are drawn to, in plain data.
+    """Targets of limbs, in plain data.
 
     joint (L,), local (L, 3, 4): the joint that moves each limb and the limb's frame there (see
     `humanoid.limbs.limb.limbs_on_joints`). target (L, 7): placements in the world, points of

@@ -14,7 +14,7 @@ NAME = "markers"
 
 
 class MarkerNoise(NamedTuple):
-    """How far a marker may be measured from its place on a body. measured [m]: standard deviation of the measurement.
+    """Noise of a marker's measurement about its place on a body. measured [m]: standard deviation of the measurement.
     place: share of the deviation of its place that counts as noise of a frame; all of it is alike in all frames, but
     takes other values where skin moves. nu: of the Lorentzian whose long tails let outliers be."""
 
@@ -23,7 +23,7 @@ class MarkerNoise(NamedTuple):
     nu: float
 
     def stds(self, body: Body) -> np.ndarray:
-        """Of each marker (M,) [m], along each axis."""
+        """Standard deviation of each marker (M,) [m], along each axis."""
         return np.asarray(np.hypot(self.measured, self.place * body.marker_std))
 
 
@@ -38,7 +38,7 @@ def marker_targets(body: Body, observation: Observation, noise: MarkerNoise) -> 
 
 
 def marker_distances(posed: PosedBody, body: Body, observation: Observation, noise: MarkerNoise) -> np.ndarray:
-    """How far the markers that a frame has (N,) lie from their places on a posed body, in standard deviations along one
+    """Distances of a frame's measured markers (N,) from their places on a posed body, in standard deviations along one
     axis."""
     some = observation.known_markers
     if observation.markers is None or not len(some):

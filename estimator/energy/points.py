@@ -47,7 +47,7 @@ class LoadedPoints(NamedTuple):
 
 
 class _Buffers(threading.local):
-    """Those of a thread, as large as any were."""
+    """Buffers of a thread, of the largest size so far."""
 
     def __init__(self) -> None:
         self._largest = LoadedPoints.on(np.zeros(0, dtype=np.int64))

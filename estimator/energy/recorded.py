@@ -92,7 +92,7 @@ class TermRows(NamedTuple):
 
     @staticmethod
     def of(terms: Sequence[Term]) -> TermRows:
-        """Of these terms; a second repulsion is one of the others."""
+        """The rows of these terms; a second repulsion is one of the others."""
         rows: tuple[list[Any], ...] = ([], [], [], [])
         for term in terms:
             k = _row(term)
@@ -105,7 +105,7 @@ class TermRows(NamedTuple):
 
     @property
     def compiled(self) -> tuple[RecordedTerm, ...]:
-        """Those that compiled code evaluates together."""
+        """The terms that compiled code evaluates together."""
         return (*self.own, *self.lasting, *self.repulsion)
 
     @property

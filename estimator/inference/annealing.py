@@ -13,7 +13,7 @@ from estimator.inference.particles import Particles, effective_count, normalised
 
 @dataclass(frozen=True)
 class Annealing:
-    """How one frame is annealed.
+    """Settings of the annealing of a frame.
 
     layers: how many. survival: share of the particles that each lets live, see `annealing_power`. diffusion: noise
     before every layer but the first, as a share of the dynamics' noise, while the set has not shrunk.
@@ -25,7 +25,7 @@ class Annealing:
 
 
 class Layers(NamedTuple):
-    """How the layers of one frame went. power (layers,): of the likelihood. effective_count (layers,): see
+    """Diagnostics of the layers of a frame. power (layers,): of the likelihood. effective_count (layers,): see
     `estimator.inference.particles.effective_count`, after weighing by that power."""
 
     power: np.ndarray

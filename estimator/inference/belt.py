@@ -104,8 +104,8 @@ def belt_under(points: np.ndarray, time: np.ndarray, kind: np.ndarray, up: np.nd
 
 
 def ways(points: np.ndarray, time: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far points (T, P, 3) [m] move (T, P, 3), and in how long (T,) [s], from `half` [s] before until `half` after
-    each frame, at least a frame to either side."""
+    """Displacements (T, P, 3) of points (T, P, 3) [m], and their durations (T,) [s], from `half` [s] before until
+    `half` after each frame, at least a frame to either side."""
     frames, last = np.arange(len(time)), len(time) - 1
     first = np.minimum(np.searchsorted(time, time - half - _TINY), np.maximum(frames - 1, 0))
     end = np.maximum(np.searchsorted(time, time + half + _TINY, side="right") - 1, np.minimum(frames + 1, last))
@@ -125,8 +125,8 @@ def _both_feet(kind: np.ndarray) -> np.ndarray | None:
 
 
 class _Motion(NamedTuple):
-    """How both feet move: places (T, 2, K, 3) [m] and velocities (T, 2, K, 3) [m/s] of their points, NaN where missing,
-    in the frames (T,) [s] in which any is faster than a person who stands."""
+    """Motion of both feet: places (T, 2, K, 3) [m] and velocities (T, 2, K, 3) [m/s] of their points, NaN where
+    missing, in the frames (T,) [s] in which any is faster than a person who stands."""
 
     time: np.ndarray
     places: np.ndarray
@@ -205,8 +205,7 @@ class _Motion(NamedTuple):
         return velocity if by_turns and speed >= _SLOWEST and self._drift(up) <= _DRIFT * speed else None
 
     def _apart(self, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far the point of each foot that is nearest to a velocity (3,) is from it (T, 2) [m/s], and its velocity
-        (T, 2, 3)."""
+        """Distance (T, 2) [m/s] from a velocity (3,) of the nearest point of each foot, and its velocity (T, 2, 3)."""
         off = np.linalg.norm(self.velocity - velocity, axis=3)
         off = np.where(np.isfinite(off), off, np.inf)
         nearest = off.argmin(axis=2)[..., None]
@@ -243,7 +242,7 @@ def speeds_over_time(velocity: np.ndarray, time: np.ndarray, steady: np.ndarray)
 
 
 def _support(velocity: np.ndarray, belts: np.ndarray) -> np.ndarray:
-    """How well the feet move with each belt (S, 3): (T, S), the mean of both feet's best points."""
+    """Support (T, S) of each belt (S, 3) by the feet, the mean of both feet's best points."""
     apart = np.stack([np.linalg.norm(velocity - belt, axis=3) for belt in belts], axis=1)
     nearest = np.where(np.isfinite(apart), apart, np.inf).min(axis=3)
     return np.asarray(np.exp(-0.5 * np.square(nearest / _SPEED_WIDTH)).mean(axis=2))

@@ -45,7 +45,7 @@ def best_path(
 def path_weights(
     body: Body, q: Sequence[np.ndarray], energy: Sequence[np.ndarray], times: np.ndarray, motion: MotionPrior
 ) -> list[np.ndarray]:
-    """How probable each mode of each frame is with all frames in mind, (T) of (K,) that sum to one: the share of all
+    """Probability of each mode of each frame given all frames, (T) of (K,) that sum to one: the share of all
     trajectories through it, each weighed by its energy (forwards and backwards, Rabiner, Proceedings of the IEEE 77(2),
     1989, over pairs of successive modes). Arguments as of `best_path`."""
     if len(q) == 1:
@@ -89,5 +89,5 @@ def _movements(
 
 
 def _velocities(body: Body, before: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
-    """From every mode (J, nq) to every next one (K, nq), (J, K, nv) [per second]."""
+    """Velocities (J, K, nv) [per second] from every mode (J, nq) to every next one (K, nq)."""
     return np.array([[body.velocity(a, b, dt) for b in after] for a in before])

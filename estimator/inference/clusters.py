@@ -45,7 +45,7 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
 
 
 def _mass_within(points: np.ndarray, others: np.ndarray, weights: np.ndarray, radius: float) -> np.ndarray:
-    """How much (N,) of the weights (M,) of others (M, D) is within a radius of each of the points (N, D)."""
+    """Sum (N,) of the weights (M,) of others (M, D) within a radius of each of the points (N, D)."""
     mass = np.empty(len(points))
     square, square_of_others = np.square(points).sum(axis=1), np.square(others).sum(axis=1)
     for start in range(0, len(points), _ROWS):

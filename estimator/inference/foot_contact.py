@@ -109,7 +109,7 @@ def _speeds(points: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _log_likelihood(speed: np.ndarray, height: np.ndarray | None) -> np.ndarray:
-    """Of moving and standing (T, P, 2), by speeds (T, P) and heights (T, P)."""
+    """Log-likelihood of moving and standing (T, P, 2), by speeds (T, P) and heights (T, P)."""
     moving, standing = (-0.5 * np.square(speed / std) - 3.0 * np.log(std) for std in (_SWING, _SLIP))
     if height is not None:
         above = np.maximum(height, 0.0)

@@ -34,7 +34,7 @@ class Ground:
     above: np.ndarray
 
     def heights(self, points: np.ndarray, kind: np.ndarray) -> np.ndarray:
-        """How far points (..., P, 3) of kinds (P,) are above where they would stand [m], (..., P)."""
+        """Heights (..., P) [m] of points (..., P, 3) of kinds (P,) above their places when standing."""
         return np.asarray(points @ self.normal - self.height - self.above[kind])
 
     def under(self, points: np.ndarray, standing: np.ndarray, kind: np.ndarray) -> Ground:

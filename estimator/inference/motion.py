@@ -1,4 +1,4 @@
-"""How bodies move from frame to frame."""
+"""Motion prior of bodies from frame to frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class MotionPrior(NamedTuple):
     pace: np.ndarray | None = None
 
     def frames(self, low: int, high: int) -> MotionPrior:
-        """Of the frames from `low` up to `high`."""
+        """The prior of the frames from `low` up to `high`."""
         return self if self.pace is None else self._replace(pace=self.pace[low:high])
 
     def left(self, span: float) -> float:
@@ -50,7 +50,7 @@ class MotionPrior(NamedTuple):
         return np.concatenate([a[:1], after * a[1:] - before * a[:-1]])
 
     def share(self, dt: float) -> float:
-        """How much a movement counts that follows `dt` seconds after another."""
+        """Weight of a movement that follows `dt` seconds after another."""
         return min(1.0, dt / self.correlation) if self.correlation > 0.0 else 1.0
 
     def velocity_energy(self, v: np.ndarray, dt: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where modes came from and which penalties they had in their search, which the modes alone do not show."""
+"""Origins of modes, and their penalties in the search, which the modes alone do not show."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _FORMER = {"other reading": "other association", "jump in depth": "kinematic jum
 
 
 class PreviousPose(NamedTuple):
-    """Where a hypothesis has the body in the frame before. Flow is followed from there, velocities count from there.
+    """Pose of a hypothesis in the frame before. Flow is followed from there, velocities count from there.
 
     q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is not motion.
     q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
@@ -79,7 +79,7 @@ PoseKey = tuple[bytes, bytes]
 
 
 class Origin(NamedTuple):
-    """Of one hypothesis, and of the mode that became of it.
+    """Origin of one hypothesis, and of the mode found from it.
 
     previous: the pose in the frame before, None where there was none or none counts.
     penalty: flat penalty of a jump. The weight includes it, the energy does not.
@@ -102,7 +102,7 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True)
 class Origins:
-    """Of the K modes of a frame, as arrays; see `Origin`. NaN stands for what there is not.
+    """Origins of the K modes of a frame, as arrays; see `Origin`. NaN stands for what there is not.
 
     family (K): text. q_previous, q_predicted (K, nq), has_transition (K,) bool: see `PreviousPose`. penalty (K,).
     q_assigned (K, nq). extent (K, C).
@@ -118,7 +118,7 @@ class Origins:
 
     @staticmethod
     def of(origins: Sequence[Origin | None], nq: int) -> Origins | None:
-        """From those of single modes; None where one is not known."""
+        """The origins of single modes as arrays; None where one is unknown."""
         known = [origin for origin in origins if origin is not None]
         if not known or len(known) < len(origins):
             return None
@@ -143,7 +143,7 @@ class Origins:
         )  # fmt: skip
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays to be stored, without uninformative ones; `from_arrays` is the inverse."""
+        """The arrays to be stored, without uninformative ones; `from_arrays` is the inverse."""
         own = zip(ORIGIN_FIELDS.items(), (getattr(self, f.name) for f in fields(self)), strict=True)
         return {PREFIX + name: a for (name, field), a in own if field.finite or np.isfinite(a).any()}
 

@@ -51,7 +51,7 @@ class TruncatedSteps:
         return np.clip(at + step, self.lower[group], self.upper[group])
 
     def reach(self, centres: np.ndarray, weights: np.ndarray) -> Reach:
-        """Where one step leads from one of the centres (N, D), chosen by weights (N,) that sum to one."""
+        """The distribution after one step from one of the centres (N, D), chosen by weights (N,) that sum to one."""
         return Reach(self, np.clip(centres, self.lower, self.upper), weights)
 
     def log_norms(self, at: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ class Reach:
 
     @cached_property
     def _of_groups(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Of each group the centres (G, N) in standard deviations, and `TruncatedSteps.log_norms` (2, N)."""
+        """For each group the centres (G, N) in standard deviations, and `TruncatedSteps.log_norms` (2, N)."""
         steps = self.steps
         return tuple(
             (

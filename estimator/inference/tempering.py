@@ -1,4 +1,4 @@
-"""From samples of what was expected to samples of what a likelihood leaves of it, through its powers, with moves.
+"""From samples of a prediction to samples of the posterior, through powers of the likelihood, with moves.
 
 A sequential Monte Carlo sampler (Del Moral, Doucet and Jasra 2006) along the path of annealed importance sampling (Neal
 2001): between two powers samples are weighted and selected, and at each they are moved by kernels that leave the
@@ -22,8 +22,8 @@ _BISECTIONS = 30
 
 @dataclass(frozen=True)
 class TemperingSettings(CheckedSettings):
-    """How a likelihood is let in. powers: largest number of powers, 1 for all of it at once. survival: effective
-    samples left by each, as a share of all. moves: of every sample at each power, 0 for none.
+    """Settings of tempering, by which a likelihood is let in. powers: largest number of powers, 1 for all of it at
+    once. survival: effective samples left by each, as a share of all. moves: of every sample at each power, 0 for none.
     Raises InputError where a value is outside its range."""
 
     powers: int = setting(12, at_least=1)

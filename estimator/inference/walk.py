@@ -20,7 +20,7 @@ class Prepared(Protocol):
     """Intermediate results of a target for N samples."""
 
     def of(self: P, rows: np.ndarray) -> P:
-        """Of some of them."""
+        """Those of some rows."""
         ...
 
 
@@ -47,8 +47,8 @@ class SampleTarget(Protocol[P]):
 
 @dataclass(frozen=True, eq=False)
 class SampleBox:
-    """Where samples of D dimensions can be moved. groups: dimensions that are moved at once. std (D,): the size of what
-    is added for samples that are equal. lower, upper (D,): of the box they stay in."""
+    """Box in which samples of D dimensions can be moved. groups: dimensions that are moved at once. std (D,): the size
+    of what is added for samples that are equal. lower, upper (D,): of the box they stay in."""
 
     groups: Sequence[np.ndarray]
     std: np.ndarray

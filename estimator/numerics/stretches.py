@@ -1,4 +1,4 @@
-"""Where something holds for a while."""
+"""Stretches of an array in which a condition holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large distances are, without their outliers."""
+"""Typical size of distances, without outliers."""
 
 from __future__ import annotations
 

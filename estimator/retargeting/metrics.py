@@ -226,7 +226,7 @@ class Footing(NamedTuple):
 
 
 def footing_of(run: Run, contact: Contact, standing: np.ndarray | None = None) -> Footing:
-    """Of a run's drawn trajectory and its contact, see `footing_by_depth`."""
+    """Footing of a run's drawn trajectory and its contact, see `footing_by_depth`."""
     depth = np.full(1, np.nan)
     if contact.floor is not None and len(run.q):
         floor = FloorDistances(run.body, contact.floor.normal, contact.floor.height)
@@ -235,8 +235,8 @@ def footing_of(run: Run, contact: Contact, standing: np.ndarray | None = None) -
 
 
 def footing_by_depth(depth: np.ndarray, contact: Contact, standing: np.ndarray | None = None) -> Footing:
-    """Of how deep the lowest part is below the floor (T,) [m] and of contact; standing (T, P) bool: which points ought
-    to stand, by default those that do by contact."""
+    """Footing from the depth of the lowest part below the floor (T,) [m] and from contact; standing (T, P) bool: which
+    points ought to stand, by default those that do by contact."""
     stands = contact.standing > 0.5
     off = np.abs(contact.heights[stands if standing is None else standing])
     moved = _moved(contact)[stands]
@@ -249,8 +249,8 @@ def footing_by_depth(depth: np.ndarray, contact: Contact, standing: np.ndarray |
 
 
 def _moved(contact: Contact) -> np.ndarray:
-    """How far each point that stands, and stood `PER` before or in the last older frame, is from there along the
-    floor [m], (T, P); NaN of others."""
+    """Distance (T, P) [m] along the floor of each standing point, which also stood `PER` before or in the last older
+    frame, from its place then; NaN for others."""
     before = np.searchsorted(contact.time, contact.time - PER + _TINY, side="right") - 1
     places = contact.places
     way = places - places[before]
@@ -260,6 +260,6 @@ def _moved(contact: Contact) -> np.ndarray:
 
 
 def _share_standing(holds: np.ndarray, of: np.ndarray) -> float:
-    """How many of the known values hold."""
+    """Share of the known values that are true."""
     known = np.isfinite(of)
     return float(holds[known].mean()) if known.any() else float("nan")

@@ -124,7 +124,7 @@ def _names(body: Body, joints: list[int]) -> tuple[str, ...]:
 
 
 def _end(body: Body, joint: int) -> np.ndarray:
-    """Where the last bone of a limb ends, in its joint's frame [m]: its farthest landmark or half the bone before."""
+    """End of the last bone of a limb, in its joint's frame [m]: its farthest landmark or half the bone before."""
     local = body.landmark_local[body.landmark_joint == joint]
     if len(local) and float(np.linalg.norm(local, axis=1).max()) > _SHORTEST:
         return np.asarray(local[np.linalg.norm(local, axis=1).argmax()])

@@ -1,4 +1,4 @@
-"""How far a tracker's own numbers are believed: fitted by `python -m benchmarks calibration --fit`, see there."""
+"""Calibration of a tracker's own uncertainties, fitted by `python -m benchmarks calibration --fit`, see there."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, Body, PosedBody
 from humanoid.subject.landmarks import relative_spread
 
 LEAST_PRECISION = 1e-6
-"""Of what neither landmarks nor rest positions hold."""
+"""Precision of what neither landmarks nor rest positions constrain."""
 _SEEN = 0.02  # m: standard deviation of observed landmarks, relative to the rest positions
 _NEAR = 1e-6  # m^2: of a body in the camera itself
 
@@ -87,7 +87,7 @@ def _across(camera: Camera, place: np.ndarray) -> np.ndarray:
 
 
 def _moves(place: np.ndarray) -> np.ndarray:
-    """How places (L, 3) in a camera seem to move by its deviations (L, 3, 7)."""
+    """Derivatives (L, 3, 7) of places (L, 3) in a camera by its deviations."""
     moves = np.zeros((len(place), 3, 7))
     moves[:, :, :3] = [-pin.skew(p) for p in place]
     moves[:, :, 3:6] = np.eye(3)

@@ -42,7 +42,7 @@ class Stance:
 
 @dataclass(frozen=True, repr=False)
 class Contact(Summarised):
-    """Where and when feet stand, world z up.
+    """Stances of the feet over time, and the floor; world z up.
 
     time (T,) [s]. names (P,): of the landmarks of the feet, the left one's first. points (T, P, 3) [m]: their places.
     standing (T, P): probability that each stands. floor: a plane with its uncertainty and how much higher each kind of
@@ -101,7 +101,7 @@ class Contact(Summarised):
 
     @property
     def stances(self) -> list[Stance]:
-        """Of all points, one after the other."""
+        """Stances of all points, one after the other."""
         stances: list[Stance] = []
         places = self.places
         for k, first, after in stances_of(self.standing):
@@ -114,7 +114,7 @@ class Contact(Summarised):
 
     @property
     def hand_stances(self) -> list[Stance]:
-        """Of the hands, one after the other, where requested; without slides."""
+        """Stances of the hands, one after the other, where requested; without slides."""
         stretches = [] if self.hands is None else stances_of(self.hands)
         return [
             Stance(self.hand_names[k], float(self.time[first]), float(self.time[after - 1]), np.nan)

@@ -1,4 +1,4 @@
-"""How far the joints of a run are from those of a reference, coordinate by coordinate."""
+"""Errors of a run's joints against those of a reference, coordinate by coordinate."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FINER = 0.9  # of the run's step: a reference with a shorter one is finer, not 
 
 @dataclass(frozen=True)
 class JointScore:
-    """How far a joint of a run is from a reference's, over the moments that both have [deg, or m where it slides].
+    """Error of a joint of a run against a reference's, over the times that both have [deg, or m where it slides].
 
     mean_absolute, rms: mean absolute difference, and root of the mean square. bias: mean difference, run less
     reference: what two definitions of the zero differ by shows there. mean_absolute_without_bias, rms_without_bias: of

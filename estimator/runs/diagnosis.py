@@ -152,7 +152,7 @@ def contradicted(run: Run, cost: CostSettings) -> tuple[int, ...]:
 
 
 def _deviations(run: Run, cost: CostSettings, rows: np.ndarray) -> list[np.ndarray]:
-    """How far keypoints and markers lie from their places on the body, in standard deviations (T, N) each, NaN where
+    """Distances of keypoints and markers from their places on the body, in standard deviations (T, N) each, NaN where
     nothing was seen."""
     keypoints, markers = keypoint_residuals(run, cost, rows), marker_residuals(run, cost.markers)
     nothing = np.full((len(rows), 1), np.nan)
@@ -161,14 +161,14 @@ def _deviations(run: Run, cost: CostSettings, rows: np.ndarray) -> list[np.ndarr
 
 
 def sampled_residuals(run: Run, cost: CostSettings) -> KeypointResiduals | None:
-    """How far keypoints lie from where a run's trajectory has them, in the frames in which something was seen, some of
-    a long clip; None of a run without such frames or without keypoints."""
+    """Distances of keypoints from their places by a run's trajectory, in observed frames, of a long clip in some; None
+    for a run without such frames or without keypoints."""
     rows = _tracked(run)
     return keypoint_residuals(run, cost, _sampled(rows)) if len(rows) else None
 
 
 def camera_errors(residuals: KeypointResiduals) -> dict[str, float]:
-    """How far each camera's keypoints are from where the body has them, by the camera's name, root mean square without
+    """Root mean square distance of each camera's keypoints from their places on the body, by the camera's name, without
     outliers [px]; those without keypoints are left out."""
     errors = {name: float(typical_distance(residuals.pixels[:, c])) for c, name in enumerate(residuals.cameras)}
     return {name: error for name, error in errors.items() if np.isfinite(error)}

@@ -1,4 +1,4 @@
-"""How far a run is from a reference: the usual measures of three-dimensional pose estimation.
+"""Errors of a run against a reference: the usual measures of three-dimensional pose estimation.
 
 MPJPE (mean per-joint position error) with the hips aligned and its Procrustes-aligned form follow the protocols 1 and 2
 of Human3.6M (Ionescu et al., IEEE TPAMI 36(7), 2014).
@@ -182,7 +182,7 @@ def best_of_k(
 
 
 def limit_violations(body: Body, q: np.ndarray) -> int:
-    """How many of the configurations q (T, nq) have a bounded joint outside its limits by more than 1e-9."""
+    """Number of configurations q (T, nq) with a bounded joint outside its limits by more than 1e-9."""
     outside = (q < body.lower - _LIMIT_TOLERANCE) | (q > body.upper + _LIMIT_TOLERANCE)
     return int(outside.any(axis=1).sum())
 

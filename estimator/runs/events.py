@@ -80,7 +80,7 @@ def low_passed(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 
 
 def walking_direction(feet: Feet) -> tuple[np.ndarray, np.ndarray]:
-    """Of filtered feet: horizontal unit vectors (T, 2) along the pelvis' path, and its speed (T,) [m/s]."""
+    """For filtered feet: horizontal unit vectors (T, 2) along the pelvis' path, and its speed (T,) [m/s]."""
     velocity = low_passed(feet.rate * np.gradient(feet.pelvis[:, :2], axis=0), feet.rate, _PATH_CUTOFF)
     speed = np.linalg.norm(velocity, axis=1)
     return velocity / np.maximum(speed, 1e-9)[:, None], speed
@@ -106,7 +106,7 @@ def gait_events(feet: Feet) -> list[Event]:
 
 
 def _vertex(three: np.ndarray) -> float:
-    """Where the parabola through three values at -1, 0, 1 has its vertex, at most half a step away."""
+    """Vertex of the parabola through three values at -1, 0, 1, at most half a step away."""
     a, b, c = three
     bend = a - 2.0 * b + c
     return float(np.clip(0.5 * (a - c) / bend, -0.5, 0.5)) if bend != 0.0 else 0.0

@@ -167,7 +167,7 @@ def _mirrored(end: np.ndarray, samples: np.ndarray) -> np.ndarray:
 
 
 def _turned_back(end: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Of unit quaternions xyzw."""
+    """The reflection of unit quaternions xyzw."""
     return _product(_product(end, samples * [-1.0, -1.0, -1.0, 1.0]), end)
 
 

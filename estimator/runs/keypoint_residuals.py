@@ -1,4 +1,4 @@
-"""How far keypoints lie from where the body that was tracked has them, and where on the body that is."""
+"""Distances of keypoints from their places on the tracked body, and these places."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class KeypointPlaces(NamedTuple):
 
 
 class KeypointResiduals(NamedTuple):
-    """Of T frames by C cameras, whose names are `cameras`, and L landmarks: how far keypoints lie from where the body
-    has them along `Run.q`, NaN where missing.
+    """Residuals of T frames by C cameras, named `cameras`, and L landmarks: distances of keypoints from their places on
+    the body along `Run.q`, NaN where missing.
 
     pixels, at_person, deviations (T, C, L): in the picture [px], at the person [m], in standard deviations.
     noise (C,): what each camera's detector errs, as a factor of what is expected of one; 1 where it was not measured.
@@ -60,13 +60,13 @@ class KeypointResiduals(NamedTuple):
 
 
 def keypoint_places(body: Body) -> KeypointPlaces:
-    """Of a body."""
+    """The places of a body's keypoints."""
     apart = np.linalg.norm(body.keypoint_local - body.landmark_local, axis=1)
     return KeypointPlaces(body.landmark_names, apart, body.keypoint_std)
 
 
 def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.ndarray) -> KeypointResiduals | None:
-    """Of some rows (T) of a run, which have poses; None where none of them has keypoints. cost: of the run's
+    """Residuals of some rows (T) of a run, which have poses; None where none of them has keypoints. cost: of the run's
     settings."""
     if not run.has_keypoints or not len(run.header.cameras):  # runs of the library may have been written without
         return None
@@ -93,7 +93,7 @@ def keypoint_residuals(run: Run, cost: CostSettings, rows: Sequence[int] | np.nd
 
 
 def associations_of(run: Run) -> np.ndarray:
-    """How each frame's hypothesis on the path takes the keypoints (T,)."""
+    """Association of the keypoints in each frame's hypothesis on the path (T,)."""
     return np.asarray(run.mode_association[np.arange(len(run)), run.path])
 
 

@@ -45,7 +45,7 @@ class LastingPoints(NamedTuple):
 
     @staticmethod
     def keypoints(body: Body) -> LastingPoints:
-        """Where a detector marks the body, as far as that is known."""
+        """Places where a detector marks the body, as far as known."""
         known = np.isfinite(body.keypoint_std)
         return LastingPoints(body.landmark_joint[known], body.keypoint_local[known], body.keypoint_std[known])
 

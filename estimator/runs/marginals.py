@@ -154,8 +154,8 @@ class Marginals:
         return np.asarray(np.clip(x, self.low[:, None], self.high[:, None]))
 
     def _exponentials(self, i: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the exponentials (E,) that are components k of coordinates i begin within the limits, and how far from
-        there the other limit is."""
+        """Starts within the limits of the exponentials (E,) that are components k of coordinates i, and the distances
+        of the other limit."""
         begin = np.clip(self.mean[i, k], self.low[i], self.high[i])
         return begin, np.where(self.lean[i, k] > 0.0, self.high[i] - begin, begin - self.low[i])
 

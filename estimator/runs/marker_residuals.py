@@ -1,4 +1,4 @@
-"""How far markers were measured from their places on the body that was tracked."""
+"""Distances of measured markers from their places on the tracked body."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class MarkerResiduals(NamedTuple):
 
 
 def marker_residuals(run: Run, noise: MarkerNoise) -> MarkerResiduals | None:
-    """Of a run by markers; None of another. noise: that of its settings."""
+    """Residuals of a run by markers; None for any other. noise: that of its settings."""
     body, measured = run.body, run.markers
     if measured is None:
         return None

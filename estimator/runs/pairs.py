@@ -21,7 +21,7 @@ class ComparedFrames(NamedTuple):
     truth: np.ndarray
 
     def of(self, landmarks: np.ndarray) -> np.ndarray:
-        """Of all landmarks of the run's T frames (T, ..., M, 3) those that are compared (P, ..., L, 3)."""
+        """The compared landmarks (P, ..., L, 3) among all of the run's T frames (T, ..., M, 3)."""
         return np.asarray(landmarks[self.frame][..., self.shared.ours, :])
 
     def truth_of_frames(self, count: int) -> np.ndarray:

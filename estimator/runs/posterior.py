@@ -118,7 +118,7 @@ class Posterior:
         seen_by: Sequence[Camera],
         size_known: bool,
     ) -> Posterior:
-        """Of modes q (K, nq) with weights (K,) that sum to one and covariances (K, nv, nv)."""
+        """Posterior of modes q (K, nq) with weights (K,) that sum to one and covariances (K, nv, nv)."""
         posed = [body.at(mode) for mode in q]
         stabilisers = Stabilisers(body)
         priors = [_prior_precision(stabilisers, body, mode) for mode in posed]

@@ -141,7 +141,7 @@ def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int
 
 
 def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:
-    """Where modes came from; poses and extents that there are not are NaN, or are left out."""
+    """Check the origins of modes; missing poses and extents are NaN, or are left out."""
     if not any(name.startswith(PREFIX) for name in arrays):
         return
     there = {name: field for name, field in _ORIGINS.items() if field.finite or name in arrays}

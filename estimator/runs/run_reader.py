@@ -353,7 +353,7 @@ class Run(Summarised):
         return out
 
     def _readings(self, q: np.ndarray) -> np.ndarray:
-        """Of configurations (..., nq)."""
+        """Readings of configurations (..., nq)."""
         readings, known = np.full(q.shape[:-1], "", dtype="U7"), np.isfinite(q).all(axis=-1)
         if len(self.header.cameras) == 1 and known.any():
             readings[known] = trunk_readings(self.body, q[known], self.header.cameras[0])

@@ -109,7 +109,7 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
 
 
 def _check_weight(mode: np.ndarray, weight: np.ndarray) -> None:
-    """Of frames with a pose."""
+    """Check the weights of frames with a pose."""
     if len(mode) and not ((mode >= 0) & (mode < weight.shape[1])).all():
         raise DamageError("mode is not one of a frame's")
     if (weight < 0.0).any() or (weight > 1.0 + _SUM).any() or np.isnan(weight[np.arange(len(mode)), mode]).any():

@@ -1,4 +1,4 @@
-"""How far one trajectory is from the truth, frame by frame, and in which frames it has lost the body."""
+"""Errors of a trajectory, frame by frame, and the frames in which it has lost the body."""
 
 from __future__ import annotations
 

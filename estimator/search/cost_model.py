@@ -153,7 +153,8 @@ class CostModel:
         return [*held, self.transition(q_previous, dt)]
 
     def _standing_points(self, standing: np.ndarray, dt: float) -> HeldPoints:
-        """Of a frame whose landmarks stand with these probabilities (L,), `dt` seconds after the last; made once."""
+        """Held points of a frame whose landmarks stand with these probabilities (L,), `dt` seconds after the last; made
+        once."""
         known = self._last_standing
         if known is None or known[0] is not standing or known[1] != dt:
             s = self.settings
@@ -192,7 +193,7 @@ class CostModel:
 
 
 def detected_share(observation: Observation) -> float:
-    """How much of a person the detector has found in a frame, 0 to 1; 0 without cameras."""
+    """Share of a person that the detector has found in a frame, 0 to 1; 0 without cameras."""
     return min(1.0, observation.count / (ALL_DETECTED * max(1, len(observation.cameras))))
 
 

@@ -67,7 +67,7 @@ def _lifted(context: TermContext, _: None) -> list[LiftedDirections]:
 
 
 def _level_feet(context: TermContext, _: None) -> list[LevelFeet]:
-    """Of the feet of which heel and toes stand."""
+    """Terms of the feet of which heel and toes stand."""
     assert context.observation is not None
     cost, soles, standing = context.cost, Soles.of(context.body), context.observation.standing
     if standing is None or cost.standing_weight <= 0.0:

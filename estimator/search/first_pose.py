@@ -18,7 +18,7 @@ from humanoid.kinematics.body import ROOT_JOINT, Body, points_in_world
 
 RANDOM_STARTS = 24
 SCALE = 8.0**0.5
-"""On the standard deviations of the samples of the first frame: a factor of eight or so on the covariance (CSS section
+"""Factor on the standard deviations of the samples of the first frame: about eight on the covariance (CSS section
 4.2)."""
 STARTS_OF_MARKERS = 8
 _FEWEST = 3  # markers that place a root
@@ -103,7 +103,7 @@ def marker_starts(rng: np.random.Generator, body: Body, markers: np.ndarray) -> 
 
 
 def _trunk(body: Body, some: np.ndarray) -> int:
-    """How many joints away from the root markers must be looked for until there are enough."""
+    """Number of joints from the root within which there are enough markers."""
     away = np.sort(_distance_to_root(body)[body.marker_joint[some]])
     return int(away[min(_FEWEST, len(away)) - 1]) if len(away) else 0
 

@@ -169,7 +169,7 @@ class FrameSearch:
         return self._body.integrate(warm.q, self._body.difference(previous.q, h.q)), StepCounts()
 
     def _warm_start(self, h: Hypothesis, previous: PreviousPose) -> Solution:
-        """From the pose in the frame before, or from where its velocity takes it if keypoints and flow like that
+        """Start from the pose in the frame before, or from that predicted by its velocity if keypoints and flow fit it
         better."""
         followed = self.flows.get(previous.key)
         flow = [] if followed is None else self.case.likelihood.leading(followed)

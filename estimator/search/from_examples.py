@@ -23,7 +23,7 @@ from humanoid.kinematics.body import Body
 
 
 class ExampleSearch(NamedTuple):
-    """How modes are searched from examples, see `estimator.trackers.elmo.settings.ElmoSettings`."""
+    """Settings of the search of modes from examples, see `estimator.trackers.elmo.settings.ElmoSettings`."""
 
     neighbours: int = 50
     votes: bool = True

@@ -15,7 +15,7 @@ _START = Origin(Family.START)
 
 
 class Hypothesis(NamedTuple):
-    """Where a search starts.
+    """Start of a search.
 
     q (nq,): configuration. association: index of the frame's association that it is searched under (see
     `FrameProblem`). origin: what kind it is: where it comes from, where it has the body in the frame before, from where

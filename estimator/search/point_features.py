@@ -35,7 +35,7 @@ class PointFeatures:
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Number of features."""
         return len(self.names)
 
     def points(self, placed: PlacedBodies) -> np.ndarray:

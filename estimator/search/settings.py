@@ -1,4 +1,4 @@
-"""How modes are found."""
+"""Settings of the search of modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much probability lies about a mode, beside its height: what turns energies at modes into weights.
+"""Probability around modes, beside their height, which turns energies at modes into weights.
 
 A mode's weight is the integral of exp(-energy) over its surroundings. CSS Figure 6 takes the height alone (step 3); a
 broad mode then counts as little as a needle of the same height.
@@ -39,7 +39,7 @@ class Surroundings:
 
     @property
     def log_volume(self) -> float:
-        """Of exp(-energy) relative to its height, by the second-order model (Laplace's approximation)."""
+        """Log-volume of exp(-energy) relative to its height, by the second-order model (Laplace's approximation)."""
         gaussian = 0.5 * (len(self._free) * math.log(2.0 * math.pi) - self._log_determinant)
         return gaussian - float(np.log(self._rate).sum())
 
@@ -53,7 +53,7 @@ class Surroundings:
         return q if np.allclose(self._body.difference(self._q, q), step, atol=1e-9) else None
 
     def log_density(self, q: np.ndarray) -> float:
-        """At q (nq,), per unit of tangent space at the mode."""
+        """Log-density at q (nq,), per unit of tangent space at the mode."""
         step = self._body.difference(self._q, q)
         depth = self._inward * step[self._held]
         if (depth < -1e-12).any():

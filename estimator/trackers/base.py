@@ -20,7 +20,7 @@ class State(Protocol):
 
     @property
     def time(self) -> float:
-        """Of the frame that it was left by, in seconds since the clip's start."""
+        """Time of its last frame, in seconds since the clip's start."""
         ...
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -55,7 +55,7 @@ class FrameEnergy:
         return self._base.plus([*self._flows[owner], *self._likelihood.assigned(posed)]).of(posed)
 
     def assigned_at(self, q: np.ndarray) -> np.ndarray | None:
-        """Where the pictures' features are assigned for the energy at q (nq,), None without pictures."""
+        """Pose at which image features are assigned for the energy at q (nq,), None without pictures."""
         return q if self._likelihood.cameras else None
 
     @property
@@ -111,7 +111,8 @@ def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarra
 
 @dataclass(frozen=True)
 class Summary:
-    """How a particle set becomes hypotheses. modes: their largest number. radius [m]: of a cluster, see `clusters`."""
+    """Settings of the summary of a particle set as hypotheses. modes: their largest number. radius [m]: of a cluster,
+    see `clusters`."""
 
     modes: int
     radius: float

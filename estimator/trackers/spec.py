@@ -26,7 +26,7 @@ class TrackerSettings(Protocol):
 
     @property
     def search(self) -> ModeSearchSettings:
-        """How its minima are found."""
+        """Settings of the search of its minima."""
         ...
 
     @property

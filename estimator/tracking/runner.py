@@ -22,7 +22,7 @@ S = TypeVar("S", bound=State)
 
 
 class Writer(Protocol):
-    """Where results go, each with the exact state after it (see `estimator.runs.run_file.RunWriter`)."""
+    """Receiver of results, each with the exact state after it (see `estimator.runs.run_file.RunWriter`)."""
 
     def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:
         """Store one frame."""
@@ -60,7 +60,7 @@ def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues:
 
 
 def _before(tracker: TrackerProtocol[S], done: Sequence[Observation], cues: Cues | None) -> list[Observation]:
-    """Of the frames that are done those that the tracker looks back at."""
+    """The finished frames that the tracker looks back at."""
     behind = capabilities_of(tracker).frames_behind
     return [_seen(observation, cues) for observation in done[max(0, len(done) - behind) :]]
 

@@ -40,5 +40,5 @@ class DepthPoints(NamedTuple):
         return len(self.places)
 
     def some(self, chosen: np.ndarray) -> DepthPoints:
-        """Those of an index or a mask."""
+        """The points of an index or a mask."""
         return DepthPoints(*(array[chosen] for array in self))

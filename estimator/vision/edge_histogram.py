@@ -20,8 +20,8 @@ def bin_count() -> int:
 
 
 def edge_histogram(picture: np.ndarray, where: np.ndarray | None = None) -> np.ndarray:
-    """How many edge pixels of each direction each window has, (bins,) uint16 (Shakhnarovich, Viola, Darrell 2003,
-    section 4; ELMO section 4).
+    """Histogram of edge pixels by direction in each window, (bins,) uint16 (Shakhnarovich, Viola, Darrell 2003, section
+    4; ELMO section 4).
 
     A bin is a window and a direction. Windows of 8, 16 and 32 px begin at every multiple of half their size for which
     such a step still fits into the picture, and are cut at its border: (50^2 + 25^2 + 12^2) x 4 bins, ordered by

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SHARE = 0.8
-"""Of the variance that an eigenspace holds (Sigal et al., CVPR 2004, section 5)."""
+"""Share of the variance that an eigenspace keeps (Sigal et al., CVPR 2004, section 5)."""
 
 _LEAST = 1e-6  # of the variance of a direction: a constant direction is no proof against a small difference
 
@@ -27,7 +27,7 @@ class EigenSpace:
     rest: float
 
     def coefficients(self, pictures: np.ndarray) -> np.ndarray:
-        """Of pictures (N, D) along the components, (N, K)."""
+        """Coefficients (N, K) of pictures (N, D) along the components."""
         return self._both(pictures)[0]
 
     def residual(self, pictures: np.ndarray) -> np.ndarray:
@@ -35,8 +35,8 @@ class EigenSpace:
         return self._both(pictures)[1]
 
     def log_density(self, pictures: np.ndarray) -> np.ndarray:
-        """Of pictures (N, D), (N,) [nats]: normal along the components and, with `rest`, across them (Moghaddam and
-        Pentland, eq. 9)."""
+        """Log-density (N,) of pictures (N, D) [nats]: normal along the components and, with `rest`, across them
+        (Moghaddam and Pentland, eq. 9)."""
         along, residual = self._both(pictures)
         left_out = len(self.mean) - len(self.variance)
         size = np.log(self.variance).sum() + left_out * np.log(self.rest) + len(self.mean) * np.log(2.0 * np.pi)

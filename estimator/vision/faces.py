@@ -17,7 +17,7 @@ from humanoid.support.errors import InputError
 FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
 """Landmarks of a face, whose mean is its middle."""
 HAND_BEYOND = 0.33
-"""Of the middle of a hand beyond the wrist, in lengths of the forearm: 85 of 261 mm (de Leva 1996)."""
+"""Distance of the middle of a hand beyond the wrist, in lengths of the forearm: 85 of 261 mm (de Leva 1996)."""
 _OFF = 0.25  # how far the mean of a single keypoint is from the face's middle, as a share of the person's size
 _IN_BOX = 0.12  # standard deviation of the middle of a face in its box, as a share of its sides
 _SURE = 0.6  # score from which the detector's faces count

@@ -1,4 +1,4 @@
-"""Where a body lies in a picture, from its keypoints alone: with the flesh between landmarks, but no pose."""
+"""Region of a body in a picture, from its keypoints alone: with the flesh between landmarks, but no pose."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _members(body: Body, landmarks: np.ndarray, joints: np.ndarray) -> tuple[np.
 
 
 def _widths(nodes: np.ndarray, landmarks: np.ndarray) -> tuple[np.ndarray, float]:
-    """How far the nodes (N, 3) of a part reach from its landmarks (M, 3) that they lie beyond, (M,), and from the lines
+    """Reach of the nodes (N, 3) of a part from its landmarks (M, 3) that they lie beyond, (M,), and from the lines
     between them [m]."""
     i, j = np.tril_indices(len(landmarks))
     start, along = landmarks[i], landmarks[j] - landmarks[i]

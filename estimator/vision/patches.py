@@ -14,7 +14,7 @@ from estimator.data.cameras.projection import project_point
 from humanoid.support.compiled import jit
 
 CHANNELS = 2
-"""Of a patch: where the person is, and the person's grey values."""
+"""Number of channels of a patch: the person's mask, and the person's grey values."""
 
 _LEVELS = 6  # of a pyramid, each half the size of the one before
 _EVEN = 4.0  # grey values of contrast that count half: noise of an even cloth is not made into a pattern

@@ -26,7 +26,7 @@ class ViewFrame:
 
     @staticmethod
     def at(places: np.ndarray, camera: Camera, up: np.ndarray) -> ViewFrame:
-        """Of the places (N, 3) in the world [m] of a person's surface that a camera sees, one or more; up (3,).
+        """Frame of the places (N, 3) in the world [m] of a person's surface that a camera sees, one or more; up (3,).
 
         Their median is where most of the person is, whatever one arm does.
         """
@@ -40,7 +40,7 @@ class ViewFrame:
         return ViewFrame(origin, np.stack([forward, np.cross(up, forward), up], axis=1))
 
     def elevation(self, camera: Camera) -> float:
-        """How far the camera looks down on the person [degrees]."""
+        """Angle by which the camera looks down on the person [degrees]."""
         towards = self.R_world_view.T @ (camera.centre_world - self.origin)
         return float(np.degrees(np.arctan2(towards[2], -towards[0])))
 
@@ -58,7 +58,8 @@ def described(
 
 
 def square_transform(camera: Camera, frame: ViewFrame, side: float) -> np.ndarray:
-    """From pixels of the camera's picture to those of the square around a person, (2, 3): scaled, then moved."""
+    """Transform (2, 3) from pixels of the camera's picture to those of the square around a person: scaled, then
+    moved."""
     u, v = camera.project(frame.origin)
     depth = float(camera.R_camera_world[2] @ frame.origin + camera.t_camera_world[2])
     scale = SIDE / (side * camera.K[0, 0] / depth)

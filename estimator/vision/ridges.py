@@ -41,8 +41,8 @@ class Ridges:
         return np.asarray(at[:, 1] * np.cos(angle) - at[:, 0] * np.sin(angle))
 
     def ridge(self, scale: int, pixels: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """How much more a line at `angle` (N,) [rad] bends the grey values across itself than along, dark or bright
-        alike (N,): Sidenbladh and Black, IJCV 54, 2003, section 3.2. pixels (N, 2)."""
+        """Ridge response (N,): how much more the grey values curve across a line at `angle` (N,) [rad] than along it,
+        dark or bright: Sidenbladh and Black, IJCV 54, 2003, section 3.2. pixels (N, 2)."""
         xx, xy, yy = self._at(scale, self.second[scale], pixels).T
         c, s = np.cos(angle), np.sin(angle)
         across = s * s * xx - 2.0 * s * c * xy + c * c * yy

@@ -1,4 +1,4 @@
-"""How points of the body look from a camera: places, depth, and whether they face it; compiled kernels."""
+"""View of the body's points by a camera: places, depth, and whether they face it; compiled kernels."""
 
 from __future__ import annotations
 

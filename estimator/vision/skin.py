@@ -24,7 +24,7 @@ _BEYOND = 8  # px beyond where the person can be that smoothing and the closing 
 
 @dataclass(frozen=True)
 class SkinSettings(CheckedSettings):
-    """How skin is recognised.
+    """Settings of the recognition of skin.
 
     radius: of the discs about given points that colours are learned from, as a share of the person's size in the image.
     ratio: how many times likelier a colour has to be on skin than elsewhere. smoothing: of the histogram, in bins.
@@ -229,8 +229,8 @@ def _area_at(labels: np.ndarray, areas: np.ndarray, point: np.ndarray, radius: i
 
 @jit
 def shares_of_colours(picture, steps, total, bins):  # type: ignore[no-untyped-def]
-    """Of a picture (H, W, 3) uint8 BGR fill total (H, W) int32, the sums of B, G and R, and bins (H, W, 2) int32, the
-    shares of red and green in them in `steps` (float32, at most 1,000) steps.
+    """Fill, for a picture (H, W, 3) uint8 BGR, total (H, W) int32, the sums of B, G and R, and bins (H, W, 2) int32,
+    the shares of red and green in them in `steps` (float32, at most 1,000) steps.
 
     A quotient of such small whole numbers is either one itself or so far from one that float32 rounds it to none.
     """

@@ -21,7 +21,7 @@ _BLOCKS = 16  # and their range a multiple of this
 
 @dataclass(frozen=True)
 class StereoSettings(CheckedSettings):
-    """How the pictures of a pair are matched.
+    """Settings of the matching of a pair's pictures.
 
     nearest [m]: what is nearer is not found. block [px]: side of what is compared, odd. uniqueness [%]: by how much the
     best disparity has to beat the second. agreement [px]: by how much the disparities from left to right and back may

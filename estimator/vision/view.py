@@ -23,7 +23,7 @@ JOINED = 0.05  # m; a part this little behind a contour continues the surface: n
 def view_of_nodes(  # type: ignore[no-untyped-def]
     placements, joints, local, normals, part, convex, faces, intrinsics, distortion, R, t, width, height, fineness
 ):
-    """How the nodes look and what hides them; the arguments are those of `see_nodes`, `fill_buffer` and the others.
+    """The view of the nodes and their occlusion; the arguments are those of `see_nodes`, `fill_buffer` and the others.
 
     placements (njoints, 12); joints, part (N,), local, normals (N, 3): nodes; convex (B,); faces (F, 3).
     Returns pixels (N, 2), depth, facing, state (N,), how many nodes are back-facing and how many occluded, nearness and

@@ -1,4 +1,4 @@
-"""How far the parts of a body are above a floor: signed distance and gradient of each, in closed form or by coal."""
+"""Heights of the parts of a body above a floor: signed distance and gradient of each, in closed form or by coal."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ class FloorDistances:
         return [self._measure(placements, margin)[1] for placements in placed.placements]
 
     def lowest(self, placed: PlacedBodies) -> np.ndarray:
-        """How high the lowest part of each of N poses is above the floor [m], (N,); infinite without any part."""
+        """Height (N,) [m] of the lowest part of each of N poses above the floor; infinite without any part."""
         return np.array([distance.min(initial=np.inf) for distance in self.distances(placed)])
 
     def penetration(self, posed: PosedBody) -> float:
-        """How far the lowest part is below the floor [m], 0 if none is."""
+        """Depth of the lowest part below the floor [m], 0 if none is."""
         return max(0.0, -float(self.distances(posed.alone, 0.0)[0].min(initial=0.0)))
 
     def _measure(self, placements: np.ndarray, margin: float) -> tuple[list[int], np.ndarray, np.ndarray]:
@@ -145,7 +145,7 @@ def _round_pieces(pieces: list[_Piece], column: np.ndarray) -> RoundPieces | Non
 
 @jit
 def lowest_point(placement, centre, half_axes, normal, point):  # type: ignore[no-untyped-def]
-    """How high the lowest point of an ellipsoid is along `normal` (3,) [m]; fills point (3,), it in the world.
+    """Height of the lowest point of an ellipsoid along `normal` (3,) [m]; fills point (3,) with it in the world.
 
     placement (12,): of its joint, see `PosedBody`. centre (3,), half_axes (3, 3): see `RoundPieces`.
     """

@@ -1,4 +1,4 @@
-"""How far apart the parts of a body are: signed distance, witness points and gradient of every near pair."""
+"""Distances between the parts of a body: signed distance, witness points and gradient of every near pair."""
 
 from __future__ import annotations
 

@@ -24,9 +24,9 @@ _BATCH = 256  # configurations
 ROOT_JOINT = 1
 """Pinocchio's joint of a free root."""
 ROOT_Q, ROOT_PLACE_Q, ROOT_TURN_Q = slice(0, 7), slice(0, 3), slice(3, 7)
-"""Where a free root stands in q: all of it, its place [m], its quaternion xyzw."""
+"""Entries of a free root in q: all of it, its place [m], its quaternion xyzw."""
 ROOT_V, ROOT_PLACE_V, ROOT_TURN_V = slice(0, 6), slice(0, 3), slice(3, 6)
-"""Where a free root stands in the tangent space: all of it, its linear and its angular part."""
+"""Entries of a free root in the tangent space: all of it, its linear and its angular part."""
 
 
 class PosedBody(NamedTuple):
@@ -287,7 +287,7 @@ class Body(Summarised):
         return points_in_world(posed, self.landmark_joint, self.landmark_local)
 
     def keypoints(self, posed: PosedBody) -> np.ndarray:
-        """Where detectors mark the landmarks, in the world [m], (L, 3)."""
+        """Places (L, 3) [m] where detectors mark the landmarks, in the world."""
         return points_in_world(posed, self.landmark_joint, self.keypoint_local)
 
     def landmarks_of(self, placed: PlacedBodies) -> np.ndarray:
@@ -374,7 +374,7 @@ class Body(Summarised):
         return [*facts, ("landmarks", len(self.landmark_names))]
 
     def place(self, joint: str) -> JointPlace:
-        """Where a joint stands in q and in the tangent space; see `joint_place`, for the InputError too."""
+        """Entries of a joint in q and in the tangent space; see `joint_place`, for the InputError too."""
         return joint_place(self.model, joint)
 
 

@@ -12,7 +12,7 @@ from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.surface import Surface
 
 ONE_JOINT = 0.08
-"""Of the longest body: axes that pass a point this near turn about it, as those of a robot's hip."""
+"""Share of the longest body: axes that pass this near to a point turn about it, such as those of a robot's hip."""
 _MOST_AXES = 3  # of a ball joint
 _PULL = 1e-6  # of a joint's own place on its axis, where parallel axes leave open where they meet
 
@@ -100,8 +100,8 @@ def _hung(joint_parent: np.ndarray, nodes: list[int]) -> tuple[np.ndarray, np.nd
 
 
 def _length(members: list[int], parent: np.ndarray, pivot: np.ndarray, points: Sequence[np.ndarray]) -> float:
-    """How long a body of several is [m]: from its joint to the farthest joint on it, or twice as far as to the middle
-    of its surface, as a rod is; the root, which has no joint, also from any of its joints to any other."""
+    """Length of a body of several [m]: from its joint to the farthest joint on it, or twice the distance to the middle
+    of its surface, as for a rod; the root, which has no joint, also from any of its joints to any other."""
     top, inside = members[0], set(members)
     ends = [pivot[k] for k in range(len(parent)) if k not in inside and int(parent[k]) in inside]
     starts = [pivot[top], *(ends if parent[top] == -1 else [])]

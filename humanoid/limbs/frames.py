@@ -56,7 +56,7 @@ def frame_of(
 
 
 def _end(bodies: Bodies, group: Group, others: list[Group], t: np.ndarray) -> np.ndarray | None:
-    """Where the distal joint is (3,) [m]; None without one far enough."""
+    """Place of the distal joint (3,) [m]; None without one far enough."""
     tops = [g.members[0] for g in others]
     outside = [top for top in tops if bodies.parent[top] in group.members and not bodies.hung[top]]
     unit = bodies.unit[group.carrier]

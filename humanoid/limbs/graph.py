@@ -91,7 +91,7 @@ def _graph(body: Body, detail: Detail, overrides: str | Path | Overrides | None,
 
 
 def _name(bodies: Bodies, group: Group) -> str:
-    """Of the link with the most surface."""
+    """Name of the link with the most surface."""
     links = [name for j in (group.carrier, *group.members) for name in bodies.links[j]]
     return max(links, key=lambda name: bodies.area[name])
 

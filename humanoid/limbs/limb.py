@@ -73,7 +73,7 @@ class LimbGraph:
 def limb_placements(
     graph: LimbGraph, body: Body, posed: PosedBody | PlacedBodies | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the limbs are in the world: t (L, 3) [m] and R (L, 3, 3), T_world_limb of each.
+    """Placements of the limbs in the world: t (L, 3) [m] and R (L, 3, 3), T_world_limb of each.
 
     posed: a pose (`Body.at`) or q (nq,). Of many, `Body.placed` or q (N, nq), t (N, L, 3) and R (N, L, 3, 3): each is
     what it is alone, to the last bit. body: the graph's, or one of other lengths with the same links.

@@ -72,7 +72,7 @@ class Groups:
         return next((t for t, group in self.all.items() if parent in group.members), None)
 
     def neighbours(self) -> dict[int, list[int]]:
-        """Of every group, the one that it hangs on first."""
+        """Neighbours of every group, with the one that it hangs on first."""
         above = {top: self.above(top) for top in self.all}
         around: dict[int, list[int]] = {top: [] if up is None else [up] for top, up in above.items()}
         for top, up in above.items():
@@ -147,7 +147,7 @@ def _most_neighbours(around: dict[int, list[int]], among: list[int]) -> int:
 
 
 def _depths(groups: Groups, top: int) -> tuple[int, int]:
-    """How many groups above, then the order of the joints."""
+    """Sort key: number of groups above, then the order of the joints."""
     depth, up = 0, groups.above(top)
     while up is not None:
         depth, up = depth + 1, groups.above(up)

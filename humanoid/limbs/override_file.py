@@ -221,7 +221,7 @@ def _connect(bodies: Bodies, members: set[int], change: Change, place: str) -> N
 
 
 def _joint_place(path: str, body: Body, bodies: Bodies, group: Group, asked: tuple[str, str, str]) -> np.ndarray:
-    """Where a joint on a limb is at rest (3,) [m]; asked: the limb, the entry, the joint."""
+    """Place of a joint on a limb at rest (3,) [m]; asked: the limb, the entry, the joint."""
     name, key, joint = asked
     model, place = body.model, f"[limbs.{name}] {key}"
     moving = {str(n): j for j, n in enumerate(model.names) if j > 0 and bodies.parent[j] >= -1}

@@ -149,7 +149,7 @@ def _stitched(rings: list[np.ndarray]) -> Nodes:
 
 
 def _phase(ring: np.ndarray) -> float:
-    """How far the ring's first node is round, in steps between its nodes."""
+    """Phase of the ring's first node, in steps between its nodes."""
     return 0.5 if len(ring) > 1 and ring[0, 1] > -np.pi + 1e-9 else 0.0
 
 

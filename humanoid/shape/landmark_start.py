@@ -167,7 +167,7 @@ def _front(body: Body, named: dict[str, str]) -> np.ndarray:
 
 
 def _place(body: Body, posed: PosedBody, link: str) -> np.ndarray:
-    """Where a link is (3,) [m], in the world."""
+    """Place of a link (3,) [m], in the world."""
     frame = body.model.frames[body.model.getFrameId(link, pin.FrameType.BODY)]
     return np.asarray(
         posed.translations[frame.parentJoint] + posed.rotations[frame.parentJoint] @ frame.placement.translation
@@ -221,7 +221,7 @@ def _with_shapes_on(subject: Subject, joints: set[int]) -> Subject:
 
 
 def _tip(solids: list[ConvexSolid]) -> tuple[float, float, float] | None:
-    """Where the line from a joint through the middle of its solids leaves them, in the joint's frame [m]."""
+    """Point at which the line from a joint through the middle of its solids leaves them, in the joint's frame [m]."""
     if not solids:
         return None
     along = np.mean([solid.rotation @ solid.core_centre + solid.translation for solid in solids], axis=0)

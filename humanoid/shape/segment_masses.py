@@ -19,8 +19,8 @@ SHARES = {
     "pelvis": 0.1182, "lumbar_flexion_link": 0.1549, "torso": 0.15705, "head": 0.0681, "upper_arm": 0.0263,
     "forearm": 0.0150, "hand": 0.00585, "thigh": 0.1447, "shank": 0.0457, "foot": 0.0133,
 }  # fmt: skip
-"""Of the body's mass, by link without its side: P. de Leva, J. Biomech. 29 (1996), table 4, mean of women and men; the
-lower, middle and upper parts of the trunk are `pelvis`, `lumbar_flexion_link` and `torso`."""
+"""Shares of the body's mass, by link without its side: P. de Leva, J. Biomech. 29 (1996), table 4, mean of women and
+men; the lower, middle and upper parts of the trunk are `pelvis`, `lumbar_flexion_link` and `torso`."""
 LEAST = 1e-3
 """[kg] of a segment of unknown mass: OpenSim requires positive masses."""
 _UNKNOWN = 1.0  # kg of each segment, where neither file nor names determine it

@@ -1,4 +1,4 @@
-"""How high points of a body are above the sole under them."""
+"""Heights of a body's points above the sole under them."""
 
 from __future__ import annotations
 

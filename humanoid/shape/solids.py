@@ -177,7 +177,7 @@ def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> ConvexSolid
 
 
 def farthest(solid: ConvexSolid, direction: np.ndarray) -> float:
-    """How far a solid reaches along a unit vector (3,) from its joint's origin, in the joint's frame [m]."""
+    """Reach of a solid along a unit vector (3,) from its joint's origin, in the joint's frame [m]."""
     along = solid.rotation.T @ direction
     offset = float(solid.translation @ direction)
     if solid.radii.any():

@@ -26,7 +26,7 @@ _OF_Q = {2: ("cos", "sin"), 4: ("x", "y", "cos", "sin")}
 
 
 class JointPlace(NamedTuple):
-    """Where a joint stands in configurations, and where in tangent vectors: for `q[..., place.q]`, `std[..., place.v]`.
+    """Entries of a joint in configurations and in tangent vectors: for `q[..., place.q]`, `std[..., place.v]`.
 
     Both are slices: of one entry for a joint of one number, of seven and six for a free root.
     """

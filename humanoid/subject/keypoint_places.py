@@ -1,4 +1,4 @@
-"""Where the detector of a layout marks people, off from a subject's landmarks.
+"""Offsets of a layout's keypoints from a subject's landmarks.
 
     [places]
     subject = "human34"

@@ -90,7 +90,7 @@ def foot_landmarks(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def foot_parts(names: Sequence[str]) -> np.ndarray:
-    """Of `foot_landmarks`, numbers (P,) that are alike for the same part of both feet."""
+    """Numbers (P,) of `foot_landmarks`, equal for the same part of both feet."""
     return np.array([_FOOT.index(name.partition("_")[2]) for name in names], dtype=np.int64)
 
 

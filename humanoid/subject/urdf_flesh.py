@@ -184,7 +184,7 @@ def limb_capsule(flesh: Flesh) -> tuple[float, float] | None:
 
 
 def stretch_matrix(flesh: Flesh, offset: np.ndarray) -> np.ndarray:
-    """How a part grows when the segment `offset` (3,) [m], in its link's frame, is scaled: A (12, 12).
+    """Growth of a part when the segment `offset` (3,) [m], in its link's frame, is scaled: A (12, 12).
 
     With x = `Flesh.state`, the stretched part has the state x + (scale - 1) A x: its centre moves along the segment,
     and a capsule grows between its ends. So does a limb, for its solid capsule's sake; other parts grow along the axis

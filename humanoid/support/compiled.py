@@ -67,7 +67,8 @@ def _cache(function: Callable[..., Any]) -> FunctionCache | None:
 
 
 def _digest(function: Callable[..., Any]) -> str:
-    """Of the sources behind a function; made once for all functions of a module, and again where that is reloaded."""
+    """Digest of the sources behind a function; made once for all functions of a module, and again where that is
+    reloaded."""
     module = function.__module__
     spec = getattr(function, "__globals__", {}).get("__spec__")
     known = _digests.get(module)

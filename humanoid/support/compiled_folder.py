@@ -1,4 +1,4 @@
-"""Where compiled code is kept: a folder for every state of the sources it was compiled from."""
+"""The cache of compiled code: a folder for every state of the sources it was compiled from."""
 
 from __future__ import annotations
 

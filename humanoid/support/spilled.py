@@ -157,7 +157,7 @@ class MadeList(_Items[T]):
 
 
 class _Places:
-    """Where the items of a list begin in the file, and how many bytes each has there; 0 of one never written."""
+    """Offsets of a list's items in the file, and their sizes in bytes; 0 for one never written."""
 
     def __init__(self) -> None:
         self.start, self.room = array("q"), array("q")

@@ -23,7 +23,7 @@ from kinemode.progress import Progress
 
 _DECIMALS = {"keypoints": (2, 2, 4), "world": (4, 4, 4)}
 PersonContent = Mapping[str, Sequence[Sequence[float]]]
-"""Of a person: keypoints (K, 3) x, y [px], confidence; perhaps world (K, 3) [m], see
+"""A person: keypoints (K, 3) x, y [px], confidence; optionally world (K, 3) [m], see
 `estimator.data.formats.keypoints_own`."""
 Frame = dict[int, PersonContent]
 """The people in a frame, by their numbers."""

@@ -147,7 +147,7 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
 
 
 def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> Lags | None:
-    """Of the pairs that see enough in common at every lag; None without any."""
+    """Distances of the pairs that see enough in common at every lag; None without any."""
     moving = [_moving(pixels) for pixels in seen]
     tables = [(pair, _lagged(pair, moving[pair.a], seen[pair.b], most)) for pair in pairs]
     usable = [(pair.a, pair.b, table) for pair, table in tables if np.isfinite(table).all()]

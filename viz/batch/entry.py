@@ -9,7 +9,7 @@ from dataclasses import dataclass
 WIDTH, HEIGHT = 160, 120  # px, of thumbnails
 DONE, FAILED, WAITING = "done", "failed", "waiting"
 STATUSES = (DONE, FAILED, WAITING)
-"""Of a clip; one that was interrupted waits."""
+"""Statuses of a clip; an interrupted one waits."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ _ARRAYS = "limb_names", "limb_points", "limb_weights"
 
 @dataclass(frozen=True, eq=False)
 class LimbLayer:
-    """Of each instant (T) the samples' points (L, N, 7) (`estimator.inference.beliefs.space.PLACEMENTS`) and weights
+    """For each instant (T) the samples' points (L, N, 7) (`estimator.inference.beliefs.space.PLACEMENTS`) and weights
     (L, N), None where nothing was searched."""
 
     graph: LimbGraph

@@ -25,7 +25,7 @@ _SQUARE = 0.02  # logarithm of the aspect of pixels up to which they count as sq
 
 
 class ImageProjection(Protocol):
-    """Where points of the world appear in an image of `size` (width, height)."""
+    """Projection of points of the world into an image of `size` (width, height)."""
 
     @property
     def size(self) -> tuple[int, int]:

@@ -39,12 +39,12 @@ class RigPlan:
 
     @property
     def centres(self) -> np.ndarray:
-        """Of the cameras (C, 3) [m]."""
+        """Centres of the cameras (C, 3) [m]."""
         return np.array([camera.origin_world for camera in self.cameras])
 
     @property
     def middle(self) -> np.ndarray:
-        """Of the path (3,) [m]; of the cameras where there is none."""
+        """Middle of the path (3,) [m]; of the cameras without a path."""
         known = self.path[np.isfinite(self.path).all(axis=1)]
         return np.asarray(np.median(known if len(known) else self.centres, axis=0))
 

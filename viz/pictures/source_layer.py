@@ -72,7 +72,7 @@ class SourceLayer:
         return bool(depth[0] < depth[1])
 
     def _place(self) -> np.ndarray:
-        """Of the body's root, or first joint [m], (3,)."""
+        """Place of the body's root, or first joint [m], (3,)."""
         return self.body.at(self.q).translations[1] if np.isfinite(self.q).all() else np.full(3, np.nan)
 
     def _draw_discs(self, canvas: np.ndarray, points: np.ndarray) -> None:

@@ -150,7 +150,7 @@ class MovingPreview:
         return page(self._scene(moment), script).encode("utf-8")
 
     def _scene(self, moment: Moment) -> Scene:
-        """Of a single instant."""
+        """The scene of a single instant."""
         none = np.zeros((1, len(self._cameras), len(self._body.landmark_names)))
         frames = tuple(None if p is None else (lambda p=p: iter([p])) for p in moment.pictures)
         return Scene(
@@ -160,7 +160,7 @@ class MovingPreview:
         )  # fmt: skip
 
     def _padded(self, values: np.ndarray) -> np.ndarray:
-        """Of all hypotheses (K, ...), NaN where there are fewer."""
+        """Values of all hypotheses (K, ...), NaN where there are fewer."""
         out = np.full((self._count, *values.shape[1:]), np.nan)
         out[: len(values)] = values[: self._count]
         return out

@@ -69,7 +69,7 @@ def page(run: Run | Scene, script: str = "") -> str:
 
 
 class _Stage:
-    """Where the body moves: used to place the floor, the lights, the pictures and the first view."""
+    """Region in which the body moves: used to place the floor, the lights, the pictures and the first view."""
 
     def __init__(self, scene: Scene, painter: BodyPainter, rows: list[int]) -> None:
         bodies = [t for t in rows if scene.has_body(t)]
@@ -91,12 +91,12 @@ class _Stage:
         self.towards_home /= np.linalg.norm(self.towards_home)
 
     def eye(self) -> np.ndarray:
-        """Where the first view looks from [m], (3,)."""
+        """Viewpoint of the first view [m], (3,)."""
         return self.centre + self.towards_home * 1.05 * self.radius / np.sin(_HOME_FOV / 2.0)
 
 
 def _front(scene: Scene) -> np.ndarray:
-    """Where a body that no camera saw is seen from, (3,): from its front where it stands beside another."""
+    """Viewpoint of a body that no camera saw, (3,): in front of it where it stands beside another."""
     turn = 0.0 if scene.source is None else np.radians(heading(scene.body, scene.q))
     return np.array([np.cos(turn), np.sin(turn), 0.0])
 

@@ -55,7 +55,7 @@ class Span:
 
     @property
     def count(self) -> int:
-        """How many frames."""
+        """Number of frames."""
         return self.last - self.first + 1
 
 
@@ -142,7 +142,7 @@ def stills_of(scene: Scene, rows: list[int]) -> list[bytes]:
 
 
 COLOURS = {side: web(colour) for side, colour in ON_PAPER.items()}
-"""Of the sides."""
+"""Colours of the sides."""
 _SIZE = (3.6, 2.3)  # inches
 _RIG, _RIG_SHAPE = 5.5, (0.5, 1.2)  # inches: width of the picture of the cameras; its least and greatest height over it
 

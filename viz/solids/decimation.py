@@ -97,7 +97,7 @@ def _error(q, x, y, z):  # type: ignore[no-untyped-def]
 
 @jit
 def _place(q, a, b):  # type: ignore[no-untyped-def]
-    """Where an edge from a to b (3,) of quadric q (10,) is shortened to, and what that costs: cost, x, y, z."""
+    """Cost and point to which an edge from a to b (3,) of quadric q (10,) is contracted: cost, x, y, z."""
     length = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
     extra = _SHORT * length * length
     c00, c01, c02 = q[4] * q[7] - q[5] * q[5], q[2] * q[5] - q[1] * q[7], q[1] * q[5] - q[2] * q[4]
@@ -123,7 +123,7 @@ def _place(q, a, b):  # type: ignore[no-untyped-def]
 
 @jit
 def _cheapest(vertices, quadrics, faces, cost, side):  # type: ignore[no-untyped-def]
-    """Of every face the edge that is shortened at the least cost, into side (F,), and that cost (F,).
+    """For every face the edge that is contracted at the least cost, into side (F,), and that cost (F,).
 
     vertices (V, 3), quadrics (V, 10), faces (F, 3) int.
     """

@@ -1,4 +1,4 @@
-"""How well what one camera saw fits what another saw: rays of the same points have to meet."""
+"""Consistency of two cameras' detections: rays of the same points have to meet."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Rays:
 
     @staticmethod
     def of(camera: Camera, pixels: np.ndarray) -> Rays:
-        """From pixels (N, L, 2), NaN where missing."""
+        """Rays of pixels (N, L, 2), NaN where missing."""
         directions = camera.directions(pixels)
         seen = np.isfinite(directions[..., :1])
         count = seen.sum(axis=1)
@@ -93,7 +93,7 @@ def seen_points(cameras: Sequence[Camera], pixels: np.ndarray) -> np.ndarray:
 
 
 class RayPairs:
-    """How far detections of two cameras are from being one person, in body sizes.
+    """Distances between detections of two cameras by their rays, in body sizes.
 
     The median over the landmarks both have of Sampson's distance (Hartley and Zisserman, Multiple View Geometry, 11.4):
     to first order the distance in the two images to the nearest pair of points whose rays meet, each image's error in
@@ -111,8 +111,8 @@ class RayPairs:
         self._size = np.square(a.size), np.square(b.size)
 
     def distances(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
-        """Of detections i (P,) of the first camera and j (P,) of the second; infinite where the distance of a few
-        landmarks is already above `enough`."""
+        """Distances of detections i (P,) of the first camera and j (P,) of the second; infinite where the distance of a
+        few landmarks is already above `enough`."""
         parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
         return np.concatenate([np.zeros(0), *(self._screened_distances(i[part], j[part], enough) for part in parts)])
 

@@ -24,7 +24,7 @@ from humanoid.support.compiled import jit
 
 _BROWN, _SIZE = 5, 22
 COUNTS = (4, 5, 8, 12, 14)
-"""How many coefficients OpenCV's models have; a fisheye's has 4."""
+"""Numbers of coefficients of OpenCV's models; a fisheye's has 4."""
 GENERAL, FISHEYE, PARALLEL = 1.0, 2.0, 3.0
 _K3, _K4 = 4, 5
 _TILT = 12
@@ -106,7 +106,7 @@ def _tilted(tau_x: float, tau_y: float) -> np.ndarray:
 
 @register_jitable
 def distorted(a, b, lens):  # type: ignore[no-untyped-def]
-    """Where the lens puts directions (a, b, 1), in the plane z = 1: numbers, or arrays of one shape.
+    """Directions (a, b, 1) distorted by the lens, in the plane z = 1: numbers, or arrays of one shape.
 
     The only place of the formulas: `estimator.data.cameras.projection` compiles it. lens (5,), (1, 22) or (1, 1, 22),
     of a camera that is not parallel.

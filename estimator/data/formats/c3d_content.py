@@ -143,7 +143,7 @@ def _value(file: _Bytes, at: int) -> list[str] | list[float]:
 
 
 def _text(content: bytes) -> str:
-    """Of ASCII or UTF-8, else of the older code page."""
+    """Text in ASCII or UTF-8, else in the older code page."""
     try:
         return content.decode("utf-8").strip(" \0")
     except UnicodeDecodeError:

@@ -24,7 +24,7 @@ class CameraFile:
 
     @property
     def ending(self) -> str:
-        """Of its name, in lower case, with the dot."""
+        """Ending of its name, in lower case, with the dot."""
         return self.path.suffix.lower()
 
     @cached_property

@@ -75,7 +75,7 @@ def those_there(fields: Mapping[str, Field], arrays: Mapping[str, np.ndarray]) -
 
 
 def length_of(arrays: Mapping[str, np.ndarray], name: str) -> int:
-    """How many entries a list has; raises DamageError where it is missing or none."""
+    """Number of entries of a list; raises DamageError where it is missing or not a list."""
     if name not in arrays or arrays[name].ndim != 1:
         raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is not a list")
     return len(arrays[name])

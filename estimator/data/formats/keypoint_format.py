@@ -35,7 +35,7 @@ class KeypointFile:
 
     @property
     def ending(self) -> str:
-        """Of its name, in lower case, with the dot."""
+        """Ending of its name, in lower case, with the dot."""
         return self.path.suffix.lower()
 
     @cached_property

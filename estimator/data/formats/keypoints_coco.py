@@ -77,7 +77,7 @@ def _points(flat: Any, i: int, reading: Reading) -> np.ndarray:
 
 
 def _confidence(flags: np.ndarray, sure: float) -> np.ndarray:
-    """Of visibility flags (J,); where none in the file is 2, 1 means that a point is present and no more."""
+    """Confidence of visibility flags (J,); where none in the file is 2, 1 means that a point is present and no more."""
     return np.where(flags == 0.0, 0.0, np.where(flags == sure, 1.0, _HIDDEN))
 
 

@@ -60,7 +60,7 @@ def naming_beside(path: Path) -> Naming:
 
 
 def places_of_names(path: Path) -> str:
-    """Where names would be looked for, for an error's remedy."""
+    """Files in which names are searched, for an error's remedy."""
     return " or ".join(path.name.removesuffix(path.suffix) + ending for ending in _ENDINGS)
 
 

@@ -29,7 +29,7 @@ class NumberTable(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Where the names stand."""
+        """Place of the names, for errors."""
         return f"line {self.first}"
 
     @property

@@ -66,7 +66,7 @@ def up_by_motion(points: np.ndarray, time: np.ndarray) -> str | None:
 
 
 def _end_speed(points: np.ndarray, usable: np.ndarray, time: np.ndarray, up: np.ndarray) -> float:
-    """How fast the stillest point of the lower end moves [m/s], as a root mean square over the file."""
+    """Root mean square speed of the stillest point of the lower end [m/s] over the file."""
     height = points @ up
     low, high = (pick(height[usable], axis=1)[:, None] for pick in (np.nanmin, np.nanmax))
     at_end = height[usable] <= low + _END * (high - low)

@@ -63,7 +63,7 @@ def _exchanged(a: np.ndarray, b: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _pieces(seen: np.ndarray, time: np.ndarray) -> list[int]:
-    """Where each stretch begins before which both markers were missing for long."""
+    """Starts of the stretches before which both markers were missing for long."""
     at = np.flatnonzero(seen.any(axis=1))
     if not len(at):
         return [0] if len(time) else []
@@ -118,7 +118,7 @@ def _confirmed(state: np.ndarray, paths: np.ndarray, seen: np.ndarray, time: np.
 
 
 def _at_moment(time: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Where a path (N, 3) is at time 0, by the medians of the slopes between its points and of what is left, so that a
+    """Place of a path (N, 3) at time 0, by the medians of the slopes between its points and of the residuals, so that a
     few outliers do not matter."""
     i, k = np.triu_indices(len(time), 1)
     slope = np.median((path[k] - path[i]) / (time[k] - time[i])[:, None], axis=0) if len(time) > 2 else np.zeros(3)

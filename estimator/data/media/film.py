@@ -103,7 +103,8 @@ def _webm(rate: Fraction, fine: bool) -> list[str]:
 
 
 def _gif(rate: Fraction, fine: bool) -> list[str]:
-    """From two inputs, both the film: its palette is made of all of it, and what FFmpeg keeps in memory is not."""
+    """Filters of a GIF from two inputs, both the film: its palette is made from all of it, without keeping it in
+    memory."""
     dithered = "[1:v][p]paletteuse=dither=bayer:bayer_scale=4:diff_mode=rectangle"
     return ["-filter_complex", f"[0:v]palettegen[p];{dithered}", "-loop", "0", "-fflags", "+bitexact", "-f", "gif"]
 

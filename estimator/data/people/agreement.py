@@ -64,8 +64,8 @@ def pair_affinities(table: Table, cameras: Sequence[Camera]) -> PairAffinities:
 
 
 def _scale(table: Table, first: np.ndarray, second: np.ndarray, distance: np.ndarray) -> float:
-    """How well detectors and calibration let rays meet, from each detection's best partner in each other camera: most
-    people are seen by two cameras, and a median does not mind the others."""
+    """Usual distance of rays by detectors and calibration, from each detection's best partner in each other camera:
+    most people are seen by two cameras, and a median tolerates the others."""
     best = np.full((len(table.people), len(table.rays)), np.inf)
     np.fmin.at(best, (first, table.camera[second]), distance)
     np.fmin.at(best, (second, table.camera[first]), distance)
@@ -121,7 +121,7 @@ def piece_affinities(table: Table, affinities: PairAffinities) -> np.ndarray:
 
 
 def _together(table: Table, rows: np.ndarray, count: int) -> np.ndarray:
-    """How many pairs of detections of two pieces (P, P) are of one frame, among some rows of the table."""
+    """Number of pairs of detections of two pieces (P, P) in the same frame, among some rows of the table."""
     frames, place = np.unique(table.instant[rows], return_inverse=True)
     shape = (count, len(frames))
     seen = csr_array((np.ones(len(place)), (table.piece[rows], place)), shape=shape)

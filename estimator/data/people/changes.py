@@ -1,4 +1,4 @@
-"""Where a track continues with another person, found from another camera."""
+"""Detection of changes of a track to another person, from another camera."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def _frames(table: Table, compared_frames: np.ndarray) -> Mapping[tuple[int, int
 
 
 def _turns(total: list[float]) -> list[int]:
-    """Where running totals turn from rising by more than _TURN to falling by more than it, or back: the first place of
-    each new course."""
+    """Turning points of running totals, from rising by more than _TURN to falling by more than it, or back: the first
+    place of each new course."""
     turns: list[int] = []
     course, low, high = 0, 0, 0
     for t, value in enumerate(total):

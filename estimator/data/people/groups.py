@@ -68,7 +68,7 @@ def exchange_pieces(
 def _exchange(
     affinity: np.ndarray, group: np.ndarray, two: tuple[int, int], pieces: np.ndarray, begin: np.ndarray
 ) -> np.ndarray:
-    """Those of the pieces, consecutive in time, that two groups exchange with most gain; none without gain."""
+    """The pieces, consecutive in time, that two groups exchange with most gain; none without gain."""
     pieces = pieces[np.isin(group[pieces], two)]
     pieces = pieces[np.argsort(begin[pieces], kind="stable")]
     if not len(pieces):

@@ -82,7 +82,7 @@ def _middle(place: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
 
 
 def _stands(place: Mapping[str, np.ndarray]) -> np.ndarray:
-    """In which frames a leg is straight below a straight trunk, (T,) bool, so that the person does not sit, lie or
+    """Frames (T,) bool in which a leg is straight below a straight trunk, so that the person does not sit, lie or
     bend."""
     trunk, straight = _middle(place, "shoulder") - _middle(place, "hip"), []
     for side in ("left", "right"):
@@ -132,7 +132,7 @@ def _of_balance(forward: np.ndarray) -> np.ndarray:
 def _floor(
     place: Mapping[str, np.ndarray], up: np.ndarray, axes: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How the plane below the ankles rises along the axes (2,), and the information (2, 2) in it.
+    """Slopes of the plane below the ankles along the axes (2,), and their information (2, 2).
 
     A plane of the ankles' low quantile (Koenker and Bassett, Regression Quantiles, 1978), by reweighted least squares.
     """

@@ -12,7 +12,7 @@ from humanoid.support.compiled import jit
 
 @jit
 def shortfall(placements, joint, local, share, ray, least, std):  # type: ignore[no-untyped-def]
-    """By how many standard deviations the ends fall short, at placements (njoints, 12).
+    """Shortfall of the ends in standard deviations, at placements (njoints, 12).
 
     joint, share (N,), local (N, 3): the landmarks, and how each counts. ray (3,), least, std [m]: see `TrunkSide`.
     """

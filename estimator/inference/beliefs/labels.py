@@ -41,7 +41,7 @@ class Stacked:
 
     @staticmethod
     def of(mixtures: Sequence[KernelMixture]) -> Stacked:
-        """Of mixtures of one space; backgrounds count as kernels."""
+        """The stacked mixtures of one space; backgrounds count as kernels."""
         plain = [m.of_kernels_alone() for m in mixtures]
         first = np.cumsum([0, *(len(m.shapes) for m in plain)])
         whitener = np.concatenate([m.shapes.whitener for m in plain])

@@ -22,7 +22,7 @@ _MIRRORED = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # tangents of frames wh
 
 @dataclass(frozen=True)
 class LearnSettings:
-    """How a mixture is learned.
+    """Settings of the learning of a mixture.
 
     kernels: M. full: whole covariances, else diagonal ones, as the paper's. floor [m], floor_turn [rad]: standard
     deviations below which no covariance goes: rigid links have none. Rotations' covariances are those of
@@ -40,7 +40,7 @@ class LearnSettings:
 
     @property
     def floors(self) -> np.ndarray:
-        """Of the six numbers of a tangent."""
+        """Floors of the six numbers of a tangent."""
         return np.array([self.floor] * 3 + [self.floor_turn] * 3)
 
 
@@ -167,7 +167,7 @@ def _from_clusters(
 
 
 def _clusters(points: np.ndarray, settings: LearnSettings, rng: np.random.Generator) -> np.ndarray:
-    """Of each point (N, 7) the cluster (N,) of K-means, metres and radians alike.
+    """Cluster (N,) of each point (N, 7) by K-means, metres and radians alike.
 
     What lies nearer than the floors is one place; so much noise makes it several, lest K-means stand before equals.
     """

@@ -25,7 +25,7 @@ class Density(Protocol):
 
     @property
     def space(self) -> Space:
-        """Where it lives."""
+        """The space of its points."""
         ...
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ class KernelMixture:
 
     @property
     def space(self) -> Space:
-        """Where it lives."""
+        """The space of its points."""
         return self.shapes.space
 
     def __len__(self) -> int:

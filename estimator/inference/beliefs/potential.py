@@ -27,7 +27,7 @@ class Potential:
 
     @property
     def space(self) -> Space:
-        """Where both nodes live."""
+        """The space of both nodes."""
         return self.relative.space
 
     def placed(self, points: np.ndarray) -> np.ndarray:

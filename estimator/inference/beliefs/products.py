@@ -25,7 +25,7 @@ _WIDER = 1.5  # covariance of a round's proposals over that of the products that
 
 @dataclass(frozen=True)
 class ProductSettings(CheckedSettings):
-    """How products of mixtures are drawn from.
+    """Settings of the sampling from products of mixtures.
 
     method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal
     densities about the best of those; "gibbs" draws which kernels go together, one mixture after the other (Sudderth et

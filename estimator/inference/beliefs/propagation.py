@@ -23,7 +23,7 @@ Watch = Callable[[int, tuple[Belief, ...]], None]
 
 @dataclass(frozen=True)
 class BeliefSettings(CheckedSettings):
-    """How beliefs are propagated.
+    """Settings of belief propagation.
 
     kernels: N, of a message: its N' = (N - 1) / M samples make M kernels each, the outlier process the last (PAMPAS).
     samples: of a belief. iterations: of the batch schedule. proposal_share: lambda_S of the first. proposal_factor:
@@ -41,7 +41,7 @@ class BeliefSettings(CheckedSettings):
     product: ProductSettings = field(default_factory=ProductSettings)
 
     def shares(self, iteration: int) -> Shares:
-        """Of the strata, in an iteration counted from 0."""
+        """Shares of the strata, in an iteration counted from 0."""
         return Shares.of(self.proposal_share * self.proposal_factor**iteration, self.belief_share)
 
 
@@ -144,7 +144,7 @@ class _Passing:
             self._messages[edge], self._status[edge] = message, status
 
     def beliefs(self, seeds: np.ndarray, iteration: int, each: Each) -> tuple[Belief, ...]:
-        """Of all nodes, from the messages that they have."""
+        """Beliefs of all nodes, from their messages."""
         return tuple(each(lambda i: self._belief(int(seeds[i]), i, iteration), range(len(self._graph.nodes))))
 
     def result(self, seeds: np.ndarray, iteration: int, each: Each) -> Propagated:

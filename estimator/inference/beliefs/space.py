@@ -10,7 +10,8 @@ from estimator.numerics.rotations import difference, moved, turn_after, turned, 
 from humanoid.support.compiled import jit
 
 TURNS_VOLUME = 8.0 * np.pi**2
-"""Of all rotations [rad^3], in the measure that densities are of: near any rotation it is that of rotation vectors."""
+"""Volume of all rotations [rad^3], in the measure of the densities: near any rotation it is that of rotation
+vectors."""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ class Split(NamedTuple):
 
 
 class Shares(NamedTuple):
-    """Of the samples: lambda_B, from the product of all incoming messages; lambda_I, from that of all but the message
-    from where it goes to; lambda_S, from the importance function Q. Their sum is 1."""
+    """Shares of the samples: lambda_B, from the product of all incoming messages; lambda_I, from that of all but the
+    message from where it goes to; lambda_S, from the importance function Q. Their sum is 1."""
 
     belief: float
     incoming: float
@@ -35,7 +35,7 @@ class Shares(NamedTuple):
         return Shares(belief * (1.0 - proposal), (1.0 - belief) * (1.0 - proposal), proposal)
 
     def counts(self, total: int, possible: tuple[bool, bool, bool]) -> Split:
-        """How many samples of `total` each stratum has; the possible ones share what impossible ones would have."""
+        """Number of samples of `total` in each stratum; those of impossible strata are shared by the possible ones."""
         share = np.where(possible, self, 0.0)
         if share.sum() <= 0.0:
             share = np.array(possible, dtype=float)

@@ -35,14 +35,14 @@ class EvidenceSettings(CheckedSettings):
 
     @property
     def if_hidden(self) -> tuple[float, float]:
-        """How much more an association weighs, as logarithms, for a feature that is hidden and has a detection of its
-        own, and for one that has none."""
+        """Additional log-weight of an association for a hidden feature with a detection of its own, and for one
+        without."""
         return math.log(self.hidden / self.detected), math.log((1.0 - self.hidden) / (1.0 - self.detected))
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """Of one image: D places in which some of the features F may be.
+    """Detections of one image: D places in which some of the features F may be.
 
     names (F,). mean (D, 2) [px], covariance (D, 2, 2) [px^2]: of the feature, if it is this detection. suits (D, F):
     probability that a detection of the feature looks like this, 0 where that is impossible. merged (D,) bool: it may
@@ -142,7 +142,7 @@ class _Pairs:
         return _Pairs(first, second, expected)
 
     def summed(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of ways (K, F): their weights as logarithms (K,), and with what is expected of each feature alone."""
+        """Log-weights (K,) of ways (K, F), and those with the prediction of each feature alone."""
         feature = np.arange(ways.shape[1])
         before = np.tri(ways.shape[1], k=-1, dtype=bool)
         again = (((ways[:, :, None] == ways[:, None, :]) & before).any(axis=2)) & (ways >= 0)

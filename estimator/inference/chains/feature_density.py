@@ -74,7 +74,7 @@ class FeatureDensity:
 
     @cached_property
     def _whitening(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
+        """For each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
         normal, zero where it is uninformative, and the logarithm (K,) of its height."""
         inverse, height = np.zeros_like(self.covariance), self.log_weight.astype(np.float64)
         for rows, dims in kinds(self.known):
@@ -266,7 +266,7 @@ def uniform(names: Sequence[str]) -> FeatureDensity:
 
 
 def product(densities: Sequence[FeatureDensity], names: Sequence[str], most: int = 50) -> FeatureDensity:
-    """Of any number of densities, over `names`, with at most a number of kernels after each factor."""
+    """Product of any number of densities, over `names`, with at most a number of kernels after each factor."""
     result = uniform(names)
     for density in densities:
         result = result.times(density.over(names)).reduced(most)

@@ -16,7 +16,7 @@ _NEWS = 0.1  # share of a shared detection's information on a point that is new 
 
 @dataclass(frozen=True)
 class PointSettings(CheckedSettings):
-    """How points move.
+    """Settings of the motion of points.
 
     Defaults are those of wrists, in a picture, of 97 captured motions (`docs/papers/dual-chain.md`).
 
@@ -37,7 +37,7 @@ class PointSettings(CheckedSettings):
 
 @dataclass(frozen=True, eq=False)
 class PointStates:
-    """Where points are and how they move: mean (F, 4) x, y [px] and velocities [px/s], covariance (4F, 4F)."""
+    """State of the points: mean (F, 4) x, y [px] and velocities [px/s], covariance (4F, 4F)."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -48,7 +48,7 @@ class PointStates:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray]) -> PointStates:
-        """Those of `arrays`, among others."""
+        """The states in `arrays`, which may include others."""
         return PointStates(arrays["point_mean"], arrays["point_covariance"])
 
 
@@ -179,7 +179,7 @@ class PointChain:
 
     @property
     def _places(self) -> np.ndarray:
-        """Where positions are in the state, (2F,)."""
+        """Indices of the positions in the state, (2F,)."""
         return np.flatnonzero(np.tile([True, True, False, False], len(self.names)))
 
     def _motion(self, dt: float) -> tuple[np.ndarray, np.ndarray]:

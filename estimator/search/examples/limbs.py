@@ -129,7 +129,7 @@ class _Parts(NamedTuple):
 
 
 def _parts(body: Body, surface: Surface, limb: TwoSegmentLimb, nodes: np.ndarray) -> _Parts:
-    """Of a limb with some nodes."""
+    """The parts of a limb with some nodes."""
     joints = np.unique(surface.joint[nodes])
     middle = np.array([surface.local[nodes[surface.joint[nodes] == j]].mean(axis=0) for j in joints])
     return _Parts(int(body.model.parents[int(body.tree.dof_joint[limb.dofs[0]])]), joints, middle)

@@ -67,7 +67,7 @@ def check_elevation(index: ExampleIndex, observation: Observation, frames: Mappi
 
 
 def _off(index: ExampleIndex, observation: Observation, camera: int, frame: ViewFrame) -> float:
-    """How far the elevation [degrees] of a camera, by its number and frame at the person, is from the examples'."""
+    """Difference of a camera's elevation [degrees], by its number and frame at the person, from the examples'."""
     return abs(frame.elevation(observation.cameras[camera]) - index.recipe.elevation)
 
 

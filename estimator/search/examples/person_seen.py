@@ -18,7 +18,7 @@ from estimator.vision.cues.silhouette.cue import Outline
 from estimator.vision.person_view import ViewFrame, described
 
 CUES = (Depth.name, Outline.name)
-"""Of which one is needed, the first of those that are used: what separates a person from the rest of a picture."""
+"""Cues that separate a person from the rest of a picture; one is needed, and the first enabled one is used."""
 LEAST_SHARE = 0.2  # of the picture's height; a smaller silhouette may be a part, such as an arm that alone has moved
 _HEAD = 0.06  # of the height, to either side of the middle: where the head is, and no raised arm
 _FEET = 0.04  # of the height: part that depth cues count as floor
@@ -55,8 +55,8 @@ def can_look_up(observation: Observation, evidence: PersonEvidence) -> bool:
 
 
 def person_views(observation: Observation, side: float, evidence: PersonEvidence) -> list[PersonView]:
-    """Of every camera that has points of the person's surface or, where it uses that, their silhouette from head to
-    feet. side [m]: of the square that is cut out."""
+    """Views of every camera that has points of the person's surface or, where it uses that, their silhouette from head
+    to feet. side [m]: of the square that is cut out."""
     views = []
     for c, frame, mask in persons(observation, evidence):
         cues = observation.cues[c]

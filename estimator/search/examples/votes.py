@@ -76,7 +76,7 @@ class Votes:
         return numbers
 
     def _votes(self, view: PersonView, examples: np.ndarray) -> np.ndarray:
-        """Of one camera on examples (N,), those it has none on being negative: the lower, the more alike."""
+        """Votes of one camera on examples (N,), negative without a vote: the lower, the more similar."""
         some = np.arange(0, len(self.index.q), max(1, len(self.index.q) // _TYPICAL))
         usual = self.index.distances(view.description, some)
         votes = np.zeros(len(examples))
@@ -106,7 +106,7 @@ class Votes:
 
 
 def turned_away(body: Body, placed: PlacedBodies, frame: ViewFrame) -> np.ndarray:
-    """By how much poses turn away from facing a camera (N,) [degrees]; none if their root cannot turn."""
+    """Angles (N,) [degrees] by which poses turn away from facing a camera; 0 if their root cannot turn."""
     if not body.has_free_root:
         return np.zeros(len(placed.q))
     ahead = placed.placements[:, ROOT_JOINT, :3] @ frame.R_world_view

@@ -196,7 +196,7 @@ class _Probe:
         return not others.any() and self.levers[root, dof] < OFFSET * self.size
 
     def _off(self, limb: TwoSegmentLimb) -> float:
-        """By how much the axes of the limb's ball joint miss its root [m]."""
+        """Distance of the axes of the limb's ball joint from its root [m]."""
         return float(self.levers[limb.landmarks[0], limb.dofs[:-1]].max())
 
     def parts(self, limbs: list[TwoSegmentLimb]) -> tuple[RigidPart, ...]:

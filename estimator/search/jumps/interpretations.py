@@ -23,7 +23,7 @@ UNREACHED = 10.0  # energy of a limb that no solution brings back onto its rays
 
 
 class JointPrior:
-    """How unlikely joints are, cheaply: the stabilisers' energy, and the tilt of a free root."""
+    """A cheap prior of joints: the stabilisers' energy, and the tilt of a free root."""
 
     def __init__(self, body: Body) -> None:
         self._rest, self._precision = np.zeros(body.nv), np.zeros((body.nv, 2))
@@ -36,12 +36,12 @@ class JointPrior:
         self._body = body
 
     def energy(self, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray | float = 0.0) -> float:
-        """Of some degrees of freedom (m,) of q (nq,), turned by `turns` (m,) [rad]."""
+        """Energy of some degrees of freedom (m,) of q (nq,), turned by `turns` (m,) [rad]."""
         x = q[self._q_index[dofs]] + turns - self._rest[dofs]
         return _lorentzian(np.square(x) * np.where(x > 0.0, self._precision[dofs, 1], self._precision[dofs, 0]))
 
     def tilt(self, q: np.ndarray, camera: Camera) -> float:
-        """Of the root's tilt at q (nq,); zero for a body without an up axis."""
+        """Energy of the root's tilt at q (nq,); zero for a body without an up axis."""
         upright = self._body.subject.upright
         if upright is None or not self._body.has_free_root:
             return 0.0
@@ -115,7 +115,7 @@ def _options(
 
 
 def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, on_rays: PoseOnRays, camera: Camera) -> float:
-    """Of what is not of a limb."""
+    """Energy of what is not of a limb."""
     limbs = [d for limb in anatomy.limbs for d in limb.dofs]
     others = np.setdiff1d(np.arange(body.nv), np.array(limbs, dtype=np.int64))
     return prior.energy(on_rays.q, others) + prior.tilt(on_rays.q, camera)

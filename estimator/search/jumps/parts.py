@@ -60,7 +60,7 @@ def with_limbs_on_rays(
 
 
 def _reached(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, solution: LimbSolution) -> np.ndarray:
-    """Where a solution has the landmarks (3, 3) of its limb [m]."""
+    """Landmarks (3, 3) of a limb in a solution [m]."""
     return body.landmarks(body.at(turned(body, on_rays.q, limb.dofs, solution.turns)))[limb.landmarks]
 
 

@@ -39,8 +39,8 @@ def has_both(readings: np.ndarray) -> bool:
 
 
 def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
-    """By how much the trunk leads away from the camera in each configuration (N, nq), (N,) [m]; raises ValueError for a
-    body without a trunk that turns."""
+    """Distances (N,) [m] by which the trunk leads away from the camera in each configuration (N, nq); raises ValueError
+    for a body without a trunk that turns."""
     anatomy = anatomy_of(body)
     if anatomy.trunk is None:
         raise ValueError("the body has no trunk that turns about a pair of limbs")

@@ -1,4 +1,4 @@
-"""Where to look for modes: distributions of starts about a known one.
+"""Proposals for modes: distributions of starts about a known one.
 
 The family's contract is `Proposal`. `LimbProposal` is the exception: it moves a few joints of any configuration and has
 no density over all of them.

@@ -76,7 +76,8 @@ class LimbIK:
 
     @staticmethod
     def of(body: Body, limb: TwoSegmentLimb, joint: int, local: np.ndarray) -> LimbIK:
-        """Of a limb whose end is the point `local` (3,) [m] in the frame of its outermost joint, or of one behind it.
+        """The inverse kinematics of a limb whose end is the point `local` (3,) [m] in the frame of its outermost joint,
+        or of one behind it.
 
         Raises
         ------
@@ -204,8 +205,8 @@ class ImageProposal:
         return log_density
 
     def _log_density(self, ends: np.ndarray, pixels: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """Of place and swivel, (N,): ends (N, 3) [m] in the world, seen at pixels (N, 2), on lines of which the limb
-        reaches `length` (N,) [m]."""
+        """Log-density (N,) of place and swivel: ends (N, 3) [m] in the world, seen at pixels (N, 2), on lines of which
+        the limb reaches `length` (N,) [m]."""
         if not len(ends):
             return np.zeros(0)
         image = self.seen.log_density(pixels[:, None]) - np.logaddexp.reduce(self.seen.log_weight)

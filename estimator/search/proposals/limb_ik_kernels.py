@@ -91,7 +91,7 @@ def swivel_of(root, p):  # type: ignore[no-untyped-def]
 
 @jit
 def off_line(root, p):  # type: ignore[no-untyped-def]
-    """How far the middle is from the line of root (3,) and end, in lengths of the upper segment; p (2, 3)."""
+    """Distance of the middle from the line of root (3,) and end, in lengths of the upper segment; p (2, 3)."""
     reach, upper = plus(p[1], -1.0, root), plus(p[0], -1.0, root)
     normal = cross(reach, upper)
     return math.sqrt(dot(normal, normal) / (dot(reach, reach) * dot(upper, upper)))

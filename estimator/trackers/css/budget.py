@@ -14,7 +14,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 @dataclass(frozen=True)
 class BudgetSettings(CheckedSettings):
-    """How many searches a frame gets.
+    """Settings of the budget: the number of searches of a frame.
 
     searches: at most, the parents' own included, which are always searched. calm: share of what is left after those
     that is spent while the parents go on as expected. alarm: rise of the best energy from frame to frame from which

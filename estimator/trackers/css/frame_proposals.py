@@ -1,4 +1,4 @@
-"""Where the next frame's hypotheses come from: the kept modes, and proposals about them."""
+"""Sources of the next frame's hypotheses: the kept modes, and proposals about them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHAPES = ("covariance", "spherical", "weakest")
 
 
 class ProposalSettings(NamedTuple):
-    """How proposals are made, see `estimator.trackers.css.settings.CssSettings`."""
+    """Settings of proposals, see `estimator.trackers.css.settings.CssSettings`."""
 
     shape: str
     scale: float
@@ -146,14 +146,14 @@ class Proposals:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
     def _previous_pose(self, q: np.ndarray, q_predicted: np.ndarray | None) -> PreviousPose | None:
-        """Of hypotheses that moved from a mode q (nq,)."""
+        """Previous pose of hypotheses that moved from a mode q (nq,)."""
         if self._settings.transition:
             return PreviousPose(q, q_predicted)
         # flow is a term of its own in the image likelihood (CSS section 3.1.2), where there is any
         return PreviousPose(q, has_transition=False) if self._case.likelihood.cameras else None
 
     def _origin(self, i: int, family: Family) -> Origin:
-        """Of hypotheses that moved from mode i."""
+        """Origin of hypotheses that moved from mode i."""
         return Origin(family, self._previous[i])
 
     def _continued(self, i: int, q: np.ndarray, association: int, origin: Origin) -> Hypothesis:

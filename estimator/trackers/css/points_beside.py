@@ -222,7 +222,7 @@ class PointsBeside:
         return Normals(mean, spread + _FLOOR**2 * np.eye(2))
 
     def _chain(self, size: float) -> PointChain:
-        """Of a single keypoint of a person of some size in the image [px]."""
+        """Chain of a single keypoint of a person of some size in the image [px]."""
         return PointChain(("keypoint",), size, self.settings.points)
 
     def _sizes(self, mixture: Mixture, observation: Observation) -> np.ndarray:

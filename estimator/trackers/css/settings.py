@@ -67,7 +67,7 @@ class CssSettings(CheckedSettings):
 
     @property
     def proposals(self) -> ProposalSettings:
-        """Those of them that decide where hypotheses are."""
+        """Those of them for the places of hypotheses."""
         return ProposalSettings(**{name: getattr(self, name) for name in ProposalSettings._fields})
 
 

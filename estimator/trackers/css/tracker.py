@@ -136,7 +136,7 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
 
 
 def _rise(candidates: Sequence[Candidate], prior: Mixture) -> float:
-    """How much worse the best continuation explains its frame than its parent did the frame before."""
+    """Rise of the energy from the parent in the frame before to its best continuation in this frame."""
     if not candidates:
         return 0.0
     best = max(candidates, key=lambda c: c.score)

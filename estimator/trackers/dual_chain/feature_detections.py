@@ -60,7 +60,7 @@ def of_faces(names: Sequence[str], faces: Faces) -> Detections:
 
 
 def all_of(detections: Sequence[Detections]) -> Detections:
-    """Those of several detectors of the same features."""
+    """Joint detections of several detectors of the same features."""
     arrays = [
         np.concatenate([getattr(each, name) for each in detections])
         for name in ("mean", "covariance", "suits", "merged", "shared")
@@ -69,7 +69,7 @@ def all_of(detections: Sequence[Detections]) -> Detections:
 
 
 def at_size(detections: Detections, old: tuple[int, int], new: tuple[int, int]) -> Detections:
-    """Those of a picture of size `old`, in one resized to `new`."""
+    """Detections of a picture of size `old`, in one resized to `new`."""
     ratio = np.array(new) / np.array(old)
     covariance, together = (C * ratio[:, None] * ratio for C in (detections.covariance, detections.shared))
     mean = resized_pixels(detections.mean, old, new)

@@ -37,7 +37,7 @@ BY_PARTS, BY_PAST = "parts", "past"
 
 @dataclass(frozen=True)
 class PoseChainSettings(CheckedSettings):
-    """How poses are drawn.
+    """Settings of the drawing of poses.
 
     particles: how many. draws: "parts", trunk and limbs one after the other from the past and the image, or "past",
     whole poses from the past alone, as in CONDENSATION. kernels: of the past, by which parts are weighted. by_past,
@@ -187,7 +187,7 @@ class PoseChain:
         return (*((part,) for part in limbs), *((tuple(limbs),) if len(limbs) > 1 else ()))
 
     def _chosen(self) -> tuple[int, ...]:
-        """Those that this frame tries."""
+        """The limbs that this frame tries."""
         return self._wrong[self.rng.integers(len(self._wrong))]
 
     def _stratum(self, prior: Expected, message: Message, way: _Way, count: int) -> Tempered | None:
@@ -216,7 +216,7 @@ class PoseChain:
         return result._replace(log_evidence=result.log_evidence + partial.log_evidence)
 
     def without_samples(self, prior: Expected) -> tuple[ParticleSet, float]:
-        """Where the image shows nothing that a pose could be drawn from: what was expected."""
+        """The prediction, for images that show nothing from which a pose could be drawn."""
         self.diagnostics["samples"], self.diagnostics["effective_sample_size"] = 0.0, 0.0
         return self._even(prior, prior.samples), -np.inf
 

@@ -34,7 +34,7 @@ class PartialSamples:
 
 @dataclass(frozen=True, eq=False)
 class PartDraws:
-    """How the parts of one frame are drawn.
+    """Draws of the parts of one frame.
 
     past: whether they also come from the past. by_past, by_image: shares of what comes from the past as it is, and from
     inverse kinematics of the end of a limb; all others are steps from the past, Kalman-updated by the features.
@@ -114,7 +114,7 @@ class PartDraws:
         return x, ok
 
     def _shares(self, part: int, seen: bool) -> np.ndarray:
-        """Of draws by the past, Kalman-updated and by the image (3,)."""
+        """Shares (3,) of draws by the past, Kalman-updated and by the image."""
         if not self.past:
             return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
         by_image = (BY_IMAGE if part in self.target.elsewhere else self.by_image) if seen else 0.0

@@ -78,7 +78,7 @@ class PoseParts:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """How poses go back to rest: random steps that in the long run leave joints as their stabilisers have them.
+    """Return of poses to rest: random steps whose stationary distribution of joints is that of their stabilisers.
 
     The joints (K,) with a stabiliser: entries and dofs, where they are in configurations and tangents; at (K,),
     their mean, and std (K,) about it [rad or m]."""

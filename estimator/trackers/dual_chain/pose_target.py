@@ -31,7 +31,7 @@ class Expected:
 
     @cached_property
     def reach(self) -> Reach:
-        """Where poses are expected."""
+        """The prediction of poses."""
         return self.steps.reach(self.centres, self.weights)
 
 
@@ -66,7 +66,7 @@ class PoseTarget:
         return self.parts.body
 
     def past_of(self, part: int) -> Reach:
-        """Where a part is expected."""
+        """The prediction of a part."""
         return self.elsewhere.get(part, self.prior.reach)
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:

@@ -83,11 +83,11 @@ class AssemblySettings(CheckedSettings):
 
     @property
     def coarse(self) -> Stiffness:
-        """Of the first pull."""
+        """Stiffness of the first pull."""
         return Stiffness(self.coarse_place, self.coarse_turn, "gaussian", self.nu)
 
     def fine(self, cameras: int) -> Stiffness:
-        """Of the last, by so many cameras."""
+        """Stiffness of the last, for a number of cameras."""
         if cameras == 1:
             return Stiffness(self.alone_place, self.alone_turn, "lorentzian", self.nu)
         return Stiffness(self.place_floor, self.turn_floor, "lorentzian", self.nu)

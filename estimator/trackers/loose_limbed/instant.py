@@ -133,7 +133,7 @@ class InstantReader:
         return Instant(observation.time, self.log_ratio(observation), proposals, box)
 
     def log_ratio(self, observation: Observation) -> LimbLogRatio | None:
-        """Of limbs, by what is seen of a frame: pictures and keypoints together; None where nothing is."""
+        """Log ratio of limbs by a frame's pictures and keypoints together; None without any."""
         pictures = self.pictures(observation)
         if not self._seen.by_keypoints or not observation.count:
             return None if pictures is None else pictures.log_ratio

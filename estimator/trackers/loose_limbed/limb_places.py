@@ -1,4 +1,4 @@
-"""Where each limb is believed to be, in a few words: clusters of its belief, each a place with a spread and a share."""
+"""Summary of each limb's belief: its clusters, each a place with a spread and a share."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class PlacementCluster(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Of every limb its places (L), the heaviest first and none where nothing is believed, and whether its belief is
-    explained by what was measured (L)."""
+    """Places (L) of every limb, the heaviest first and none without a belief, and whether the measurements support its
+    belief (L)."""
 
     of: tuple[tuple[PlacementCluster, ...], ...]
     explained: tuple[bool, ...]

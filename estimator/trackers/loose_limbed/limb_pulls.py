@@ -22,13 +22,13 @@ class LimbScores(Protocol):
     `estimator.trackers.loose_limbed.limbs.likelihood.LimbLikelihood`."""
 
     def log_ratio(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Of places t (N, 3), R (N, 3, 3) of a limb: (N,) [nats], minus infinity where that is impossible."""
+        """Log ratio of places t (N, 3), R (N, 3, 3) of a limb: (N,) [nats], minus infinity where that is impossible."""
         ...
 
 
 class Stiffness(NamedTuple):
-    """How firmly beliefs draw. place [m], turn [rad]: added to their standard deviations, as variances. potential, nu:
-    see `LimbPull`."""
+    """Stiffness of the pull of beliefs. place [m], turn [rad]: added to their standard deviations, as variances.
+    potential, nu: see `LimbPull`."""
 
     place: float
     turn: float

@@ -223,7 +223,7 @@ class LooseLimbed:
         return window(self.potentials, self.settings.outlier, instants, past)
 
     def propagation(self, *, anew: bool) -> BeliefSettings:
-        """How beliefs of a frame are inferred. anew: without a past."""
+        """Settings of the inference of a frame's beliefs. anew: without a past."""
         s = self.settings
         if not anew:
             return s.propagation

@@ -75,7 +75,7 @@ class FrameChain:
         self._motion = MotionEnergy(body, motion, self._dt)
 
     def energy(self, q: np.ndarray) -> float:
-        """Of poses (T, nq): `ChainModel.value` to the last bit, in memory that does not grow with them."""
+        """Energy of poses (T, nq): `ChainModel.value` to the last bit, in memory that does not grow with them."""
         own, tied = list[float](), list[float]()
         for first in range(0, len(q), _TOGETHER):
             last = min(len(q), first + _TOGETHER)
@@ -88,8 +88,8 @@ class FrameChain:
         return _sum(own, tied) + self._motion.energy(q)
 
     def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
-        """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`
-        (T,) stay."""
+        """A limited number of damped Newton steps from q (T, nq), after which the energy is no higher; the frames in
+        `held` (T,) stay."""
         newton = NewtonSettings(iterations, DAMPING, enough=self._tolerance)
         return minimise(_Poses(self, held), self._model(q), newton).model.q
 
@@ -147,7 +147,7 @@ class FrameChain:
         return self._model(model.q)
 
     def _frames(self, q: np.ndarray, exact: bool = False) -> ChainModel:
-        """Of the frames and their ties, without the motion prior."""
+        """The model of the frames and their ties, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))
         own, tied = self._window.add(q, gradient, blocks, exact)

@@ -218,7 +218,7 @@ class _Track:
         return Smoothed(q, end.floor, covariance, mode, weight)
 
     def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
-        """Those of all frames, NaN for one without hypotheses; None where they are not determined."""
+        """Covariances of all frames, NaN for one without hypotheses; None where they are not determined."""
         every: SpilledList[np.ndarray] = Spill(self._settings.window).list()
         nothing, some = np.full((self._search.body.nv, self._search.body.nv), np.nan), set(self.some)
         try:
@@ -229,7 +229,7 @@ class _Track:
         return every
 
     def _modes(self) -> MadeList[np.ndarray]:
-        """Those (K, nq) of each frame."""
+        """Modes (K, nq) of each frame."""
         return MadeList(len(self.some), lambda i: self._results[self.some[i]].q)
 
     def _smoothed(self, costs: SpilledList[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
@@ -310,7 +310,7 @@ def _parted(search: ModeSearch, clearance: Clearances, cost: Cost, q: np.ndarray
 
 
 class TrajectoryUncertainty:
-    """Of trajectories through frames at times (T,) [s], rising.
+    """Uncertainty of trajectories through frames at times (T,) [s], rising.
 
     prior: energy that does not depend on observations. The evidence of frames is correlated for `settings.lasting`.
     """

@@ -70,7 +70,7 @@ class FixedLag:
         return [self._give()] if len(self._window) > self._settings.lag else []
 
     def _ties(self, observation: Observation, result: FrameResult) -> list[Ties]:
-        """Of each mode of a frame to the one before."""
+        """Ties of each mode of a frame to the one before."""
         before = [*self._output_frames, *self._window][-1:]
         if not before or result.index - before[0].observation.index != 1:
             return [()] * len(result.weight)

@@ -24,8 +24,8 @@ _IN_MEMORY = 2000  # energies, of some 15 kB each
 
 
 def spill_of(search: ModeSearch, observations: Sequence[Observation], settings: SmoothSettings) -> Spill:
-    """Where the energies of all frames are, or what ties these: in memory are those of a window along two paths, or of
-    a clip of half a minute."""
+    """Storage of the energies of all frames, or of the ties between them: those of a window along two paths, or of a
+    clip of half a minute, are in memory."""
     shared = [search.model, *search.model.cost(None).terms, *(c for o in observations[:1] for c in o.cameras)]
     return Spill(max(_IN_MEMORY, 2 * (settings.window + 2 * REACH)), shared, (Body, Surface))
 

@@ -32,8 +32,8 @@ def floor_of(body: Body, cameras: Sequence[Camera], known: KnownFloor) -> FloorD
 
 
 def height_above(floor: FloorDistances, body: Body, q: np.ndarray) -> float:
-    """How high the lowest part of a body is above a floor [m], the median of poses q (T, nq) without those that are
-    NaN; NaN where none is left, or the body has no flesh."""
+    """Height of the lowest part of a body above a floor [m], the median of poses q (T, nq) without those that are NaN;
+    NaN where none is left, or the body has no flesh."""
     posed = q[np.isfinite(q).all(axis=1)]
     lowest = np.concatenate([floor.lowest(body.placed(some)) for some in batches(posed)])
     return float(np.median(lowest)) if len(lowest) and np.isfinite(lowest).all() else np.nan

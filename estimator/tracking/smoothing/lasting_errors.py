@@ -59,7 +59,7 @@ def by_whole_error(cost: Cost) -> Cost:
 
 
 def residuals_along(body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.ndarray) -> Residuals | None:
-    """Of poses q (T, nq); None where no frame has keypoints."""
+    """Residuals of poses q (T, nq); None where no frame has keypoints."""
     residuals: Residuals | None = None
     for t, cost in enumerate(costs):
         term = _keypoints(cost)

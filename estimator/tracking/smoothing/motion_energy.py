@@ -35,7 +35,7 @@ class Movements(NamedTuple):
 
 
 class MotionEnergy:
-    """Of poses that are dt (T - 1,) [s] apart; see `MotionPrior`."""
+    """Energy of poses that are dt (T - 1,) [s] apart; see `MotionPrior`."""
 
     def __init__(self, body: Body, prior: MotionPrior, dt: np.ndarray) -> None:
         self._steps = _CompiledSteps(body, body.compiled) if body.compiled is not None else _Steps(body)

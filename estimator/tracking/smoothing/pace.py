@@ -1,4 +1,4 @@
-"""How quick a person is about each frame: accelerations come in bursts, over the joints of a limb together."""
+"""A person's pace about each frame: accelerations come in bursts, over the joints of a limb together."""
 
 from __future__ import annotations
 

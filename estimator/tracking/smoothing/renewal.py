@@ -67,7 +67,8 @@ class Renewal:
                 self._window(trajectory, seen, first, last)
 
     def energy(self, trajectory: Trajectory) -> float:
-        """Of all frames, of what ties them and of their motion at equal pace, so that trajectories can be compared."""
+        """Energy of all frames, of their ties and of their motion at equal pace, so that trajectories can be
+        compared."""
         costs, ties = trajectory.costs, trajectory.ties
         return self._chain(costs, MadeList(len(ties) - 1, lambda i: ties[i + 1]), self._motion, 0).energy(trajectory.q)
 
@@ -112,6 +113,6 @@ class Renewal:
         return costs, ties
 
     def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], motion: MotionPrior, low: int) -> FrameChain:
-        """Of frames from `low` on; ties: of each but the first to the one before."""
+        """Chain of frames from `low` on; ties: of each but the first to the one before."""
         times, tolerance = self._times[low : low + len(costs)], self._settings.tolerance
         return FrameChain(self._search.body, costs, times, motion, tolerance, ties)

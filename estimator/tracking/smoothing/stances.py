@@ -113,9 +113,9 @@ def _seen(body: Body, observation: Observation) -> np.ndarray:
 def held_places(
     points: np.ndarray, standing: np.ndarray, seen: np.ndarray, times: np.ndarray, way: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where points (T, P, 3) are held that stand with probabilities (T, P) at times (T,) [s], and how much each counts,
-    (T, P): 0 outside stances, and in those that are too short to be any or not seen (T, P). way (T, 3) [m]: of the belt
-    they stand on, None of a floor at rest."""
+    """Places at which points (T, P, 3) are held that stand with probabilities (T, P) at times (T,) [s], and their
+    weights (T, P): 0 outside stances, and in those that are too short to be any or not seen (T, P). way (T, 3) [m]: of
+    the belt they stand on, None of a floor at rest."""
     places, weight = points.copy(), np.zeros(standing.shape)
     for k, first, after in stances_of(standing):
         if times[after - 1] - times[first] >= _LEAST:

@@ -32,7 +32,7 @@ class WindowRecords(NamedTuple):
 
     @staticmethod
     def of(costs: Sequence[Cost]) -> WindowRecords:
-        """Of the recorded terms of each frame."""
+        """Records of the terms of each frame."""
         number, records, used = dict[RecordedTerm, int](), list[Record](), list[int]()
         rows = np.empty((len(costs), 3), dtype=np.int64)
         for cost, row in zip(costs, rows, strict=True):

@@ -28,7 +28,7 @@ LEAST_NOISE = 0.5  # px
 
 
 class PastPose(NamedTuple):
-    """How the body lay in the frame before, and where its velocity has taken it since, if that is known."""
+    """Pose of the body in the frame before, and that predicted from it by its velocity, if known."""
 
     parent: PosedBody
     predicted: PosedBody | None = None
@@ -77,7 +77,7 @@ class CameraView:
 
     @property
     def camera(self) -> Camera:
-        """At the resolution of the cues."""
+        """The camera at the resolution of the cues."""
         return self.cues.camera
 
     def sigma(self, noise: float) -> float:

@@ -71,7 +71,7 @@ def contour_dots(contours: Contours, radius: float = 2.2) -> list[Dots]:
 
 
 def links(term: AssignedPoints, posed: PosedBody, colour: Colour) -> PixelLines:
-    """From where a pose has the points of a term to the features assigned to them."""
+    """Lines from the points of a term at a pose to the features assigned to them."""
     features = term.features(posed)
     return PixelLines(features.pixels, features.target, colour, relative(features.weight))
 

@@ -9,7 +9,7 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """How a body's surface is compared with the pictures, whatever the cue.
+    """Settings of the comparison of a body's surface with the pictures, common to all cues.
 
     Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as its `evidence` of independent
     measurements however fine the mesh is. The extent, of which noises are fractions, is the root mean square distance

@@ -58,7 +58,7 @@ class ImageLikelihood:
     def of(
         model: ImageModel, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0
     ) -> ImageLikelihood:
-        """From what was read of the cameras' pictures.
+        """The likelihood from the readings of the cameras' pictures.
 
         extents: the subject's extent in each camera's cues [px]. detected: how far keypoints see the person, 0 to 1.
         """

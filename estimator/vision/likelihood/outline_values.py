@@ -1,4 +1,4 @@
-"""How well many poses at once fit a picture: outlines of limbs against edges, and the silhouette. Values alone.
+"""Fit of many poses at once to a picture: outlines of limbs against edges, and the silhouette. Values alone.
 
 What particles are weighed by: some ten thousand poses a second, where the energy that searches descend
 (`estimator.vision.likelihood.image_likelihood`) makes a few hundred. Limbs are tapered cones (`humanoid.limbs`).
@@ -89,7 +89,7 @@ class OutlineLikelihood:
         return self._values(placed, limbs, nothing, np.zeros(0, dtype=np.int64))[:2]
 
     def log_likelihood(self, placed: PlacedBodies) -> np.ndarray:
-        """Of N whole poses, (N,) [nats]."""
+        """Log-likelihoods (N,) [nats] of N whole poses."""
         values, cover = self.values(placed)
         return np.asarray(values.sum(axis=1) + cover)
 

@@ -1,4 +1,4 @@
-"""How well keypoints fit a limb at a placement: its landmarks projected, whoever's left and right they are."""
+"""Fit of keypoints to a limb at a placement: its landmarks projected, with left and right possibly exchanged."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ class KeypointEvidence:
             self._limbs.append((np.ascontiguousarray(of.place), views * np.square(of.spread), keypoints))
 
     def log_likelihood(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Of placements of a limb, by its index in the graph, t (N, 3) [m] and R (N, 3, 3) in the world: (N,) [nats],
-        at most 0, which it is where no keypoint is informative."""
+        """Log-likelihood of placements of a limb, by its index in the graph, t (N, 3) [m] and R (N, 3, 3) in the world:
+        (N,) [nats], at most 0, which it is where no keypoint is informative."""
         total = np.zeros(len(t))
         t, R = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(R, dtype=float)
         s = self.settings

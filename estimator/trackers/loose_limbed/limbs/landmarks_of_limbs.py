@@ -41,9 +41,9 @@ class LimbLandmarks:
 
 
 def landmarks_of_limbs(body: Body, graph: LimbGraph) -> tuple[LimbLandmarks, ...]:
-    """Of every limb of a graph, in poses drawn from the body's stabilisers within its limits. Found by their places
-    alone; what moves by less than 11 % of the limb's length counts. Depends on the body's lengths: once a body is
-    enough. Raises InputError for a body that lacks a link of the graph."""
+    """Landmarks of every limb of a graph, in poses drawn from the body's stabilisers within its limits. Found by their
+    places alone; what moves by less than 11 % of the limb's length counts. Depends on the body's lengths: once a body
+    is enough. Raises InputError for a body that lacks a link of the graph."""
     q = random_configurations(body, _POSES, np.random.default_rng(_SEED))
     points = body.landmarks_of(body.placed(np.ascontiguousarray(q)))
     t, R = limb_placements(graph, body, q)

@@ -48,7 +48,7 @@ class LeftOver:
         return views
 
     def _covered(self, t: np.ndarray, R: np.ndarray) -> list[np.ndarray]:
-        """Of each view the pixels that limbs cover, (h, w) bool."""
+        """For each view the pixels that limbs cover, (h, w) bool."""
         return [self._in_view(view, seen.shape, t, R) for view, seen in zip(self._views, self._person, strict=True)]
 
     def _in_view(self, view: LimbView, shape: tuple[int, ...], t: np.ndarray, R: np.ndarray) -> np.ndarray:

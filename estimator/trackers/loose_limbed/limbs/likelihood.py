@@ -1,4 +1,4 @@
-"""How much more likely pictures are with a limb at a pose than without (section 3 of Sigal et al., CVPR 2004)."""
+"""Likelihood ratio of pictures with a limb at a pose to those without (section 3 of Sigal et al., CVPR 2004)."""
 
 from __future__ import annotations
 
@@ -125,7 +125,8 @@ class LimbLikelihood:
         self._bins = np.array([np.append(b, np.full(most - len(b), np.inf)) for b in models.bins])
 
     def log_ratio(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Of poses of a limb, t (N, 3) [m] of its proximal joint and R (N, 3, 3) in the world: (N,) [nats]."""
+        """Log ratio of poses of a limb, t (N, 3) [m] of its proximal joint and R (N, 3, 3) in the world: (N,)
+        [nats]."""
         t, R = _arrays(t, R)
         cone, total = self._cones[limb], np.zeros(len(t))
         for camera, maps, foreground in self._views:

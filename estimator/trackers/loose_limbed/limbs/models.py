@@ -39,8 +39,8 @@ class LimbModels:
     _ratios: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def log_ratios(self, name: str, cues: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """How much more probable every state is of a limb than of the background [nats], by the cues that are named:
-        flat, by levels of all features; and by those of edges and ridge, with the person's place unknown."""
+        """Log ratio of every state on a limb to the background [nats], by the named cues: flat, by levels of all
+        features; and by those of edges and ridge, with the person's place unknown."""
         limb = self.limbs.get(name, self.any_limb)
         key = (id(limb), *cues)  # sums over all states: once, not once a frame
         if key not in self._ratios:
@@ -123,5 +123,5 @@ def _borders(value: Any, path: str | Path, place: str) -> np.ndarray:
 
 @cache
 def shipped_models() -> LimbModels:
-    """Those that are shipped, read once."""
+    """The shipped models, read once."""
     return load_models()

@@ -26,7 +26,7 @@ _SAME = 0.02  # of the largest offset at rest, and of a rotation's entries: side
 
 @dataclass(frozen=True)
 class LimbPoses:
-    """Where the limbs are in poses, and in pairs of poses some time apart.
+    """Placements of the limbs in poses, and in pairs of poses some time apart.
 
     spatial: by directed edge (i, j), X_i^-1 X_j of N poses, (N, 7). forward: by time step [s] and limb, X_i(t)^-1
     X_i(t + dt) of N pairs, (N, 7).
@@ -124,7 +124,7 @@ def random_configurations(body: Body, count: int, rng: np.random.Generator) -> n
 def limb_poses(
     graph: LimbGraph, body: Body, q: np.ndarray, pairs: Mapping[float, tuple[np.ndarray, np.ndarray]]
 ) -> LimbPoses:
-    """Of poses q (N, nq), and of pairs of poses by their time apart [s]."""
+    """Placements in poses q (N, nq), and in pairs of poses by their time apart [s]."""
     t, R = limb_placements(graph, body, q)
     spatial = {(i, j): relative_points(t[:, i], R[:, i], t[:, j], R[:, j]) for i, j in graph.directed}
     forward = {}

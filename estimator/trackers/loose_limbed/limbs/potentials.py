@@ -22,7 +22,7 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, first_of
 
 SHIPPED = Path(__file__).with_name("potentials.json")
-"""Of human34's paper graph, learned from captured motion by `python -m benchmarks limb_learning --write`."""
+"""Potentials of human34's paper graph, learned from captured motion by `python -m benchmarks limb_learning --write`."""
 
 Edge = tuple[int, int]
 
@@ -37,14 +37,14 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class LimbSteps:
-    """Where limbs (L) are `dt` [s] later in the frame that they are in now, and where they were dt earlier."""
+    """Placements of limbs (L) `dt` [s] later in their current frame, and dt earlier."""
 
     dt: float
     forward: tuple[RelativePlacements, ...]
     backward: tuple[RelativePlacements, ...]
 
     def at(self, dt: float) -> LimbSteps:
-        """Of another time step, as at the same speeds: means and deviations grow with time."""
+        """The steps of another time step at the same speeds: means and deviations grow with time."""
         by = dt / self.dt
         return LimbSteps(dt, tuple(_slower(p, by) for p in self.forward), tuple(_slower(p, by) for p in self.backward))
 
@@ -68,7 +68,7 @@ class LimbPotentials:
         return (_FARTHEST + 1e-6) * max((s.dt for s in self.temporal), default=0.0)
 
     def steps(self, dt: float) -> LimbSteps:
-        """Those of a time step [s], from the nearest that was learned.
+        """The steps of a time step [s], from the nearest that was learned.
 
         Raises
         ------
@@ -193,7 +193,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
 
 @cache
 def shipped_potentials() -> LimbPotentials:
-    """Those that are shipped, read once."""
+    """The shipped potentials, read once."""
     return load_potentials()
 
 

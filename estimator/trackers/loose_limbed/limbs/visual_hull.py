@@ -78,7 +78,7 @@ def visual_hull(views: Sequence[LimbView], box: np.ndarray, spacing: float, over
 
 
 def _away(foreground: np.ndarray) -> np.ndarray:
-    """How far the nearest pixel of the person is (H, W) [px]; infinite without any."""
+    """Distance of the nearest pixel of the person (H, W) [px]; infinite without any."""
     if not (foreground == PERSON).any():
         return np.full(foreground.shape, np.inf, np.float32)
     return cv2.distanceTransform((foreground != PERSON).astype(np.uint8), cv2.DIST_L2, 3)

@@ -1,4 +1,4 @@
-"""Where limbs can be at all: what all cameras see."""
+"""The volume in which limbs can be: what all cameras see."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from estimator.trackers.loose_limbed.limbs.likelihood import LimbView, limb_view
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
 
 Beliefs = tuple[Belief, ...]
-"""Of all limbs at an instant, in the order of their graph."""
+"""Beliefs of all limbs at an instant, in the order of their graph."""
 
 
 @dataclass(frozen=True)

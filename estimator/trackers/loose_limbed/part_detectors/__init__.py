@@ -1,2 +1,2 @@
-"""Where a single limb may be, by one instant alone: part detectors of the visual hull, of keypoints, and of
+"""Proposals of single limbs by one instant alone: part detectors of the visual hull, of keypoints, and of
 eigen-templates."""

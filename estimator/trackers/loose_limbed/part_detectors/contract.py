@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class PartProposals:
-    """Where a limb may be, by what is seen of one instant alone: placements as points (K, 7)
+    """Proposed places of a limb by one instant alone: placements as points (K, 7)
     (`estimator.inference.beliefs.space.PLACEMENTS`) and weights (K,) above 0, which need not sum to 1; K may be 0."""
 
     points: np.ndarray

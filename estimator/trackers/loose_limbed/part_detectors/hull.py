@@ -184,7 +184,7 @@ def _unlike(t, axis, square, cosine, distinct):  # type: ignore[no-untyped-def]
 
 @jit
 def _state(low, spacing, state, x, y, z):  # type: ignore[no-untyped-def]
-    """Of the cell of a place: see `VisualHull`, whose low (3,) and state (X, Y, Z)."""
+    """State of the cell of a place: see `VisualHull`, whose low (3,) and state (X, Y, Z)."""
     i, j, k = math.floor((x - low[0]) / spacing), math.floor((y - low[1]) / spacing), math.floor((z - low[2]) / spacing)
     if i < 0 or j < 0 or k < 0 or i >= state.shape[0] or j >= state.shape[1] or k >= state.shape[2]:
         return 0

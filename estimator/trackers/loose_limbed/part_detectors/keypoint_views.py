@@ -36,8 +36,7 @@ class ViewRays(NamedTuple):
 
 
 def person_depth(landmarks: Sequence[LimbLandmarks], rays: np.ndarray, size: float) -> float | None:
-    """How far away a person is [m] whose landmarks are on rays (L, 3), NaN where missing; None where it cannot be
-    computed.
+    """Distance of a person [m] whose landmarks are on rays (L, 3), NaN where missing; None where it cannot be computed.
 
     Two landmarks of a limb are at most as far away as where their rays are as far apart as they are, which holds
     exactly if they lie across the line of sight. Many limbs do not, so a low quantile is used. size [m]: length of the

@@ -30,8 +30,8 @@ _OFF_AXIS = 0.15  # of the limb's length: a landmark nearer to the axis does not
 
 @dataclass(frozen=True)
 class KeypointDetectorSettings(CheckedSettings):
-    """How limbs are placed by keypoints; lengths are shares of the body's longest limb, as errors of detectors grow
-    with the person.
+    """Settings of the placing of limbs by keypoints; lengths are shares of the body's longest limb, as errors of
+    detectors grow with the person.
 
     noise: standard deviation of a landmark that is placed by two views, and of the distance between their rays. gate:
     two rays farther apart are not of one landmark. misfit: landmarks farther from their place on the limb do not count.
@@ -234,7 +234,8 @@ def _by_views(
 
 
 def _likeliest(fits: Fits, settings: KeypointDetectorSettings) -> Fits:
-    """Those of enough weight, whose turns are then tried. Being spread over many turns makes a fit no less likely."""
+    """The fits of enough weight, whose turns are then tried. Being spread over many turns makes a fit no less
+    likely."""
     best = fits.log_weight.max(initial=-np.inf)
     return fits.of(np.flatnonzero(fits.log_weight > best + np.log(max(settings.least, 1e-300))))
 

@@ -61,7 +61,7 @@ class LimbTemplate:
     quaternion: np.ndarray
 
     def score(self, patches: np.ndarray, by: str) -> np.ndarray:
-        """How much patches (N, D) look like the limb, (N,), by "ratio" or "residual"; more is better."""
+        """Similarity (N,) of patches (N, D) to the limb, by "ratio" or "residual"; more is better."""
         if by == "residual":
             return -self.space.residual(patches)
         return self.space.log_density(patches) - self.elsewhere.log_density(patches)
@@ -171,7 +171,7 @@ def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSetti
 def _proposals(
     template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings
 ) -> PartProposals:
-    """Of places (N, 3) with their patches (N, D)."""
+    """Proposals at places (N, 3) with their patches (N, D)."""
     score = template.score(patches, settings.score)
     best = best_apart(places, score, settings.places, settings.apart)
     like = template.nearest(patches[best], settings.nearest)

@@ -214,7 +214,7 @@ class Floor(NamedTuple):
     offset: float
 
     def height(self, places: np.ndarray) -> np.ndarray:
-        """Of places (N, 3) above it [m]."""
+        """Heights of places (N, 3) above it [m]."""
         return np.asarray(places @ self.normal - self.offset)
 
 

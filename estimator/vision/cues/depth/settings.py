@@ -10,7 +10,8 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class DepthSettings(StereoSettings):
-    """How depth is read, and how it enters the energy (ELMO eqs. 1 and 2); the first settings are for stereo pairs.
+    """Settings of depth: its reading, and its part in the energy (ELMO eqs. 1 and 2); the first settings are for stereo
+    pairs.
 
     points: of the person's surface, at most. farthest [m]: what is beyond is scenery. depth_noise [m]: standard
     deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: points this far apart in space

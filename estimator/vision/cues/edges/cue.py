@@ -22,7 +22,7 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class EdgeCueSettings(EdgeSettings):
-    """How edges are found, and how they enter the energy.
+    """Settings of edges: their detection, and their part in the energy.
 
     evidence: independent measurements that all contour points together count as, 0 for none. noise: standard deviation,
         as a fraction of the subject's extent. window: how far along the normal edges are looked for, in extents.

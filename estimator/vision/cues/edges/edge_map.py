@@ -16,7 +16,7 @@ _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture
 
 @dataclass(frozen=True)
 class EdgeSettings(CheckedSettings):
-    """How edges are found.
+    """Settings of the detection of edges.
 
     smoothing: standard deviation of the Gaussian the image is smoothed with [px].
     contrast_window: standard deviation of the Gaussian window in which the local contrast is measured [px].

@@ -31,7 +31,7 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class FlowCueSettings(FlowSettings):
-    """How flow is found and checked, and how it enters the energy.
+    """Settings of flow: its computation and checks, and its part in the energy.
 
     evidence: independent measurements that all inside nodes together count as (CSS eq. 9), 0 for none. leading: as many
         as it counts while it leads a hypothesis to where the other cues are matched, at least `evidence`. There it has

@@ -20,7 +20,7 @@ _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window i
 
 @dataclass(frozen=True)
 class FlowSettings(CheckedSettings):
-    """How flow is found and checked.
+    """Settings of the computation of flow and its checks.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
         Half is accurate enough to start the refined points (`estimator.vision.cues.flow.point_flow`); at a quarter

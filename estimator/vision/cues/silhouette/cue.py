@@ -35,7 +35,8 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class SilhouetteCueSettings(SilhouetteSettings):
-    """How the person is separated from the background, and how their outline enters the energy.
+    """Settings of the silhouette: the separation of the person from the background, and the outline's part in the
+    energy.
 
     evidence: independent measurements that the foreground's outline counts as, 0 for none: half from the model's
         contour to the outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way

@@ -11,7 +11,7 @@ WINDOW = 7  # pixels across in which the texture of image and background is comp
 
 @jit
 def mark_brightness(picture, mean, scale, darkest, brightest, most, least, possible, other):  # type: ignore[no-untyped-def]
-    """Where a picture (H, W, 3) uint8 has the background's colour, and where at another brightness.
+    """Mark where a picture (H, W, 3) uint8 has the background's colour, and where at another brightness.
 
     mean, scale (H, W, 3) float32: the background's colours and the inverse of their spread. darkest, brightest: shares
     of the background's brightness that it may have there. most: squared difference of colour, in standard deviations.
@@ -36,7 +36,7 @@ def mark_brightness(picture, mean, scale, darkest, brightest, most, least, possi
 
 @jit
 def mark_texture(seen, expected, noise, unexplained, shows, textured):  # type: ignore[no-untyped-def]
-    """Where the background's texture, brighter or darker, explains the picture's, and where it has any.
+    """Mark where the background's texture, brighter or darker, explains the picture's, and where it has any.
 
     seen, expected (H + WINDOW - 1, W + WINDOW - 1) float32: brightness of picture and background, with what the windows
     see beyond the border. noise (float32): variance that is none. unexplained (float32):

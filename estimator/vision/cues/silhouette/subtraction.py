@@ -1,4 +1,4 @@
-"""Where an image departs from the empty scene, shadows aside."""
+"""Differences of an image from the empty scene, except shadows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UNEXPLAINED = 0.35  # share of the texture's variance that may differ where the
 
 @dataclass(frozen=True)
 class SilhouetteSettings(CheckedSettings):
-    """How the background is learned and the person separated from it.
+    """Settings of the learning of the background and of the separation of the person from it.
 
     frames: number of a clip's frames that are used; each costs about 0.1 s once.
     still: motion from one to the next up to which a place counts as still [px, of a picture of 320 px].
@@ -67,7 +67,7 @@ class Background:
 
 @dataclass(frozen=True)
 class Departure:
-    """How an image differs from a background; both arrays are neutral where the background is unknown.
+    """Difference of an image from a background; both arrays are neutral where the background is unknown.
 
     squared (H, W) float32: squared difference over the squared threshold; above 1 is foreground.
     shaded (H, W) bool: the background's own texture shows there, but brighter or darker.
