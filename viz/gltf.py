@@ -119,7 +119,7 @@ def _matrix(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 def link_names(body: Body) -> tuple[str, ...]:
     """A name for each joint (njoints), no two alike: of the first link that it moves, else its own; joint 0 stands for
-    what is fixed to the world."""
+    everything fixed to the world."""
     links: dict[int, str] = {}
     for frame in body.model.frames:
         if frame.type == pin.FrameType.BODY and frame.name != "universe":

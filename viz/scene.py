@@ -32,9 +32,9 @@ class Scene:
     mode_q (T, K, nq), mode_weight (T, K): all hypotheses, NaN where there are fewer.
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
-    interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
-    None where it is not known. contact: gives when the feet stand, and on what floor; None without it. source: the
-    motion that the body follows, drawn beside it; None where it was tracked.
+    interval (T, 2, nq): ends of the calibrated 90 % interval of joints with one coordinate in q, NaN elsewhere; None
+    where it is not known. contact: gives when the feet stand, and on what floor; None without it. source: the motion
+    that the body follows, drawn beside it; None where it was tracked.
     """
 
     body: Body

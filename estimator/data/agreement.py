@@ -20,7 +20,7 @@ _MOST_FRAMES = 300
 _FEWEST = 50  # fewest pairs of points for a median
 SUSPICIOUS, _TOO_FAR = 0.01, 0.02  # of the picture's longer side: median distances; good keypoints stay below both
 _ALL_ORDERS = 4  # cameras of which every order is tried
-_BETTER = 0.4  # what is left of the distance where another size is believed
+_BETTER = 0.4  # share of the distance below which another size is believed
 
 
 @dataclass(frozen=True)

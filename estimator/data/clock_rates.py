@@ -1,4 +1,4 @@
-"""Clocks that run at different rates: how fast each goes beside those that are held, from pieces of what moves.
+"""Clocks that run at different rates: the rate of each relative to the held ones, from pieces of the motion.
 
 Of each pair of cameras the clip is cut into pieces. Every piece has what speaks against each lag; the line of lags that
 suits them all best is searched among all lags and rates, as lines are in pictures (Duda and Hart, CACM 1972), so that a
@@ -21,7 +21,7 @@ from estimator.data.lag_lines import LagLine, fitted_line
 from estimator.data.lag_tables import best_line, lag_table
 
 MOST_SLOWER = 0.01  # largest difference of clocks: 29.7 for 30
-_WITHIN = 0.95  # of that: what is more may be more still
+_WITHIN = 0.95  # of that: a larger rate may be larger still
 _STEP = 1.0 / 30.0  # instants are not closer than this while lines are searched [s]
 _PARTS = 4  # a step between instants is divided so finely at the end
 _NEAR = 3  # steps around the line in which the lags of pieces are looked for

@@ -1,4 +1,4 @@
-"""A line through the lags of a clip's pieces: by how much one clock leaves another behind."""
+"""A line through the lags of a clip's pieces: the drift between two clocks."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from estimator.data.cameras.camera import Camera
 
 _SMOOTHED = 0.02  # standard deviation of the window that rays are averaged over [s]
 _APART = 0.03  # time over which a speed is measured, to each side [s]
-_SLOW = 0.02  # of the distance, per second: what is slower does not move
+_SLOW = 0.02  # of the distance, per second: slower points do not move
 _BRIDGE = 0.1  # frames further apart are not interpolated [s]
 
 
@@ -40,8 +40,8 @@ class MovingRays:
 
 
 def speed_disagreement(first: np.ndarray, second: np.ndarray, seen: np.ndarray) -> float:
-    """Half the logarithm of what the one's `log_speed` (T, L) leaves of the variance of the other's, where both are
-    seen (T, L); 0 where they disagree."""
+    """Half the logarithm of the share of variance that the one's `log_speed` (T, L) leaves of the other's, where both
+    are seen (T, L); 0 where they disagree."""
     count = np.maximum(seen.sum(axis=0), 1)
     a, b = (np.where(seen, x, 0.0) for x in (first, second))
     a, b = (np.where(seen, x - x.sum(axis=0) / count, 0.0) for x in (a, b))

@@ -22,10 +22,10 @@ class PoseEstimate(NamedTuple):
 
 
 class LiftedPose(NamedTuple):
-    """Landmarks in space as a network has lifted them from the one camera's picture.
+    """Landmarks in space, lifted from the only camera's picture by a network.
 
     points (L, 3) [m]: axes x right, y down, z away, as if the person were seen on the optical axis; where they begin
-    does not count. NaN where there is none. share: 0 to 1, how much of it counts (`estimator.data.lifted`).
+    does not count. NaN where there is none. share: its weight, 0 to 1 (`estimator.data.lifted`).
     """
 
     points: np.ndarray

@@ -50,7 +50,8 @@ class PairCourse:
         return weight * np.log(np.where(seen, squared, 0.0) + self._floor**2), weight
 
     def speeds(self, lag: int, i: np.ndarray, seen: np.ndarray) -> float:
-        """Half the logarithm of what the one's speeds leave of the variance of the other's; 0 where they disagree."""
+        """Half the logarithm of the share of variance that the one's speeds leave of the other's; 0 where they
+        disagree."""
         first, second = self._logs
         return speed_disagreement(first[i], second[i + lag], seen)
 

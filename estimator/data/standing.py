@@ -17,7 +17,10 @@ HIP_SPAN = 0.5  # s, for which hips have not moved that rest on something: at th
 FEWEST = 3  # frames in `SPAN`
 _FOOT, _ANKLE = ("heel", "toe"), "ankle"
 _BODY = 0.45  # m: root mean square distance of an adult's keypoints from their centre
-_SLIP, _SPEED = 0.05, 1.0  # m/s: standard deviations of the speeds of what stands, as detectors wander, and of the rest
+_SLIP, _SPEED = (
+    0.05,
+    1.0,
+)  # m/s: standard deviations of the speeds of standing points, due to detectors, and of moving ones
 _LOW, _RAISED = 0.1, 0.5  # m: standard deviations of how high feet are in a picture above the lowest, alike
 _STILL, _WANDERS = 0.01, 0.1  # m: standard deviations of where hips are within `HIP_SPAN`, at rest and not
 _LOW_HIPS = 0.5  # of the shank in the picture: hips that are less above the knees are low
@@ -30,7 +33,7 @@ class StandingPoints:
 
     names (L): of the body's landmarks. Heels and toes are used, or the ankle of a foot of which neither is seen. A
     point's speed in a picture is the slope of its last `SPAN` seconds, in sizes of the person; that it stands is
-    inferred from two normal densities of the speed, of what stands and of what does not, and two of its height in the
+    inferred from two normal densities of the speed, for standing and for moving points, and two of its height in the
     picture above the lowest of them, with even odds beforehand. Cameras count as independent, and are held upright.
     What moves towards a camera seems to stand to that one. Hips may rest on a seat where they are about as low as the
     knees in the pictures and have stayed where they are for `HIP_SPAN`, inferred in the same way from how far they
@@ -131,13 +134,14 @@ def _of_speed(times: np.ndarray, pixels: np.ndarray, metres: float, noise: float
 
 
 def _of_height(pixels: np.ndarray, metres: float) -> np.ndarray:
-    """The same by how much higher points are in the picture, pixels (F, 2), than the lowest of them."""
+    """The same by the heights of points in the picture, pixels (F, 2), above the lowest of them."""
     y = pixels[:, 1]
     lowest = np.nanmax(y) if np.isfinite(y).any() else np.nan
     return _log_odds(metres * (lowest - y), _LOW, _RAISED, 1)
 
 
 def _log_odds(value: np.ndarray, narrow: float, more: float, axes: int) -> np.ndarray:
-    """Log of the ratio of two normal densities over a number of axes, of deviation `narrow` and with `more` besides."""
+    """Log of the ratio of two normal densities over a number of axes, of deviation `narrow` and with `more` in
+    addition."""
     stands, moves = narrow**2, narrow**2 + more**2
     return np.asarray(0.5 * np.square(value) * (1.0 / moves - 1.0 / stands) + 0.5 * axes * np.log(moves / stands))

@@ -39,7 +39,7 @@ class BalanceSettings(CheckedSettings):
         beside that.
     held, held_one_foot: probability that something else holds the body, or that it falls, steps or jumps. held_seated:
         the same where the hips are low and have not moved for half a second.
-    tail, tail_one_foot: how much larger the variance is of bodies that are held, whose density has a long tail.
+    tail, tail_one_foot: factor on the variance for bodies that are held, whose density has a long tail.
     tilt, assumed_tilt [rad]: standard deviation of the world's up from the vertical, where a calibration gives it, and
         where it is only the camera's own.
 

@@ -16,7 +16,7 @@ NAME = "markers"
 class MarkerNoise(NamedTuple):
     """Noise of a marker's measurement about its place on a body. measured [m]: standard deviation of the measurement.
     place: share of the deviation of its place that counts as noise of a frame; all of it is alike in all frames, but
-    takes other values where skin moves. nu: of the Lorentzian whose long tails let outliers be."""
+    takes other values where skin moves. nu: of the Lorentzian whose long tails tolerate outliers."""
 
     measured: float
     place: float

@@ -27,7 +27,7 @@ from humanoid.support.per_object import per_object
 
 class Stabilisers(RecordedTerm):
     """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), with a scale on either side of it,
-    times `weight`, and for some joints times a factor besides, `relative` by their names."""
+    times `weight`, and for some joints times a further factor, `relative` by their names."""
 
     name, kind, lasting = "stabilisers", STABILISERS, True
 

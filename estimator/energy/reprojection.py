@@ -32,7 +32,7 @@ class Reprojection(RecordedTerm):
     observation: pixels (C, L, 2), confidence (C, L).
     sigma (C, L): standard deviation of each keypoint [px].
     potential, nu: see `estimator.numerics.robust`.
-    beside: terms of what else is known of the frame, in the same reading of left and right.
+    beside: other terms of the frame, in the same reading of left and right.
     """
 
     name, kind = "keypoints", KEYPOINTS

@@ -46,8 +46,8 @@ def path_weights(
     body: Body, q: Sequence[np.ndarray], energy: Sequence[np.ndarray], times: np.ndarray, motion: MotionPrior
 ) -> list[np.ndarray]:
     """Probability of each mode of each frame given all frames, (T) of (K,) that sum to one: the share of all
-    trajectories through it, each weighed by its energy (forwards and backwards, Rabiner, Proceedings of the IEEE 77(2),
-    1989, over pairs of successive modes). Arguments as of `best_path`."""
+    trajectories through it, each weighted by its energy (forwards and backwards, Rabiner, Proceedings of the IEEE
+    77(2), 1989, over pairs of successive modes). Arguments as of `best_path`."""
     if len(q) == 1:
         return [_shares(-energy[0])]
     spill = Spill(_KEPT)

@@ -56,7 +56,7 @@ def _mass_within(points: np.ndarray, others: np.ndarray, weights: np.ndarray, ra
 
 @jit
 def _masses(square, square_of_others, scalar, weights, limit, mass):  # type: ignore[no-untyped-def]
-    """Fill mass (N,) with the sums of weights (M,) of what is at most at a squared distance limit, by squared lengths,
+    """Fill mass (N,) with the sums of weights (M,) of points within a squared distance limit, by squared lengths,
     square (N,) and square_of_others (M,), and scalar products, scalar (N, M)."""
     for i in range(scalar.shape[0]):
         total = 0.0

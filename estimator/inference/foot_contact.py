@@ -12,8 +12,11 @@ from estimator.inference.belt import Belt, belt_under, ways
 from estimator.inference.ground import Ground, fitted_ground
 from estimator.numerics.stretches import stretches
 
-_SLIP, _SWING = 0.2, 1.2  # m/s: standard deviations of the speed of what stands, rolling over it included, and moves
-_LOW, _RAISED = 0.03, 0.15  # m: of the height above the floor, of what stands and what moves
+_SLIP, _SWING = (
+    0.2,
+    1.2,
+)  # m/s: standard deviations of the speed of standing points, including rolling, and of moving ones
+_LOW, _RAISED = 0.03, 0.15  # m: of the height above the floor, for standing and for moving points
 _ELSEWHERE, _REACH = 0.05, 0.5  # share of standing on something else, within this many metres
 _MOVING, _STANDING = 0.4, 0.6  # s: mean duration of either
 _CORRELATION = 0.05  # s: frames nearer than that are correlated

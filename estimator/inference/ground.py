@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.numerics.axes import axes_across
 
-_SCATTER = 0.02  # m: of what stands on one floor; what is farther off stands on a box, or does not stand
+_SCATTER = 0.02  # m: of points on one floor; those farther off stand on a box, or do not stand
 _NU = 2.0
 _OFFSET = 0.02  # m: of a kind of point above the sole, from kind to kind
 _TILT = 0.02  # rad: of the floor, and of the assumed up
@@ -17,15 +17,15 @@ _FEWEST = 5
 _ROUNDS = 30
 _LOWEST = 20.0  # percentile to begin with
 STEP = 0.06  # m: what stands so much higher or lower stands on something else
-_UNDER = 0.1  # share of what stands that may be under a floor: feet stand on it, and their places scatter
+_UNDER = 0.1  # largest share of standing points under a floor: feet stand on it, and their places scatter
 
 
 @dataclass(frozen=True)
 class Ground:
     """The plane normal . x = height in the world.
 
-    normal (3,): unit vector, upwards. height, std [m]: along it, and its standard deviation. above (K,) [m]: how much
-    higher each kind of point is when it stands.
+    normal (3,): unit vector, upwards. height, std [m]: along it, and its standard deviation. above (K,) [m]: height of
+    each kind of point when it stands.
     """
 
     normal: np.ndarray

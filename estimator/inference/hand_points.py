@@ -12,7 +12,7 @@ from humanoid.kinematics.body import Body
 
 _WRISTS = ("left_wrist", "right_wrist")
 _ABOVE = 0.05  # m: of a wrist above the floor that its palm is on
-_NEAR = 0.12  # m: what is higher above where it would stand is on no floor, however still it is
+_NEAR = 0.12  # m: points higher above their standing place are not on the floor, however still they are
 
 
 class HandPoints(NamedTuple):

@@ -15,7 +15,7 @@ class MotionPrior(NamedTuple):
     Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible. correlation [s]: how long a
     movement lasts; frames that follow sooner count proportionally less, or every frame of a faster camera would count
     as a movement of its own. 0: each counts in full. memory [s]: the time in which an acceleration forgets itself, by a
-    factor of e; what counts is what is new in each beside what is left of the one before (a first-order
+    factor of e; the innovation of each counts, relative to the remainder of the one before (a first-order
     autoregression). pace (T, nv): how quick a person is about each frame, as a factor of acceleration_std; None: 1.
     """
 
@@ -35,8 +35,8 @@ class MotionPrior(NamedTuple):
         return math.exp(-span / self.memory) if self.memory > 0.0 else 0.0
 
     def innovation(self, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factors (M,) of an acceleration, and of the one `span` (M,) [s] before, whose difference is what is new, with
-        the standard deviation of the accelerations themselves."""
+        """Factors (M,) of an acceleration, and of the one `span` (M,) [s] before, whose difference is the innovation,
+        with the standard deviation of the accelerations themselves."""
         left = np.array([self.left(s) for s in span.tolist()])
         scale = 1.0 / np.sqrt(1.0 - np.square(left))
         return scale, left * scale

@@ -102,7 +102,7 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True)
 class Origins:
-    """Origins of the K modes of a frame, as arrays; see `Origin`. NaN stands for what there is not.
+    """Origins of the K modes of a frame, as arrays; see `Origin`. NaN where missing.
 
     family (K): text. q_previous, q_predicted (K, nq), has_transition (K,) bool: see `PreviousPose`. penalty (K,).
     q_assigned (K, nq). extent (K, C).

@@ -12,7 +12,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from humanoid.support.compiled import jit
 
 _EDGE = 1e-12  # of a probability: so near to 0 or 1 the inverse of the normal distribution is infinite
-_COUNTS = 20.0  # nats: what is lower than the highest kernel by more than this adds nothing
+_COUNTS = 20.0  # nats: kernels lower than the highest by more than this add nothing
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class TruncatedSteps:
     all its dimensions: one arm may be elsewhere without the rest of the body.
 
     std (D,): of a short step, above 0. lower, upper (D,): of the box, infinite where it has no wall. groups: of all
-    dimensions, each in one. share: of long steps. wide: by how much they are longer.
+    dimensions, each in one. share: of long steps. wide: their length factor.
     """
 
     std: np.ndarray

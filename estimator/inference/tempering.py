@@ -88,7 +88,7 @@ def tempered(
 def _next_step(
     log_weight: np.ndarray, log_likelihood: np.ndarray, within: tuple[float, float], powers: int, survival: float
 ) -> float:
-    """The longest step to a higher power, `within` the least there may be and what is left to 1, that leaves enough
+    """The longest step to a higher power, `within` the smallest allowed and the remainder to 1, that leaves enough
     effective samples; never so short that the `powers` that are left do not reach it."""
     low, left = within
     least = survival * len(log_weight)

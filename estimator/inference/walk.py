@@ -48,7 +48,7 @@ class SampleTarget(Protocol[P]):
 @dataclass(frozen=True, eq=False)
 class SampleBox:
     """Box in which samples of D dimensions can be moved. groups: dimensions that are moved at once. std (D,): the size
-    of what is added for samples that are equal. lower, upper (D,): of the box they stay in."""
+    of the noise that is added to equal samples. lower, upper (D,): of the box they stay in."""
 
     groups: Sequence[np.ndarray]
     std: np.ndarray
@@ -74,8 +74,8 @@ class Walk:
     """Moves in two halves: each half steps along differences of the other's samples (ter Braak 2006), so that steps
     have the size and the direction of the density, and trades groups with it.
 
-    A move is accepted by what is expected and received first, and only then by the likelihood, which costs most
-    (Christen and Fox 2005): both leave the density invariant.
+    A move is accepted by prediction and messages first, and only then by the likelihood, which costs most (Christen and
+    Fox 2005): both leave the density invariant.
     """
 
     rng: np.random.Generator

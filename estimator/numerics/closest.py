@@ -24,7 +24,7 @@ def closest(places, among):  # type: ignore[no-untyped-def]
 @jit
 def _compare(x, y, z, among, which, squared):  # type: ignore[no-untyped-def]
     """Fill which (N,) and lower squared (N,) for places x, y, z (N,) among others: among (M, 3). The inner loop runs
-    over what is compared, not over what is minimised: so it becomes vector instructions."""
+    over the places, not over the others that are minimised over, so that it is vectorised."""
     for k in range(among.shape[0]):
         a, b, c = among[k, 0], among[k, 1], among[k, 2]
         for i in range(x.shape[0]):

@@ -34,7 +34,7 @@ PER = 1.0 / 30.0
 """[s] A frame of most films; of a faster one several."""
 NEAR = 0.02
 """[m] above or below where it would stand: what ought to stand and is farther off, does not keep contact."""
-_TOUCHES = 1e-4  # m: what is not deeper rests on the floor
+_TOUCHES = 1e-4  # m: points that are not deeper rest on the floor
 _TINY = 1e-6  # s
 
 
@@ -215,8 +215,8 @@ class Footing(NamedTuple):
     """Figures as retargeting is judged by (OmniRetarget, Yang et al. 2025), NaN where there is nothing to judge.
 
     penetrating: share of the frames in which any part of the body is below the floor, deepest [m]: the most of all.
-    skating: share of what stands, points and frames, that has moved over `SKATES`. near: share of what ought to stand
-    that is within `NEAR` of the floor.
+    skating: share of standing points, over frames, that have moved over `SKATES`. near: share of the points that ought
+    to stand within `NEAR` of the floor.
     """
 
     penetrating: float

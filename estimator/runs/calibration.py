@@ -49,5 +49,5 @@ class PosteriorCalibration:
 
 
 TRAJECTORY = PosteriorCalibration(covariance_scale=1.05, scale_spread=0.3, prior_weight=1.0, landmark_std=0.04)
-"""That of smoothed trajectories, whose covariances count the prior once and the weights the frames as they hang
-together (`estimator.tracking.smoothing.clip`); fitted as the other is."""
+"""That of smoothed trajectories, whose covariances count the prior once and the weights the frames by their correlation
+(`estimator.tracking.smoothing.clip`); fitted like the other."""

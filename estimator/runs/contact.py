@@ -211,5 +211,5 @@ def contact_of_points(time: np.ndarray, names: Sequence[str], points: np.ndarray
     left_heel, see `foot_landmarks`."""
     standing, floor, belt = foot_contact(points, time, foot_parts(names), _UP)
     known = np.isfinite(points).all(axis=2)
-    standing[:, ~known.any(axis=0)] = 0.0  # of what is never seen nothing is known
+    standing[:, ~known.any(axis=0)] = 0.0  # points that are never seen are unknown
     return Contact(time, tuple(names), points, standing, floor, known.mean(axis=0), belt=belt)

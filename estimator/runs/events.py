@@ -18,7 +18,7 @@ SIDES: tuple[Side, Side] = ("left", "right")
 CUTOFF = 6.0
 """[Hz] of the low-pass filter (Butterworth, fourth order, forth and back) that the landmarks go through."""
 SLOWEST = 0.2
-"""[m/s] of the pelvis: what is slower has no walking direction."""
+"""Speed [m/s] of the pelvis below which there is no walking direction."""
 _PATH_CUTOFF = 0.6  # Hz; a stride lasts about a second, and the pelvis sways with it
 _LEAST_SWING = 0.1  # m that a foot comes forward, or falls back, at least
 _LEAST_APART = 0.3  # s between two strikes of one foot
@@ -69,7 +69,7 @@ def filtered(feet: Feet) -> Feet:
 
 
 def low_passed(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
-    """Points (T, 3) at `rate` [1/s] without what is faster than `cutoff` [Hz]; unchanged where the rate is too low."""
+    """Points (T, 3) at `rate` [1/s] low-pass filtered at `cutoff` [Hz]; unchanged where the rate is too low."""
     if cutoff >= 0.45 * rate:
         return points
     from scipy.signal import butter, sosfiltfilt  # takes long to import, and every command would

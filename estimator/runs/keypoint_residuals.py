@@ -32,7 +32,7 @@ class KeypointResiduals(NamedTuple):
     the body along `Run.q`, NaN where missing.
 
     pixels, at_person, deviations (T, C, L): in the picture [px], at the person [m], in standard deviations.
-    noise (C,): what each camera's detector errs, as a factor of what is expected of one; 1 where it was not measured.
+    noise (C,): noise of each camera's detector, as a factor of the expected one; 1 where it was not measured.
     """
 
     cameras: tuple[str, ...]

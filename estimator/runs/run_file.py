@@ -139,7 +139,8 @@ class RunWriter:
         self._position += 1
 
     def settle(self) -> int:
-        """After an interruption, which lands anywhere: undo what is half stored; how many frames the file has."""
+        """After an interruption, which lands anywhere: remove what is half stored; returns the number of frames in the
+        file."""
         with run_store.translated(self.path, has_frames=True):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")

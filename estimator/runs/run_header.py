@@ -105,7 +105,7 @@ class RunHeader:
         }
 
     def differences(self, other: RunHeader) -> tuple[str, ...]:
-        """Names of what decides the result and differs between two headers."""
+        """Names of the entries that determine the result and differ between two headers."""
         mine, theirs = self.deciding(), other.deciding()
         names = [name for name in mine if name != "settings" and mine[name] != theirs[name]]
         a, b = self._settings(), other._settings()

@@ -22,7 +22,7 @@ class Hypothesis(NamedTuple):
     flow is followed, and its penalty. parent: index of the mode that it comes from, -1 for none. prior_score:
     log-weight passed on by the parent, less a flat penalty. moves_along: whether q is about the pose in the frame
     before, and goes with what keypoints and flow make of that pose; a proposal that has a motion of its own does not.
-    pull: index of what draws its limbs, -1 for nothing (see `FrameProblem`).
+    pull: index of the pull of its limbs, -1 for none (see `FrameProblem`).
     """
 
     q: np.ndarray

@@ -21,8 +21,8 @@ TAIL = 5.0  # degrees of freedom of the importance density: heavier than the pos
 
 class Surroundings:
     """A density about a mode: Student's t in the directions that no active limit holds, falling exponentially away from
-    the limits in the others, as the posterior does there. A weak prior of standard deviation `MAX_STD` bounds what
-    nothing observes, as in `mode_covariance`.
+    the limits in the others, like the posterior there. A weak prior of standard deviation `MAX_STD` bounds what nothing
+    observes, as in `mode_covariance`.
 
     Raises numpy.linalg.LinAlgError where the Hessian is not that of a minimum.
     """

@@ -13,7 +13,7 @@ from humanoid.support.near_names import nearest
 _UNITS = {"_rad": 1.0, "_deg": np.pi / 180.0, "_m": 1.0, "_cm": 0.01, "_mm": 1e-3}
 _BEYOND = 1e-3  # rad or m by which a limit may be passed: what rounding in a file can do
 _NO_ANGLE = 4.0 * np.pi
-_NORM = 1e-2  # by how much a quaternion may be off one
+_NORM = 1e-2  # tolerance of a quaternion's norm
 
 
 def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
@@ -95,7 +95,7 @@ def _place(table: MotionTable, row: int) -> str:
 
 
 def _check(body: Body, table: MotionTable, q: np.ndarray, rows: np.ndarray) -> None:
-    """Raise InputError for what the body cannot do; bring what is within rounding onto limits and unit length."""
+    """Raise InputError for configurations outside the limits; correct rounding errors of limits and unit length."""
     for joint in joint_entries(body):
         part = slice(joint.start, joint.start + joint.count)
         if joint.kind in ("turn", "slide"):

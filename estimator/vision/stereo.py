@@ -23,9 +23,9 @@ _BLOCKS = 16  # and their range a multiple of this
 class StereoSettings(CheckedSettings):
     """Settings of the matching of a pair's pictures.
 
-    nearest [m]: what is nearer is not found. block [px]: side of what is compared, odd. uniqueness [%]: by how much the
-    best disparity has to beat the second. agreement [px]: by how much the disparities from left to right and back may
-    differ. speck [px]: smaller regions of one disparity are left out. noise [px]: standard deviation of a disparity.
+    nearest [m]: nearer points are not found. block [px]: side of the compared windows, odd. uniqueness [%]: margin of
+    the best disparity over the second. agreement [px]: largest difference of the disparities from left to right and
+    back. speck [px]: smaller regions of one disparity are left out. noise [px]: standard deviation of a disparity.
     enlarged [px]: narrower pictures are enlarged by a whole number to about this width before they are matched, which
     takes time and a third off the noise; all pixels above are those of the enlarged pictures.
     """
@@ -42,8 +42,7 @@ class StereoSettings(CheckedSettings):
 class StereoPair:
     """Two cameras at one instant, the second to the right of the first.
 
-    camera: the left one as its picture is after rectification: turned, without distortion, of the same place and size.
-    baseline [m].
+    camera: the left one after rectification: turned, without distortion, of the same place and size. baseline [m].
 
     Parameters
     ----------

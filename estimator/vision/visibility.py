@@ -168,7 +168,7 @@ def classify_contours(  # type: ignore[no-untyped-def]
 
     pixels, image_normals (M, 2), depth, parts (M,): of the contour points. parallel, frame,
     nearness, owner: see `fill_buffer`.
-    gap [m]: what is nearer by more hides the point. joined [m]: a surface behind by less continues this one.
+    gap [m]: surfaces nearer by more hide the point. joined [m]: a surface behind by less continues this one.
     """
     left, top, cell = frame[0], frame[1], frame[2]
     rows, columns = owner.shape

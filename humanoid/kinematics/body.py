@@ -61,12 +61,12 @@ class PosedBody(NamedTuple):
 
 
 def batches(q: np.ndarray) -> list[np.ndarray]:
-    """Configurations (N, nq) in parts, at least one, for what needs many numbers of each."""
+    """Configurations (N, nq) in parts, at least one, for callers that need many numbers of each."""
     return np.array_split(q, max(1, -(-len(q) // _BATCH)))
 
 
 class PlacedBodies(NamedTuple):
-    """The body at N configurations, for what needs no derivative.
+    """The body at N configurations, without derivatives.
 
     q (N, nq): configurations. placements (N, njoints, 12): as those of `PosedBody`.
     """

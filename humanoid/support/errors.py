@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-LONGEST = 500  # characters of a message: what is longer is not read, and may be a damaged file's content
+LONGEST = 500  # characters of a message: longer ones are not read, and may be a damaged file's content
 _LONGEST_QUOTE = 60  # of a name or value, where the message is too long
 _QUOTED = re.compile(r"'[^']{61,}'" + r'|"[^"]{61,}"')
 _GAP = " ... "

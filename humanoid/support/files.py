@@ -39,7 +39,7 @@ def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes
 
 
 def content_digest(file: IO[bytes]) -> str:
-    """The SHA-256 of what an open file has from here on, which may be more than fits into memory."""
+    """The SHA-256 of an open file's remaining content, which may not fit into memory."""
     total = hashlib.sha256()
     while block := file.read(_BLOCK):
         total.update(block)

@@ -174,7 +174,7 @@ class _Pickler(pickle.Pickler):
     types: tuple[type, ...]
 
     def persistent_id(self, obj: object) -> int | None:
-        """The number of what is shared, which is then referred to."""
+        """The number of a shared object, by which it is then referred to."""
         if id(obj) in self.shared:
             return id(obj)
         if isinstance(obj, self.types):

@@ -21,7 +21,7 @@ from kinemode.request import OFF, FileOptions
 _AS_WRITTEN = 2e-4  # rates this close are one rate, written with fewer digits: 23.98 for 24000/1001
 _ABOUT = 0.05  # a film of uneven times has its given rate where it is this close to the usual one
 _VARIES = 1.5  # longest interval over the shortest of a film of uneven times
-_SHORT, _LONG = 0.5, 2.5  # of the usual interval: what is between may be late, or follow a frame that was dropped
+_SHORT, _LONG = 0.5, 2.5  # of the usual interval: intervals between may be late, or follow a dropped frame
 _FEW = 0.1  # share of the intervals that may be outside
 _FRAMES, _SHARE = 2, 0.02  # by which a number of keypoints may differ from what their rate makes of the film's length
 

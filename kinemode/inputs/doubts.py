@@ -26,7 +26,7 @@ _STEP = 1.0 / 60.0  # finer instants are thinned out to this [s]
 _MOST = 1200  # instants used
 _STILL = 0.7  # share of the points, the slower ones, that are left out
 _FEWEST_LAGS, _SHORTEST = 2, 0.06  # instants, and seconds, that an offset has: less may be a fault of the calibration
-_BETTER = 0.85  # what is left of the distance where other clocks are believed
+_BETTER = 0.85  # share of the distance below which other clocks are believed
 
 
 def checked_agreement(

@@ -32,7 +32,7 @@ class LimbLayer:
     beliefs: tuple[tuple[np.ndarray, np.ndarray] | None, ...]
 
     def draw(self, image: np.ndarray, view: ImageProjection, t: int) -> None:
-        """Draw what is believed at instant t into an image (H, W, 3) uint8 BGR in place."""
+        """Draw the beliefs at instant t into an image (H, W, 3) uint8 BGR in place."""
         told = self.beliefs[t]
         if told is not None:
             draw_beliefs(image, view, self.graph, *told)

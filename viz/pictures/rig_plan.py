@@ -49,7 +49,7 @@ class RigPlan:
         return np.asarray(np.median(known if len(known) else self.centres, axis=0))
 
     def limits(self, seen: tuple[int, int], others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest (2,) [m] of what is drawn, with some room around it; others (..., 3) [m]: drawn too."""
+        """Least and greatest (2,) [m] of the drawing, with some room around it; others (..., 3) [m]: drawn too."""
         stds = np.array([self.place_stds.get(camera.name, 0.0) for camera in self.cameras])[:, None]
         drawn = [self.centres - stds, self.centres + stds, self.path, others.reshape(-1, 3)]
         places = np.concatenate(drawn)[:, seen]
@@ -96,8 +96,8 @@ def draw_rig(axes: Axes, plan: RigPlan, seen: tuple[int, int], others: np.ndarra
 
 
 def _bounds(camera: Camera, seen: tuple[int, int]) -> np.ndarray:
-    """Unit directions (N, 3) in the world of what is drawn from a camera: from above the ends of that line through the
-    middle of the picture which is wider there, so that cameras may stand on their side; else the optical axis."""
+    """Unit directions (N, 3) in the world of the lines drawn from a camera: from above the ends of that line through
+    the middle of the picture which is wider there, so that cameras may stand on their side; else the optical axis."""
     if seen != ABOVE:
         return camera.R_camera_world[2:]
     size = np.array(camera.image_size)
@@ -134,7 +134,7 @@ def _name_in(axes: Axes, plan: RigPlan, seen: tuple[int, int]) -> None:
 
 
 def _around(place: np.ndarray, dpi: float) -> np.ndarray:
-    """Corners (2, 2) of what a camera's mark takes [px]."""
+    """Corners (2, 2) of a camera's mark [px]."""
     return np.array([place - _DOT * dpi / 72.0, place + _DOT * dpi / 72.0])
 
 

@@ -89,7 +89,7 @@ class Camera(Summarised):
         return 0.0 if self.deviations is None else float(np.linalg.norm(self.deviations[3:6]))
 
     def needs_centre(self) -> None:
-        """Raise InputError if the camera is parallel: for what is made for rays that meet in one point."""
+        """Raise InputError if the camera is parallel, for methods that need rays through one point."""
         if self.parallel:
             remedy = "use a parallel camera alone, and only where no depth by perspective is needed"
             raise InputError(f"camera {self.name!r}", "is parallel: it has no centre of projection", remedy=remedy)
@@ -124,7 +124,7 @@ class Camera(Summarised):
         """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera, of which a parallel one sees all.
 
         For pictures and people. Energies project by `estimator.data.cameras.projection`, one point at a time: the same
-        to rounding, but without an image for what is nearer than `MIN_DEPTH`.
+        to rounding, but without an image for points nearer than `MIN_DEPTH`.
         """
         x = points @ self.R_camera_world.T + self.t_camera_world
         if self.parallel:

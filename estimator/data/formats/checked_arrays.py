@@ -14,7 +14,7 @@ from humanoid.support.errors import shown
 
 LARGEST = 1e9  # of configurations, covariances and times
 LEAST_VARIANCE = 1e-20
-_NORM = 1e-3  # by how much a quaternion of a configuration may be off one
+_NORM = 1e-3  # tolerance of the norm of a configuration's quaternion
 
 
 class Field(NamedTuple):

@@ -56,7 +56,7 @@ def read_deeplabcut(reading: Reading) -> None:
 
 
 def fill(reading: Reading, table: DeepLabCutTable) -> None:
-    """Add the people of a table to what is read; raises InputError as `read_deeplabcut` does."""
+    """Add the people of a table to the reading; raises InputError as `read_deeplabcut` does."""
     path = reading.source
     parts, individuals = _parts(path, table)
     reading.layout = "DeepLabCut"

@@ -31,7 +31,7 @@ def read_deeplabcut_h5(reading: Reading) -> None:
 
     Raises
     ------
-    InputError: it has no table, or several; what is in it is not as pandas writes it, or not DeepLabCut's.
+    InputError: it has no table, or several; its content is not as pandas writes it, or not DeepLabCut's.
     """
     path = reading.source
     with opened(path) as file:

@@ -75,7 +75,7 @@ def _points(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
 def _numeric(array: np.ndarray, path: Path, place: str) -> np.ndarray:
     if array.dtype.kind not in "iuf":
         raise InputError(path, f"is of type {array.dtype.name}, numbers are needed", place=place)
-    with np.errstate(over="ignore"):  # what is too large is refused in its place
+    with np.errstate(over="ignore"):  # too large numbers are refused later
         return np.clip(array.astype(np.float64), -10.0 * LARGEST, 10.0 * LARGEST)
 
 

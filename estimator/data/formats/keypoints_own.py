@@ -2,8 +2,8 @@
 
 {"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}; with
 several people {"people": [{"id", "keypoints"}, ...]} for a frame.
-Beside its keypoints a person may have "world": [[x, y, z], ...], each keypoint's place in space as a network has lifted
-it from this picture [m]: x right, y down, z away from the camera, about the middle of the hips, at most 3 m from there.
+Beside its keypoints a person may have "world": [[x, y, z], ...], each keypoint's place in space, lifted from this
+picture by a network [m]: x right, y down, z away from the camera, about the middle of the hips, at most 3 m from there.
 MediaPipe's world landmarks are such; any other network's may stand there.
 """
 

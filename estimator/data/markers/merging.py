@@ -12,7 +12,7 @@ from estimator.data.markers.track import MarkerTrack, PointFile
 from humanoid.support.errors import InputError, shown
 
 _UNSAID = "does not declare which axis points up"
-_LATE = 0.1  # of a frame's duration: by how much the instants of two files may differ
+_LATE = 0.1  # of a frame's duration: largest difference of the instants of two files
 
 
 def merged(files: Sequence[PointFile], up: str | None) -> MarkerTrack:

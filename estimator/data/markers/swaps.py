@@ -20,7 +20,7 @@ _LISTED = 4
 
 
 def mirrored_swaps(track: MarkerTrack, pairs: Sequence[tuple[str, str]]) -> tuple[MarkerTrack, tuple[str, ...]]:
-    """The track with the labels of each pair put right, and a note of what was exchanged.
+    """The track with the labels of each pair corrected, and a note of the exchanged ones.
 
     Labels change where, exchanged, they continue the paths of both markers and, unchanged, neither: paths continue
     along their line of the last frames, and may leave it by what a limb can accelerate. Labels stay where the two are

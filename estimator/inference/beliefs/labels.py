@@ -59,8 +59,7 @@ class Stacked:
         )
 
     def labels_at(self, rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
-        """A kernel of each mixture (N, D) int, drawn by how much of the mixture's density it has at each point (N,
-        size)."""
+        """A kernel of each mixture (N, D) int, drawn by its share of the mixture's density at each point (N, size)."""
         labels = np.empty((len(points), len(self.start) - 1), dtype=np.int64)
         uniform = rng.random(labels.shape)
         space = self.space

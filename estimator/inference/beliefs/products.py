@@ -27,16 +27,16 @@ _WIDER = 1.5  # covariance of a round's proposals over that of the products that
 class ProductSettings(CheckedSettings):
     """Settings of the sampling from products of mixtures.
 
-    method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal
+    method: "importance" weights candidates from every mixture, from a proposal if there is any, and from normal
     densities about the best of those; "gibbs" draws which kernels go together, one mixture after the other (Sudderth et
     al. 2003); "exact" goes through all combinations of kernels, and refuses where there are more than `exact_below`.
     candidates: of "importance", at least; per_draw: number of them for each requested draw. rounds: how many times it
     draws about the best. sweeps: of "gibbs".
     exact_below: number of combinations that are enumerated by any method; there "exact" stops.
-    image_weighted: candidates of "importance" are weighed by the node's likelihood, too, and drawn about where that is
+    image_weighted: candidates of "importance" are weighted by the node's likelihood, too, and drawn about where that is
     high: the samples of the paper are drawn by the messages alone, and where the likelihood is sharp few of them count.
     A product of which all kernels are of R^n is drawn from exactly by "exact"; rotations are treated to first order by
-    "gibbs" and "exact", and backgrounds as kernels. "importance" weighs by the densities as they are.
+    "gibbs" and "exact", and backgrounds as kernels. "importance" weights by the exact densities.
     """
 
     method: str = setting("importance", one_of=METHODS)
@@ -48,7 +48,7 @@ class ProductSettings(CheckedSettings):
     image_weighted: bool = setting(True)
 
     def weighs(self, log_likelihood: LogLikelihood | None) -> bool:
-        """Whether candidates are weighed by a likelihood."""
+        """Whether candidates are weighted by a likelihood."""
         return self.image_weighted and self.method == "importance" and log_likelihood is not None
 
 
@@ -191,8 +191,8 @@ def candidates(
 
 
 def likelihoods(log_likelihood: LogLikelihood | None, points: np.ndarray) -> np.ndarray:
-    """Logarithms (N,) of a likelihood at points (N, size), 0 without one; what is not a number, or infinitely likely,
-    has none."""
+    """Logarithms (N,) of a likelihood at points (N, size), 0 without one; values that are NaN or plus infinity count as
+    none."""
     if log_likelihood is None or len(points) == 0:
         return np.zeros(len(points))
     values = np.asarray(log_likelihood(points), dtype=float)

@@ -135,7 +135,7 @@ def node_samples(
     factors: the incoming messages; without any there has to be a proposal. What has no support is in the status.
     """
     everything = tuple(range(len(factors)))
-    # where candidates are weighed by the likelihood Q is one of their sources, and each counts by all of its weight; a
+    # where candidates are weighted by the likelihood Q is one of their sources, and each counts by all of its weight; a
     # stratum of its own would keep its share however unlikely it is
     proposing = node.proposal is not None and not (factors and settings.weighs(node.log_likelihood))
     rests = [() if t.to is None else tuple(k for k in everything if k != t.to) for t in targets]

@@ -47,7 +47,7 @@ class FeatureChain(Protocol[S, P]):
         ...
 
     def update(self, prior: P, message: Message) -> tuple[S, float]:
-        """p(S | O) and the logarithm of what the message weighs under the prior (step 4)."""
+        """p(S | O) and the log-evidence of the message under the prior (step 4)."""
         ...
 
 
@@ -87,8 +87,8 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
 
 
 def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity, which: bool) -> FeatureDensity:
-    """The product of what is seen with what others expect, in which nothing is left of the latter where no detection is
-    (and, if only `which` is sent, where one is) but how much an association weighs.
+    """The product of the evidence with the others' predictions, of which only the weights of associations remain where
+    there is no detection (and, if only `which` is sent, where there is one).
 
     What is left out is not 1, but as high as it is on average where it is expected: a density has a unit, and beside
     one that is not left out 1 would be as much as any evidence.

@@ -152,8 +152,8 @@ class FeatureDensity:
         return self.of(heavy, self.log_weight[heavy] + lost)
 
     def likeliest(self, expected: FeatureDensity, most: int, least: float = 1e-6) -> np.ndarray:
-        """The kernels (R,) with the largest masses under what is expected of the same features, and for what room there
-        is left those with the largest under the same, doubted; none with less than a share `least`."""
+        """The kernels (R,) with the largest masses under the prediction of the same features, then those with the
+        largest under the same prediction with larger deviations; none with less than a share `least`."""
         heavy = heaviest(self.log_mass(expected), most, least)
         doubted = self.log_mass(expected.doubted())
         others = np.setdiff1d(heaviest(doubted, most, least), heavy)
@@ -167,7 +167,7 @@ class FeatureDensity:
         return FeatureDensity(self.names, log_weight, self.known[rows], self.mean[rows], self.covariance[rows], sharers)
 
     def log_mass(self, expected: FeatureDensity) -> np.ndarray:
-        """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
+        """Log-masses (K,) of the kernels under the prediction of the same features, as one kernel."""
         prior = expected.collapsed()
         both = np.repeat(self.known & prior.known[0], 2, axis=1)
         # all at once: a feature that one of them leaves out gets the expected distance, with a variance that adds

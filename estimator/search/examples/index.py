@@ -32,7 +32,7 @@ class IndexRecipe:
     """The recipe of an index; equal recipes give equal indices.
 
     examples: how many. headings [degrees]: range of the body's heading about facing the camera. legs: whether they move
-    too. elevation [degrees]: by how much the camera looks down. variants: bodies of other lengths and girth in the
+    too. elevation [degrees]: angle by which the camera looks down. variants: bodies of other lengths and girth in the
     pictures. pairs: of either kind that the bits are learned from. tables, key_bits: of the hashing. seed: of all that
     is random.
     """

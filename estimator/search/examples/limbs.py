@@ -23,8 +23,8 @@ _ALIKE = 0.1  # m: limbs none of whose parts are farther apart lead to one mode
 
 
 class SeenPoints(NamedTuple):
-    """The person's surface as seen: points (P, 3) in the world [m], the eyes (E, 3) that see them, and by how much a
-    point may lie beside the body that it is of [m]; robust with `nu` (Lorentzian)."""
+    """The person's surface as seen: points (P, 3) in the world [m], the eyes (E, 3) that see them, and the deviation of
+    a point from its body [m]; robust with `nu` (Lorentzian)."""
 
     points: np.ndarray
     eyes: np.ndarray
@@ -103,8 +103,8 @@ class LimbBank:
         return np.asarray(turned.reshape(T_root_parts.shape))
 
     def _scores(self, q: np.ndarray, k: int, placements: np.ndarray, seen: SeenPoints) -> np.ndarray:
-        """Energy (N,) of a pose q (nq,) with the joints of its k-th limb at placements (N, J, 12), but for what is the
-        same in all."""
+        """Energy (N,) of a pose q (nq,) with the joints of its k-th limb at placements (N, J, 12), except a common
+        constant."""
         s, mine = self.surface, self._nodes[k]
         others, posed = self._others[k], self.body.at(q)
         rest = points_in_world(posed, s.joint[others], s.local[others])

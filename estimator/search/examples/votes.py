@@ -21,11 +21,11 @@ class Votes:
     """Joint votes of cameras on poses in the world.
 
     In every camera a pose corresponds to a different example: the one whose landmarks about their mean are nearest to
-    its own, as that camera sees them (squared distances, summed). A camera's vote is by how many bits fewer than usual
-    this example differs from its picture, in standard deviations of what is usual. A camera to which a pose is turned
-    farther than any example has no vote on it. Votes are summed and divided by the root of their number, as deviations
-    of independent measurements are (Stouffer): the plain sum would prefer the poses on which many cameras vote, the
-    mean those with one vote. Cameras vote in the order of their names.
+    its own, as that camera sees them (squared distances, summed). A camera's vote is the number of bits by which this
+    example differs from its picture less than usual, in standard deviations of the usual number. A camera to which a
+    pose is turned farther than any example has no vote on it. Votes are summed and divided by the root of their number,
+    as deviations of independent measurements are (Stouffer): the plain sum would prefer the poses on which many cameras
+    vote, the mean those with one vote. Cameras vote in the order of their names.
 
     index: read. body: whose poses they are.
     """

@@ -1,7 +1,7 @@
 """Limbs drawn from where an image shows their ends: inverse kinematics in closed form, with its exact density.
 
 A place in the image, a depth and a swivel (the turn of the elbow about the line from shoulder to hand) give the four
-angles of an arm: a proposal of poses by what is seen, which importance sampling then weighs (Taycher et al. 2004,
+angles of an arm: a proposal of poses from the observation, which importance sampling then weights (Taycher et al. 2004,
 section 4; Taycher and Darrell 2003). Given head, neck and trunk, arms are independent.
 
 Its density in the angles is that of place, depth and swivel times |d(place, depth, swivel) / d(angles)|, for an arm

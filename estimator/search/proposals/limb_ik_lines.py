@@ -101,7 +101,7 @@ def aim_back(camera: Camera, pixels: np.ndarray, ways: np.ndarray) -> np.ndarray
 
 def log_line_volumes(camera: Camera, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """Logarithms (N,) of |d(pixel, depth) / d(point)| [px^2 / m^2] at points (N, 3) [m] on lines of sight along ways
-    (N, 3), in the world; -inf of what the camera does not see."""
+    (N, 3), in the world; -inf where the camera does not see."""
     volumes = np.empty(len(points))
     _volume_each(np.ascontiguousarray(points), np.ascontiguousarray(ways), *camera.arrays, volumes)
     return volumes

@@ -68,8 +68,8 @@ def variants(subject: Subject, count: int, rng: np.random.Generator) -> list[Var
 class ExamplePainter:
     """Paints poses of a body and describes them.
 
-    body: whose poses they are. variants: the bodies in the pictures. elevation [degrees]: by how much the camera looks
-    down, about. side [m]: of the square that is cut out around the person.
+    body: whose poses they are. variants: the bodies in the pictures. elevation [degrees]: approximate angle by which
+    the camera looks down. side [m]: of the square that is cut out around the person.
     """
 
     def __init__(self, body: Body, variants: Sequence[Variant], elevation: float, side: float) -> None:

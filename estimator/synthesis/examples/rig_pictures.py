@@ -73,7 +73,7 @@ class RigPainter:
         return np.asarray(t + self._along[:, None] * R[:, :, 2])
 
     def _placed(self, middles: np.ndarray, rng: np.random.Generator, free: bool) -> tuple[np.ndarray, np.ndarray]:
-        """By how much (3,) limbs with these middles (L, 3) are moved, and which of them (L,) all cameras then see."""
+        """Translation (3,) of limbs with these middles (L, 3), and which of them (L,) all cameras then see."""
         best = np.zeros(3), np.zeros(len(middles), bool)
         for _ in range(_PLACES if free else 1):
             shift = rng.uniform(*self._box) - middles.mean(axis=0) if free else np.zeros(3)

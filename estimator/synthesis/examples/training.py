@@ -116,7 +116,8 @@ class Gallery:
 
 
 def _count(total: int, at_once: int, piece: int) -> int:
-    """Of a piece: the last one has what is left. (Pieces that were kept before it was so have more.)"""
+    """Number of examples of a piece: the last one has the remainder. (Pieces that were kept before it was so have
+    more.)"""
     return min(at_once, total - piece * at_once)
 
 

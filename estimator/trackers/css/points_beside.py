@@ -60,7 +60,7 @@ class HasMixture(State, Protocol):
 @dataclass(frozen=True, eq=False)
 class BesideState:
     """The tracker's own state, and keypoints by camera: known (C, L) bool, mean (C, L, 4), covariance (C, L, 4, 4), see
-    `Points`; what is not known was never seen."""
+    `Points`; unknown ones were never seen."""
 
     inner: Any
     known: np.ndarray
@@ -192,7 +192,7 @@ class PointsBeside:
         return replace(state, mean=mean, covariance=covariance)
 
     def _updated(self, before: HasMixture, expected: BesideState, observation: Observation) -> BesideState:
-        """After what is detected, and what the hypotheses of the frame before expect."""
+        """The chains after the detections and the predictions by the hypotheses of the frame before."""
         sizes, s = self._sizes(before.mixture, observation), self.settings
         sigma = self.search.model.keypoint_sigma(observation)
         mean, covariance = expected.mean.copy(), expected.covariance.copy()

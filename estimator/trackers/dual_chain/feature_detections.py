@@ -52,7 +52,7 @@ def of_keypoints(names: Sequence[str], pixels: np.ndarray, sigma: np.ndarray) ->
 
 
 def of_faces(names: Sequence[str], faces: Faces) -> Detections:
-    """Each is of the head, as well as a detector is sure of it, or of nothing."""
+    """Each is of the head with the detector's confidence, or of nothing."""
     suits = np.zeros((len(faces.score), len(names)))
     suits[:, [k for k, name in enumerate(names) if name == HEAD]] = np.clip(faces.score, _LEAST, 1.0)[:, None]
     covariance = faces.covariance + _NOISE**2 * np.eye(2)

@@ -1,7 +1,7 @@
 """A chain of poses by weighted samples, drawn part by part from where an image shows their features.
 
 Likelihood sampling (Taycher and Darrell 2003; Taycher et al. 2004, section 4) as one chain of several: samples come
-from messages about the features, by inverse kinematics, and from the past, and are weighed by past, features and
+from messages about the features, by inverse kinematics, and from the past, and are weighted by past, features and
 outlines.
 """
 
@@ -198,7 +198,7 @@ class PoseChain:
         partial = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
         if partial is None:
             return None
-        # parts were chosen by the message about each alone: in the end they are weighed by that about all
+        # parts were chosen by the message about each alone: in the end they are weighted by that about all
         log_message = target.log_message(target.prepared(partial.x))
         possible = np.isfinite(log_message)
         log_weight = np.where(possible, log_message - partial.log_message, -np.inf)

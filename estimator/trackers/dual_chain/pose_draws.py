@@ -36,8 +36,8 @@ class PartialSamples:
 class PartDraws:
     """Draws of the parts of one frame.
 
-    past: whether they also come from the past. by_past, by_image: shares of what comes from the past as it is, and from
-    inverse kinematics of the end of a limb; all others are steps from the past, Kalman-updated by the features.
+    past: whether they also come from the past. by_past, by_image: shares of draws from the past, and from inverse
+    kinematics of the end of a limb; all others are steps from the past, Kalman-updated by the features.
     """
 
     rng: np.random.Generator
@@ -48,7 +48,7 @@ class PartDraws:
 
     def all_parts(self, x: np.ndarray) -> PartialSamples | None:
         """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
-        nothing that one can be drawn from."""
+        nothing from which one can be drawn."""
         partial: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
         for part in range(self.target.parts.count):
             partial = None if partial is None else self._with_part(partial, part)

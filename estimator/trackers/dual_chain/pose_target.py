@@ -44,9 +44,8 @@ class PoseTarget:
 
     camera: of the features in the message. outlines: further image evidence, None without any. elsewhere: the parts, by
     number, for which the past is assumed wrong, and where they may be instead. pose_prior: which poses people take,
-    where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
-    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
-    that has none (`EvidenceSettings.if_hidden`).
+    where that was learned: the features of one image leave the depth of limbs open. if_hidden: additional log-weight of
+    an association for a hidden feature with a detection of its own, and for one without (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts

@@ -38,7 +38,7 @@ class SeenFeatures(Protocol):
         ...
 
     def check(self, observation: Observation) -> None:
-        """Raise InputError where a clip with such frames has not what is needed."""
+        """Raise InputError where a clip with such frames lacks something that is needed."""
         ...
 
     def learned(self, observation: Observation, pixels: np.ndarray) -> SkinModel | None:

@@ -55,8 +55,8 @@ def reweighted(
 def _apart(
     away: np.ndarray, std: np.ndarray, prior: Mixture, covariance: Sequence[np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Squared distances of modes from those of the prior, and by how much their Gaussians are lower at the peak for
-    being wider than C_eta [nats], both (L, K), from differences (L, K, nv) in units of `std`."""
+    """Squared distances of modes from those of the prior, and the decrease of their Gaussians' peaks for being wider
+    than C_eta [nats], both (L, K), from differences (L, K, nv) in units of `std`."""
     if covariance is None:
         return np.square(away).sum(axis=-1), np.zeros(away.shape[:2])
     unit = np.outer(std, std)

@@ -17,7 +17,7 @@ class ElmoSettings(CheckedSettings):
     neighbours: examples of the index (`search.index`) from which a frame is searched, 50 in the paper; 0 for none.
     votes: several cameras choose these together, each voting for the others' too; otherwise each contributes as many.
     keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of
-    each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts
+    each start, points paired again before each; 0 leaves the examples as they are. survivors: how many of the starts
     continue from round to round. recombined: in every round but the last, searches from each of the `recombined_of`
     best poses so far with one limb taken from one of the examples, for each limb: limbs are nearly independent, and few
     examples are near in all of them; 0 for none, as in the paper. limbs: from how many examples limbs are tried for

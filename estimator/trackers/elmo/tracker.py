@@ -1,4 +1,4 @@
-"""ELMO: the modes of each frame's likelihood, found without the past and weighed by it (Demirdjian, Taycher,
+"""ELMO: the modes of each frame's likelihood, found without the past and weighted by it (Demirdjian, Taycher,
 Shakhnarovich, Grauman and Darrell, ICCV 2005); and its parts alone: PSH, the likeliest example, and ICP, one search
 from the last pose."""
 
@@ -191,7 +191,7 @@ class Elmo(Initialisation):
         return per_dof(self.body, s.turn_floor, s.root_turn_floor, s.root_slide_floor)
 
     def _weighed(self, likely: Mixture, state: ElmoState, observation: Observation) -> Mixture:
-        """Modes of the likelihood, weighed by the past (eq. 6)."""
+        """Modes of the likelihood, weighted by the past (eq. 6)."""
         std = diffusion_std(self.search.model.transition_std(1.0), observation.time - state.seen, self._floor)
         modes, jump = [m.q for m in likely.modes], self.settings.jump
         wide = [m.covariance for m in likely.modes] if self.settings.settle else None
@@ -200,7 +200,7 @@ class Elmo(Initialisation):
         return mixture_of(tuple(continued), weighed.log_scores)
 
     def _as_new(self, likely: Mixture, state: ElmoState, observation: Observation) -> np.ndarray:
-        """Log scores (L,) of modes by what is new in a frame.
+        """Log scores (L,) of modes by the new evidence of a frame.
 
         A silhouette hardly shows which way a person faces, and its errors, which then decide, stay the same for a
         while: by so much less the best mode that faces as before and the best that is turned round differ. Among those

@@ -14,7 +14,7 @@ from estimator.trackers.loose_limbed.limb_choices import Choice
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements, limbs_on_joints
 
-NARROWEST = 0.1  # of the samples' spread: what is left of it where the likelihood leaves one sample alone
+NARROWEST = 0.1  # of the samples' spread: its least share, where the likelihood leaves only one sample
 
 
 class LimbScores(Protocol):
@@ -42,8 +42,8 @@ class Stiffness(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Sampling about each limb of a pose: `samples` places, normal deviates of `place` [m] and `turn` [rad], and which
-    share of the log likelihood ratios weighs them."""
+    """Sampling about each limb of a pose: `samples` places, normal deviates of `place` [m] and `turn` [rad], and the
+    share of the log likelihood ratios in their weights."""
 
     samples: int
     place: float
@@ -71,10 +71,10 @@ class LimbPulls:
     def with_seen(
         self, rng: np.random.Generator, q: np.ndarray, believed: LimbPull, likelihood: LimbScores, near: Near
     ) -> LimbPull:
-        """A pull, and besides one to where the likelihood has each limb near the pose q (nq,).
+        """A pull, combined with one to the likelihood's place of each limb near the pose q (nq,).
 
-        Samples of a kernel of precision P about a limb, weighed by a likelihood of precision L, have the precision
-        P + L, and their mean is where a step of Newton's method damped by P leads. So a pull to it has the likelihood's
+        Samples of a kernel of precision P about a limb, weighted by a likelihood of precision L, have the precision P +
+        L, and their mean is where a step of Newton's method damped by P leads. So a pull to it has the likelihood's
         slope at the pose and a curvature that keeps the step where samples are.
         """
         about = points_of(*limb_placements(self._graph, self._body, q))

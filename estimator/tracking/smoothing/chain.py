@@ -24,10 +24,10 @@ DAMPING = Damping(first=1e-6, grown_from=1e-5)
 _EXACT_BELOW = 2e-3  # energy a frame that a step promises
 _SOLVED = 4  # times at most for one step, with ever more variables at their limits
 _BEYOND = 1e-6  # rad or m from which a step is clearly beyond a limit
-_LEAST = 1e-4  # precision of what nothing holds
+_LEAST = 1e-4  # precision of unconstrained directions
 _TOGETHER = 16  # frames whose energies are found at once, where only their sum is needed
 REACH = 3
-"""Frames before and after some that these hang on to: what is new in accelerations reaches that far."""
+"""Frames before and after some that these are tied to: innovations of accelerations reach that far."""
 
 
 def windows(count: int, size: int) -> Iterator[tuple[int, int, int, int]]:

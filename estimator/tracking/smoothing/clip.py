@@ -64,11 +64,11 @@ def smooth_track(
     """The best trajectory, smoothed.
 
     Two paths through the modes are smoothed: the tracker's own back through the parents, and the one that the motion
-    prior likes best, with the better reading of the trunk in every stretch. The one of lower energy after
-    smoothing is taken; where both come to the same poses they are one. Each frame's keypoints are read as the path's
-    mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
-    (`Renewal`). Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the
-    floor, given or found. Parts that the smoothing pushed into each other or into the floor are parted again
+    prior likes best, with the better reading of the trunk in every stretch. The one of lower energy after smoothing is
+    taken; where both come to the same poses they are one. Each frame's keypoints are read as the path's mode reads
+    them, `cues` are what its pictures show: at first those of the modes, then those of the smoothed poses (`Renewal`).
+    Heels and toes of that path that stand are held in one place (`Stances`), and nothing is below the floor, given or
+    found. Parts that the smoothing pushed into each other or into the floor are parted again
     (`estimator.energy.descent.contact`). Before that, what lasts of the keypoints' errors is taken from them, and the
     trajectory follows the rest (`lasting_errors`). `progress` is called with how many frames of how many are done.
     """
@@ -153,7 +153,8 @@ class _Track:
         return self._followed(self._held(rivals[best], paths[best]))
 
     def _followed(self, end: _Held) -> _Held:
-        """A trajectory that was smoothed and held by the whole error of the keypoints, by what is new in each frame."""
+        """A trajectory that was smoothed and held with the whole error of the keypoints, smoothed again with the new
+        error of each frame."""
         body, before = self._search.body, end.before
         if self._settings.lasting <= 0.0:
             return end

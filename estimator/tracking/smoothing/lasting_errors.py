@@ -21,7 +21,7 @@ from estimator.numerics.typical import measured_deviation
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList
 
-_STEP = 1.0 / 30.0  # s over which what is new in a frame is measured, however many frames a second there are
+_STEP = 1.0 / 30.0  # s over which the new error of a frame is measured, however many frames a second there are
 _TINY = 1e-9  # px^2: where nothing lasts
 
 
@@ -76,7 +76,7 @@ def residuals_along(body: Body, costs: Sequence[Cost], times: np.ndarray, q: np.
 
 
 def frame_shares(residuals: Residuals) -> np.ndarray:
-    """Standard deviation of what is new in a frame over that of the whole error, at most 1, of every camera (C,).
+    """Standard deviation of the new error of a frame over that of the whole error, at most 1, of every camera (C,).
 
     By the changes of residuals over a thirtieth of a second, without outliers. `measured_deviation` expects that all is
     new, so that few frames change nothing.
@@ -98,8 +98,9 @@ def lasting_errors(residuals: Residuals, share: np.ndarray, lasting: float) -> n
     (C,) of their deviations.
 
     What stays for the whole clip, and the mean of a first-order process in time about it, of which the residuals are
-    measurements with what is new in a frame as noise. So much of both is left to the keypoints that residuals which do
-    not change pull as they did by the whole error; the potential takes less from what is left than it took from them.
+    measurements with the new error of a frame as noise. So much of both is left to the keypoints that residuals which
+    do not change pull as they did by the whole error; the potential takes less from what is left than it took from
+    them.
     """
     errors, process = np.zeros_like(residuals.pixels), _process_precision(residuals.times, lasting)
     weight = np.where(residuals.left > 0.0, residuals.confidence * residuals.left / np.square(residuals.sigma), 0.0)

@@ -18,8 +18,7 @@ from humanoid.support.compiled import jit
 class Movements(NamedTuple):
     """M movements in a row, the i-th of which is a sum of S steps between successive frames from the i + `first`-th on.
 
-    factors (M, S): of the steps. precision (M, nv): of each degree of freedom. share (M,): how much each movement
-    counts.
+    factors (M, S): of the steps. precision (M, nv): of each degree of freedom. share (M,): weight of each movement.
     """
 
     factors: np.ndarray
@@ -71,7 +70,7 @@ class MotionEnergy:
 
 
 def _movements(body: Body, prior: MotionPrior, dt: np.ndarray) -> Iterator[Movements]:
-    """Velocities, accelerations and what is new in these, those that count."""
+    """Velocities, accelerations and their innovations, those that count."""
     if not len(dt):
         return
     pace = np.ones((len(dt) + 1, body.nv)) if prior.pace is None else prior.pace
@@ -105,7 +104,7 @@ class _Steps:
     """
 
     def __init__(self, body: Body) -> None:
-        self._model, self._turns = body.model, pin.Model()  # a model of what turns alone
+        self._model, self._turns = body.model, pin.Model()  # a model of the turning joints alone
         turning, places = list[int](), list[int]()
         for name, joint in list(zip(body.model.names, body.model.joints, strict=True))[1:]:
             if joint.nv > 1:
@@ -164,7 +163,7 @@ def fill_steps(indices, q, turning, steps, turns):  # type: ignore[no-untyped-de
 def add_movements(  # type: ignore[no-untyped-def]
     values, factors, precision, share, nu, exact, first, turns, adding, turning, gradient, blocks
 ):
-    """Add to gradient (T, nv) and blocks (R, T, nv, nv) the derivatives of what movements cost.
+    """Add to gradient (T, nv) and blocks (R, T, nv, nv) the derivatives of the movements' energy.
 
     values (M, nv), factors (M, S), precision (M, nv), share (M,), first: see `Movements`. turns (T - 1, 2, n, n): see
     `_Steps`. adding (A,), turning (n,): the degrees of freedom of either kind. exact: see `MotionEnergy.add`.

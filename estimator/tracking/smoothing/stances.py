@@ -30,7 +30,7 @@ class Stances(NamedTuple):
     """Terms that hold the feet of a clip, and its hands.
 
     landmark (P,): which points, by their numbers among the body's landmarks. places (T, P, 3) [m]: where they are held.
-    weight (T, P): how much each counts, 0 of what does not stand. floor: None where there is none.
+    weight (T, P): their weights, 0 for points that do not stand. floor: None where there is none.
     """
 
     landmark: np.ndarray

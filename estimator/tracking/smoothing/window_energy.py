@@ -48,7 +48,7 @@ class WindowRecords(NamedTuple):
 
 
 class WindowEnergy:
-    """Energies of T frames, and of what ties each to the next.
+    """Energies of T frames, and of the ties between each and the next.
 
     costs (T). ties (T - 1). What has no kernel, as the pictures' terms and flow, is added frame by frame, and so is all
     of a body without a `CompiledTree`.

@@ -78,7 +78,7 @@ class AssignedPoints(BatchTerm):
     ----------
     joint (N,), local (N, 3): points in the frames of their joints [m].
     groups: assignments of the points.
-    constant: energy of what has no assignment (back-facing and occluded nodes, contour points without an edge).
+    constant: energy of points without an assignment (back-facing and occluded nodes, contour points without an edge).
     name: of what is assigned.
     """
 

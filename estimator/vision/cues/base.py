@@ -38,7 +38,7 @@ class ContourMatch(NamedTuple):
     """Features assigned to points of a prediction's contours.
 
     label: its row in the energy's table. features: their points are indices into `Prediction.contours`. unassigned:
-    energy of what nothing answers to; it has a row of its own, `unassigned_label`, if that is not empty.
+    energy of points without a counterpart; it has a row of its own, `unassigned_label`, if that is not empty.
     """
 
     label: str

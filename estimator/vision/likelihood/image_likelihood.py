@@ -156,7 +156,7 @@ class CameraLikelihood:
         return [on_contours, *(term.value(posed) for term in self.others(posed, prediction))]
 
     def _groups(self, prediction: Prediction) -> tuple[list[Assignments], float]:
-        """The features on a prediction's contours, and the energy of what has none, penalties among it."""
+        """The features on a prediction's contours, and the energy of points without one, including penalties."""
         groups, constant = [], self.penalty(prediction)
         for match in self.contours(prediction):
             groups.append(match.features)
@@ -166,7 +166,7 @@ class CameraLikelihood:
     def on_contours(
         self, prediction: Prediction, groups: Sequence[Assignments], constant: float = 0.0, name: str = "on contours"
     ) -> Term:
-        """The term of features assigned to a prediction's contours, with the energy of what has none."""
+        """The term of features assigned to a prediction's contours, with the energy of points without one."""
         c = prediction.contours
         return AssignedPoints(self.model.body, self.cues.camera, c.joint, c.local, groups, constant, name=name)
 

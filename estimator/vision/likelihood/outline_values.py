@@ -1,6 +1,6 @@
 """Fit of many poses at once to a picture: outlines of limbs against edges, and the silhouette. Values alone.
 
-What particles are weighed by: some ten thousand poses a second, where the energy that searches descend
+Weights of particles: some ten thousand poses a second, where the energy that searches descend
 (`estimator.vision.likelihood.image_likelihood`) makes a few hundred. Limbs are tapered cones (`humanoid.limbs`).
 """
 

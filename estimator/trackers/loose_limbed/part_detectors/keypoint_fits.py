@@ -99,8 +99,8 @@ def onto_rays(
 def along_rays(
     gap: float, eye: np.ndarray, rays: np.ndarray, depths: np.ndarray, over: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Both ends of a stick of length `gap` [m] on two rays (2, 3) from eye (3,): points (K, 2, 3) and by how much the
-    stick is too short (K,) [m], at depths (D,) [m] of its first end, and their indices (K,). Two answers each; where
+    """Both ends of a stick of length `gap` [m] on two rays (2, 3) from eye (3,): points (K, 2, 3) and the missing
+    length of the stick (K,) [m], at depths (D,) [m] of its first end, and their indices (K,). Two answers each; where
     it does not reach, by at most `over` of its length, the nearest."""
     cosine = float(rays[0] @ rays[1])
     square = gap**2 - np.square(depths) * (1.0 - cosine**2)

@@ -20,7 +20,7 @@ from humanoid.limbs.limb import Limb
 
 _LONG = 0.4  # of the longest limb: landmarks nearer together hardly show how far away they are
 _NEAREST = 0.05  # quantile of their distances
-_OVER = 0.15  # of its length: how much longer a limb may look than it is
+_OVER = 0.15  # of its length: tolerance of a limb's apparent length
 _SAME_TURN = 0.9  # cosine of half the angle below which two fits are one
 
 

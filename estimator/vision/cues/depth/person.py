@@ -27,7 +27,7 @@ def nearest_thing(
     """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
 
     points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2]. up
-    (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
+    (3,). gap [m]: points nearer than that are one thing; a smaller thing within two gaps, as a hand before the body,
     belongs to it, and one that moves within four, as a leg below a raised one that hides the hip. between (N,) bool:
     points at jumps of the depth, which may lie between two things: they connect none, and belong to the thing that they
     touch. moved (N,) bool: points where the clip shows something farther away at other times: a thing with many of them

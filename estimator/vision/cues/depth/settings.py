@@ -13,7 +13,7 @@ class DepthSettings(StereoSettings):
     """Settings of depth: its reading, and its part in the energy (ELMO eqs. 1 and 2); the first settings are for stereo
     pairs.
 
-    points: of the person's surface, at most. farthest [m]: what is beyond is scenery. depth_noise [m]: standard
+    points: of the person's surface, at most. farthest [m]: points beyond are scenery. depth_noise [m]: standard
     deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: points this far apart in space
     are not one object. floor [m]: points lower above the floor than this count as floor, besides the noise of depth.
     With a larger value the feet are removed with the floor, and they distinguish front from back.

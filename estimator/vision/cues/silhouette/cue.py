@@ -168,7 +168,7 @@ class OutlineMatcher(Matcher):
         return self._to_outline(np.arange(len(chosen)), chosen, self._share(len(contours.state)), LECLERC)
 
     def _back(self, prediction: Prediction) -> tuple[Assignments, float]:
-        """The features, and the energy of what no contour answers to."""
+        """The features, and the energy of those without a contour."""
         contours, extent = prediction.contours, self.view.extent
         place, samples, normals = self._samples
         chosen = np.empty(len(samples), dtype=np.int64)
