@@ -234,7 +234,7 @@ BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
     "codes": (lambda a: a.update(codes=a["codes"][:, :1]), "is damaged: codes of 1 words"),
     "bits": (lambda a: a.update(feature=a["feature"] + 20_000), "is damaged: feature has numbers beyond"),
     "keys": (lambda a: a.update(keys=a["keys"] - 10_000), "is damaged: keys has numbers beyond"),
-    "no quaternion": (lambda a: a["q"].__setitem__((0, slice(3, 7)), 0.0), "is damaged: q is no configuration"),
+    "no quaternion": (lambda a: a["q"].__setitem__((0, slice(3, 7)), 0.0), "is damaged: q is not a configuration"),
     "objects": (lambda a: a.update(q=np.array([{}])), "cannot be read"),
 }
 

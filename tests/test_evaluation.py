@@ -262,7 +262,7 @@ def test_what_is_no_motion_file(tmp_path: Path) -> None:
         "endheader": good.replace("endheader\n", ""),
         "first column": good.replace("time ", "t "),
         "2 are expected": good.replace("0.0 1.5", "0.0"),
-        "no number": good.replace("1.5", "x"),
+        "not a number": good.replace("1.5", "x"),
         "rising": good + "0.0 1.0\n",
     }
     path = tmp_path / "a.mot"

@@ -163,7 +163,7 @@ def test_the_camera_files_word_is_taken(tmp_path: Path) -> None:
     assert turn_left(inputs) < 1e-5
     assert not any("taken for" in note for note in inputs.notes)
     path.write_text(json.dumps(content | {"up": "down"}))
-    with pytest.raises(InputError, match=r"up: 'down' is no axis"):
+    with pytest.raises(InputError, match=r"up: 'down' is not an axis"):
         declared_up(path)
 
 
