@@ -239,7 +239,7 @@ def test_a_subject_is_resized_within_the_sizes_of_people(person: float, size: fl
 
     def fit(sized: Subject) -> tuple[Fit, float]:
         heights.append(stature(sized))
-        return unfitted(sized), person * stature(subject) / heights[-1]
+        return unfitted(sized, ProportionedBody(sized)), person * stature(subject) / heights[-1]
 
     best = fit_resized(subject, fit, 3)
     assert (best.size, len(heights)) == (pytest.approx(size), fits)

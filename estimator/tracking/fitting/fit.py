@@ -135,9 +135,8 @@ def _floor_note(by_floor: FloorSize, size: float) -> str:
     return f"by the floor the person is {size:.2f} (+-{by_floor.std:.0%}) times as large as the subject"
 
 
-def unfitted(subject: Subject) -> Fit:
-    """Without any frames: what is known beforehand."""
-    body = ProportionedBody(subject)
+def unfitted(subject: Subject, body: ProportionedBody) -> Fit:
+    """Without any frames: what is known beforehand of a subject, whose body it is."""
     none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
     return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
 

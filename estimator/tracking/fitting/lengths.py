@@ -71,19 +71,20 @@ def _fitted(
     body = ProportionedBody(subject)
     pieces = chosen_pieces(observations, settings)
     if not pieces:
-        return unfitted(subject)
+        return unfitted(subject, body)
     if not body.names:
         poses, covariances, seen = _poses(subject, pieces, seed, track_settings)
         return Fit(subject, (), np.zeros(0), np.zeros((0, 0)), tuple(seen), np.array(poses), np.array(covariances))
     cost = track_settings.cost if track_settings else CostSettings()
-    fit, measures = unfitted(subject), None
+    person, measures = subject, None
     for _ in range(settings.rounds):
-        poses, _, seen = _poses(fit.subject, pieces, seed, track_settings)
+        poses, _, seen = _poses(person, pieces, seed, track_settings)
         share = min(1.0, settings.effective_frames / len(seen))
         energy = MeasuresEnergy(body, FittedKeypoints(body, cameras=len(seen[0].cameras)), seen, cost, share)
         newton = NewtonSettings(settings.iterations, enough=ENOUGH)
         best = minimise(energy, energy.model(measures or energy.start, poses), newton).model
         fit, measures = energy.fit(subject, best), best.measures
+        person = fit.subject
     model = CostModel(energy.at_measures(best.measures), cost)
     return replace(fit, noise=measured_noise(model, seen, best.poses, share, len(best.gradient)))
 

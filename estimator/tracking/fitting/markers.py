@@ -70,7 +70,7 @@ def fit_markers(
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
     used = _usable(observations, settings.frames)
     if not used:
-        return unfitted(subject)
+        return unfitted(subject, ProportionedBody(subject))
     trials = _Trials(used, _usable(static, settings.static_frames))
     return fit_resized(subject, lambda sized: _fitted(sized, trials, seed, settings, track_settings), _ROUNDS)
 
@@ -99,7 +99,7 @@ def _fitted(
     once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
     poses = _poses(subject, used, seed, track_settings)
     if (size := _size(body, used, poses)) and abs(np.log(size)) > 2.0 * SAME_SIZE:
-        return unfitted(subject), size
+        return unfitted(subject, proportions), size
     poses_static = _poses(subject, stood, seed, track_settings)
     known = static_trial(body, stood, poses_static, settings.standing_std, settings.bent_from) if stood else None
     energy = MeasuresEnergy(proportions, FittedMarkers(proportions), used, once, share, known)
