@@ -105,7 +105,7 @@ def _header(
     )
 
 
-def begun_match(subject: Subject, out: PathLike | None) -> str:
+def write_match_template(subject: Subject, out: PathLike | None) -> str:
     """The text of a correspondence to begin with, written to a file if one is named."""
     text = match_start(subject.name, Body(subject).landmark_names)
     if out is not None:

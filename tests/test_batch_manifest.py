@@ -124,13 +124,13 @@ def test_an_error_crosses_processes_and_is_printed_whole(
 @pytest.mark.parametrize(
     ("name", "text", "fault"),
     [
-        ("m.csv", "", ": names no clip"),
-        ("m.csv", "clips,height\n", ": names no clip"),
+        ("m.csv", "", ": lists no clips"),
+        ("m.csv", "clips,height\n", ": lists no clips"),
         ("m.csv", b"clips\nm\xfcller.mp4\n", "line 2: is not in UTF-8"),
         ("m.csv", 'clips,name\n"a.mp4,b\n', "row 2: is not CSV"),
-        ("m.csv", "clips,clips\na.mp4,b.mp4\n", "row 1, column clips: stands twice"),
+        ("m.csv", "clips,clips\na.mp4,b.mp4\n", "row 1, column clips: appears twice"),
         ("m.csv", "clips,\na.mp4,x\n", "row 2: 'x' is in a column without a name"),
-        ("m.txt", "clips\na.mp4\n", ": '.txt' is the ending of no manifest"),
+        ("m.txt", "clips\na.mp4\n", ": '.txt' is not the ending of a manifest"),
         ("m.toml", "[[clip]]\nclips =\n", "line 2: is not TOML"),
         ("m.toml", "[clip]\nclips = 'a.mp4'\n", ": clip is no list of tables"),
         ("m.toml", "[[clips]]\n", ": there is no 'clips'"),

@@ -61,7 +61,7 @@ def faults(root: Path, measures: Sequence[Measure]) -> list[str]:
     modules, registered = modules_with_main(root), [measure.module for measure in measures]
     names = [measure.name for measure in measures]
     wrong = [f"{module} has a main and is not registered" for module in modules if module not in registered]
-    wrong += [f"{name} stands twice" for name in dict.fromkeys(names) if names.count(name) > 1]
+    wrong += [f"{name} appears twice" for name in dict.fromkeys(names) if names.count(name) > 1]
     for measure in measures:
         if measure.module not in modules:
             wrong.append(f"{measure.module} is registered and has no main")
@@ -103,7 +103,7 @@ GOOD = Measure("benchmarks.speed.a", "Time of a.", "1 s", (NOTHING,))
         ([GOOD], "def main(): pass", []),
         ([], "def main(): pass", ["benchmarks.speed.a has a main and is not registered"]),
         ([GOOD], "def other(): pass", ["benchmarks.speed.a is registered and has no main"]),
-        ([GOOD, GOOD], "def main(): pass", ["a stands twice"]),
+        ([GOOD, GOOD], "def main(): pass", ["a appears twice"]),
         ([replace(GOOD, summary="Time of a")], "def main(): pass", ["a: the summary is no sentence"]),
         ([replace(GOOD, needs=())], "def main(): pass", ["a does not name what it needs"]),
         ([replace(GOOD, needs=(NOTHING, INDEX))], "def main(): pass", ["a does not name what it needs"]),

@@ -204,7 +204,7 @@ def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
 
 def test_an_installation_that_takes_too_long_is_ended(fake: Fake) -> None:
     fake.answers("exec sleep 20")
-    with pytest.raises(InputError, match=r"^fake: was not installed within 0 minutes \(it takes a network"):
+    with pytest.raises(InputError, match=r"^fake: was not installed within 0 minutes \(it needs a network"):
         environment.python_for("fake", fake.script, patience=Patience(installation=0.5))
     assert environment.made_python("fake", fake.script) is None
 

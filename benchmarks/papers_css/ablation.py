@@ -134,7 +134,7 @@ def main(
             for part in parts(suite, name, ROWS[name], wanted)
         ]
         if not every:
-            raise InputError("--motions", "names no clip of the suites")
+            raise InputError("--motions", "lists no clips of the suites")
         in_processes(prepared, list({(part.suite, part.clip): part for part in every}.values()), jobs)
         pieces = [part.piece for part in every]
         results = all_done("ablation", store, pieces, jobs)

@@ -55,8 +55,8 @@ PAPER: dict[str, dict[str, Any]] = {
 @dataclass(frozen=True)
 class Task:
     """A tracker on a sequence. body: whether it tracks the true body, or the built-in one fitted to the first frame.
-    index: for those that look poses up. until [s]: where it ends, if before the sequence does. cues: what the pictures
-    are looked at for."""
+    index: for those that look poses up. until [s]: where it ends, if before the sequence does. cues: image cues that
+    are used."""
 
     film: Filmed
     tracker: str
@@ -180,7 +180,7 @@ def main(
     until
         Seconds of each sequence that are tracked; all by default.
     cues
-        What the pictures are looked at for, as depth,silhouette.
+        Image cues to use, as depth,silhouette.
     seeds
         Of tracker and clip: each has a room, clothes and noise of its own.
     changes

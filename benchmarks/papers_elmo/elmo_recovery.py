@@ -136,7 +136,7 @@ def main(
     baseline
         Metres between the cameras.
     cues
-        What the pictures are looked at for, as depth,silhouette.
+        Image cues to use, as depth,silhouette.
     seed
         Seed of the tracker.
     jobs

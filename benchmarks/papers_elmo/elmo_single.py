@@ -78,7 +78,7 @@ def main(
     baseline
         Metres between the cameras.
     cues
-        What the pictures are looked at for, as depth,silhouette.
+        Image cues to use, as depth,silhouette.
     changes
         Changes to the settings, as elmo.rounds=4.
     """

@@ -61,7 +61,7 @@ class StandingPoints:
         if len(some) < FEWEST or not len(result):
             return result
         times, pixels = np.array([t for t, _ in some]), np.stack([x for _, x in some])
-        index = np.flatnonzero(self._looked_at(pixels[-1]))
+        index = np.flatnonzero(self._observed(pixels[-1]))
         log_odds, seen = np.zeros(len(index)), np.zeros(len(index), bool)
         for c in range(pixels.shape[1]):
             metres = _BODY / image_extent(pixels[-1, c], np.isfinite(pixels[-1, c]).all(axis=1))
@@ -100,7 +100,7 @@ class StandingPoints:
         while self._before[0][0] < observation.time - HIP_SPAN - _TINY:
             self._before.popleft()
 
-    def _looked_at(self, pixels: np.ndarray) -> np.ndarray:
+    def _observed(self, pixels: np.ndarray) -> np.ndarray:
         """Which landmarks (L,); pixels (C, L, 2)."""
         seen = np.isfinite(pixels).all(axis=2).any(axis=0)
         chosen = self._feet & seen

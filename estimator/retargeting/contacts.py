@@ -35,7 +35,7 @@ _MANY = 0.25  # share of the frames
 class SourceContacts:
     """Contacts of the feet.
 
-    names (P): points of the soles, left_heel and left_big_toe, then those of the right foot, as far as they are told.
+    names (P): points of the soles, left_heel and left_big_toe, then those of the right foot, as far as they are given.
     landmarks (P): those of the motion that tell of each, as left_ankle of left_heel where the motion has no heels.
     standing (T, P) bool. floor [m]: height of the level floor, None without feet, or where the body lies lower. above
     (P,) [m]: how high each landmark is above the floor while it stands. note: what is worth knowing; empty

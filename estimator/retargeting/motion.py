@@ -64,7 +64,7 @@ def retarget_motion(
     standing: whether points of the source's soles stand (T,) bool, by name, where that is known. others: hypotheses of
     the source to carry through. start (nq,): what the first frame is searched from, in place of several; it need not be
     within the limits. match: by the landmarks' names unless given. Gaps of the source are to be filled before; what is
-    missing then pulls at nothing.
+    missing then is ignored.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def retarget_motion(
         done = improve(problem, best_branch(problem, first, progress))
     else:
         done = follow(problem, first, progress).q
-    made = _looked_at(problem, *mend(problem, done), source, contacts)
+    made = _with_notes(problem, *mend(problem, done), source, contacts)
     if others is None:
         return made
     match = match or common_correspondence(body.landmark_names, source.names)
@@ -89,7 +89,7 @@ def retarget_motion(
     return replace(made, others=carried)
 
 
-def _looked_at(
+def _with_notes(
     problem: MotionProblem, q: np.ndarray, keeps: np.ndarray, source: SourceMotion, contacts: SourceContacts
 ) -> RetargetedMotion:
     """A motion with what it came to, told anew from its configurations."""

@@ -99,9 +99,9 @@ class MotionProblem:
         self._rest = np.zeros(body.nv)
         self._rest[body.first_joint_dof :] = 1.0 / settings.rest**2
         self._joints = np.flatnonzero(self._rest)
-        self._lead()
+        self._set_targets()
 
-    def _lead(self) -> None:
+    def _set_targets(self) -> None:
         """Set what pulls at the body."""
         targets = self.targets
         target, count = np.nan_to_num(targets.target), 3 * len(targets.feet)
@@ -126,7 +126,7 @@ class MotionProblem:
         """The same body led to other targets, its feet to `place` (T, F, 3, 3) [m]; who stands does so as before."""
         other = copy(self)
         other.targets, other.stances = targets, self.stances._replace(place=place)
-        other._lead()
+        other._set_targets()
         return other
 
     @property

@@ -64,16 +64,16 @@ class MotionStream:
         self._points.append(points)
         if time - self._times[self._next] < self._look_ahead - 1e-9:
             return None
-        return self._given_out()
+        return self._emit()
 
     def rest(self) -> list[LiveFrame]:
         """The frames that are left when nothing more comes."""
         left = []
         while self._next < len(self._times):
-            left.append(self._given_out())
+            left.append(self._emit())
         return left
 
-    def _given_out(self) -> LiveFrame:
+    def _emit(self) -> LiveFrame:
         problem = self._problem()
         t, time = self._next, self._times[self._next]
         if self._before is None:

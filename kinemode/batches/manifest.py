@@ -42,7 +42,8 @@ def read_manifest(path: str | Path) -> tuple[BatchRow, ...]:
     faults = FaultList(str(path))
     table = _TABLES.get(path.suffix.lower())
     if table is None:
-        raise faults.with_last("", f"{shown(path.suffix)} is the ending of no manifest", "give a .csv or a .toml file")
+        problem = f"{shown(path.suffix)} is not the ending of a manifest"
+        raise faults.with_last("", problem, "give a .csv or a .toml file")
     try:
         content = read_bytes(path, remedy="kinemode batch --make FOLDER writes one")
     except InputError as error:
@@ -67,7 +68,7 @@ def rows_of(
 
 def _rows(table: ManifestTable, folder: Path, faults: FaultList) -> tuple[BatchRow, ...]:
     if not table.rows and not faults:
-        faults.add("", "names no clip", "a row for each, below a head of columns; in TOML a table [[clip]]")
+        faults.add("", "lists no clips", "a row for each, below a head of columns; in TOML a table [[clip]]")
     defaults = row_values(table.defaults, folder, faults)
     people = {name: row_values(row, folder, faults) for name, row in table.people.items()}
     given = [row_values(row, folder, faults) for row in table.rows]

@@ -84,7 +84,7 @@ def _head(cells: list[str], place: str, faults: FaultList) -> list[str | None]:
         if is_given(written) and column is None:
             faults.add(place, *unknown(written))
         elif column is not None and column.name in head:
-            faults.add(place, "stands twice", "keep one of them", column=column.name)
+            faults.add(place, "appears twice", "keep one of them", column=column.name)
         head.append("" if not is_given(written) else None if column is None or column.name in head else column.name)
     return head
 
@@ -93,7 +93,7 @@ def _csv_row(cells: list[str], head: list[str | None], place: str, faults: Fault
     nameless = [cell for cell, name in zip(cells, head, strict=False) if name == "" and is_given(cell)]
     beyond = [cell for cell in cells[len(head) :] if is_given(cell)]
     if beyond:
-        problem = f"has {len(cells)} cells, the head has {len(head)}: {shown(beyond[0])} is of no column"
+        problem = f"has {len(cells)} cells, the head has {len(head)}: {shown(beyond[0])} has no column"
         faults.add(place, problem, "a cell that has the separator in it stands in quotation marks")
     elif nameless:
         faults.add(place, f"{shown(nameless[0])} is in a column without a name", "name the column in the head")
@@ -140,7 +140,7 @@ def mapped_row(
             wanted = f"{' and '.join(only)} may stand here" if only else "it is of a clip: give it there"
             faults.add(place, "does not stand here", wanted, column=column.name)
         elif column.name in row:
-            faults.add(place, "stands twice", "keep one of them", column=column.name)
+            faults.add(place, "appears twice", "keep one of them", column=column.name)
         elif is_given(value):
             row[column.name] = value
     return TableRow(place, row)

@@ -205,7 +205,7 @@ def export(
 
 
 def contact(run: Path, /, *, hands: Flag = False, out: Path | None = None, plot: Path | None = None) -> None:
-    """Tell when the feet stand, on what floor, and how far they slide while they do.
+    """Report when the feet are on the ground, on what floor, and how far they slide meanwhile.
 
     By how fast and how high heels and toes are; z points up. What rests on a box or a stair stands, too.
 

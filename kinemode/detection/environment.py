@@ -101,7 +101,8 @@ def _make(folder: Path, detector: str, script: Path, base: Path | None, seconds:
     part = folder.with_suffix(".part")
     for old in (folder, part):
         shutil.rmtree(old, ignore_errors=True)
-    remedy = f"it takes a network, once; or --python PATH: a CPython {needed} that has the packages {script} lists"
+    own = f"--python PATH: a CPython {needed} that has the packages {script} lists"
+    remedy = f"it needs a network connection the first time; or {own}"
     try:
         _uv("venv", "--no-project", "--python", str(base or needed), str(part), seconds=seconds)
         _uv("pip", "install", *_packages(part, script), seconds=seconds)

@@ -113,7 +113,7 @@ def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) ->
     """
     check_arguments(run=run, file=file, progress=progress)
     if Path(file).suffix.lower() not in (".html", ".htm"):
-        raise InputError(file, "is no name of a page", remedy="let it end in .html")
+        raise InputError(file, "is not an .html file", remedy="let it end in .html")
     opened = _opened(run)
     _note_how_it_is_drawn(opened)
     from kinemode.reporting import facts_of

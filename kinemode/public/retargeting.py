@@ -67,11 +67,11 @@ def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     InputError: no such subject; a file that is there already or cannot be written.
     """
     check_arguments(subject=subject, out=out)
-    from kinemode.retargeting import begun_match
+    from kinemode.retargeting import write_match_template
 
     if out is not None:
         check_new(Path(out))
-    return begun_match(noted_subject(subject), out)
+    return write_match_template(noted_subject(subject), out)
 
 
 class Retargeter:

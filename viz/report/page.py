@@ -117,11 +117,11 @@ def _summary(run: Run) -> str:
     seen_by = f"{several} {', '.join(cameras)}" if cameras else "no camera"
     return (
         f"{when}; {seen_by}; {who}; tracker {header.tracker}, up to {run.hypothesis_count} hypotheses a frame;"
-        f" {_looked_at(run)}"
+        f" {_used_cues(run)}"
     )
 
 
-def _looked_at(run: Run) -> str:
+def _used_cues(run: Run) -> str:
     keypoints = bool((run.confidence > 0.0).any()) if len(run.confidence) else False
     looked = (["keypoints"] if keypoints else []) + list(run.header.cues)
     looked += [f"{len(run.body.marker_names)} markers"] if run.header.points else []

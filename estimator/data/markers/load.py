@@ -15,7 +15,7 @@ from estimator.data.formats.opensim import checked_unit, frame_rate, metres_in
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.merging import merged
 from estimator.data.markers.readers import UNIT_OPTION, read_points
-from estimator.data.markers.track import MarkerTrack, PointFile, Said
+from estimator.data.markers.track import DeclaredUnits, MarkerTrack, PointFile
 from estimator.data.repeats import measured_points
 from humanoid.support.errors import InputError, first_of, shown
 
@@ -53,9 +53,11 @@ def load_points(
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not given:
         raise InputError("points", "no file is given", remedy="a .trc, .c3d, .npz, .npy or .csv")
-    said = _checked(Said(up, unit, fps))
-    files = [_measured(_sound(with_clock(read_points(Path(path), said.unit), said), said)) for path in given]
-    track = merged(files, said.up)
+    declared = _checked(DeclaredUnits(up, unit, fps))
+    files = [
+        _measured(_sound(with_clock(read_points(Path(path), declared.unit), declared), declared)) for path in given
+    ]
+    track = merged(files, declared.up)
     seen = np.isfinite(track.points).all(axis=2).any(axis=0)
     never = [name for name, is_seen in zip(track.names, seen, strict=True) if not is_seen]
     notes = (f"never seen: {first_of(never, _LISTED)}",) if never else ()
@@ -73,22 +75,22 @@ def point_names(path: str | Path) -> tuple[str, ...]:
     return own
 
 
-def _checked(said: Said) -> Said:
+def _checked(declared: DeclaredUnits) -> DeclaredUnits:
     """Options that can be, the unit as a key of `METRES`."""
-    if said.unit is not None:
-        said = said._replace(unit=checked_unit(said.unit))
-    if said.up is not None and said.up not in UPS:
-        raise InputError("up", f"{shown(said.up)} is not an axis", remedy=f"one of {', '.join(UPS)}")
-    if said.fps is not None:
-        checked_rate("fps", said.fps)
-    return said
+    if declared.unit is not None:
+        declared = declared._replace(unit=checked_unit(declared.unit))
+    if declared.up is not None and declared.up not in UPS:
+        raise InputError("up", f"{shown(declared.up)} is not an axis", remedy=f"one of {', '.join(UPS)}")
+    if declared.fps is not None:
+        checked_rate("fps", declared.fps)
+    return declared
 
 
-def _sound(file: PointFile, said: Said) -> PointFile:
+def _sound(file: PointFile, declared: DeclaredUnits) -> PointFile:
     """The points of a file in metres, those that have a name and are not zero; raises InputError where there are
     none."""
     path, notes = file.path, list(file.notes)
-    unit = said.unit or file.unit
+    unit = declared.unit or file.unit
     if not unit:
         raise InputError(path, "does not declare its unit of length", remedy=f"{UNIT_OPTION} m, cm or mm gives it")
     if file.unit and unit != file.unit:
@@ -136,14 +138,14 @@ def _check_numbers(file: PointFile, names: Sequence[str], points: np.ndarray) ->
         raise InputError(file.path, f"is infinite, or at least {LARGEST:g} m away", place=place, remedy=remedy)
 
 
-def with_clock(file: PointFile, said: Said) -> PointFile:
+def with_clock(file: PointFile, declared: DeclaredUnits) -> PointFile:
     """The file with a time for every frame: its own where they rise and fit its rate, else by the rate.
 
     Raises
     ------
     InputError: times that do not rise, with the frame, or that contradict the rate; neither times nor a rate.
     """
-    path, time, fps = file.path, file.time, said.fps
+    path, time, fps = file.path, file.time, declared.fps
     if time.shape != (len(file.points),):
         raise InputError(path, f"has {time.size} times of {len(file.points)} frames", place="time")
     rate = file.rate if np.isfinite(file.rate) else None

@@ -40,7 +40,7 @@ class PointFile(NamedTuple):
     y_or_z: bool = False
 
 
-class Said(NamedTuple):
+class DeclaredUnits(NamedTuple):
     """The user's options for files: the axis that points up, the unit of length, frames per second [1/s]."""
 
     up: str | None = None

@@ -39,9 +39,10 @@ BIAS = 0.5
 class RigState:
     """What is adjusted. The world is the first camera's frame, and in it the body's size is that of the subject.
 
-    R (C, 3, 3), t (C, 3) [m]: x_camera = R x + t. late (C,) [s]: how much later than told each camera's clock is read,
-    since the rays were read. focal (C,): factors on the focal lengths; radial (C,): see `estimator.data.rigs.lens`.
-    lengths (S,) [m]: of the segments. points (T, J, 3) [m]: NaN where fewer than two cameras see one.
+    R (C, 3, 3), t (C, 3) [m]: x_camera = R x + t. late (C,) [s]: how long after its given offset each camera's clock is
+    read, since the rays were read. focal (C,): factors on the focal lengths; radial (C,): see
+    `estimator.data.rigs.lens`. lengths (S,) [m]: of the segments. points (T, J, 3) [m]: NaN where fewer than two
+    cameras see one.
     """
 
     R: np.ndarray

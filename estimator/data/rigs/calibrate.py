@@ -160,7 +160,7 @@ def calibrate_by_person(
     if move is not None:
         return rig.with_doubt([names[c] for c in move.cameras], _moved(names, move))
     strange = [names[c] for c in strange_cameras(rays, lengths, fit)]
-    return rig.with_doubt(strange, _strange(strange)) if strange else rig
+    return rig.with_doubt(strange, _inconsistent_note(strange)) if strange else rig
 
 
 def _moved(names: Sequence[str], move: CameraMove) -> str:
@@ -171,7 +171,7 @@ def _moved(names: Sequence[str], move: CameraMove) -> str:
     )
 
 
-def _strange(names: Sequence[str]) -> str:
+def _inconsistent_note(names: Sequence[str]) -> str:
     *others, name = names
     which = f"{name} and {others[0]} do not fit each other" if others else f"{name} does not fit the others"
     return (

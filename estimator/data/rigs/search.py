@@ -179,7 +179,7 @@ def rig_near(views: RigViews, lengths: SegmentLengths, late: np.ndarray, state: 
 
 
 def _shown(seen: RigRays, state: RigState, lengths: SegmentLengths, instants: np.ndarray) -> np.ndarray:
-    """Deviations (C,) of the radial terms, as they are told with the rays, where the motion shows them: where it makes
+    """Deviations (C,) of the radial terms, as given with the rays, where the motion shows them: where it makes
     them surer by much. Others are left at 0, or cameras would be turned for what lenses do not do."""
     if not np.any(seen.radial_std):
         return seen.radial_std

@@ -27,7 +27,7 @@ def turn_between(axis, a, b):  # type: ignore[no-untyped-def]
 def two_turns(first, second, p, t, out):  # type: ignore[no-untyped-def]
     """Fill out (2, 2) with the angles about two axes that bring p to t, the second axis turning p first (subproblem 2).
 
-    Unit vectors `first`, `second` (3,), not parallel; p, t (3,) of one length. Where t is out of reach, both rows are
+    Unit vectors `first`, `second` (3,), not parallel; p, t (3,) of one length. Where t cannot be reached, both rows are
     the nearest that there is.
     """
     c = dot(first, second)
@@ -47,7 +47,7 @@ def hinge_turns(axis, arm, other, distance, out):  # type: ignore[no-untyped-def
     """Fill out (2,) with the angles [rad] about the unit vector `axis` (3,) that bring `arm` to a distance [m] from
     `other` (subproblem 3).
 
-    arm, other (3,): from a point of the axis. Where the distance is out of reach, both are the nearest that there is.
+    arm, other (3,): from a point of the axis. Where the distance cannot be reached, both are the nearest that there is.
     """
     along = dot(axis, arm) * dot(axis, other)
     cosine, sine = dot(arm, other) - along, dot(other, cross(axis, arm))
