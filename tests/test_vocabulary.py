@@ -46,6 +46,15 @@ PLAIN = [
     "viz",
 ]
 """Folders in which none of them is left."""
+TRANSLATED = re.compile(
+    r"unless all but one are said|takes them as they are told|looked at for|tells nothing of"
+    r"|is no name of a page|is out of reach|is the ending of no|names no clip|stands twice|is of no column"
+    r"|quotation mark has no second|the command says it for|is to be said of|a user should hear|told to who"
+    r"|later than told|asked again more sharply|characters that are none|holds no pose|do not tell is a"
+    r"|it takes a network"
+    r"|pulls at nothing|Tell when the feet|\b_lead\(|\b_given_out\b|\bbegun_match\b|\bclass Said\b|\b_strange\("
+)
+"""Sentences and names that read as translated: none is in the repository."""
 
 
 def named(tree: ast.AST) -> Iterator[tuple[str, int]]:
@@ -94,6 +103,25 @@ def test_nothing_speaks(folder: str) -> None:
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files
     assert [hit for path in files for hit in spoken(path, SPOKEN)] == []
+
+
+def test_no_sentence_reads_as_translated() -> None:
+    own = Path(__file__).resolve()
+    tops = (*TOP, "benchmarks", "tests", "docs", "examples")
+    paths = [p for top in tops for p in (ROOT / top).rglob("*") if p.suffix in (".py", ".md", ".toml") and p != own]
+    paths += list(ROOT.glob("*.md"))
+    assert len(paths) > 1000
+    hits = [(p, TRANSLATED.search(p.read_text(encoding="utf-8"))) for p in paths]
+    assert [f"{p.relative_to(ROOT)}: {hit[0]}" for p, hit in hits if hit is not None] == []
+    assert TRANSLATED.search("the row names no clip")
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "guide").glob("*.md")), ids=lambda page: page.stem)
+def test_guides_do_not_speak(page: Path) -> None:
+    assert (
+        re.findall(r"\b(?:told|heard|looks at|looked at)\b|\b(?:says?|tells?) (?:nothing|so|what)\b", page.read_text())
+        == []
+    )
 
 
 def test_planted_speech_is_found(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def bounded_lengths(subject: Subject) -> tuple[str, ...]:
 
 
 def bound_note(subject: Subject) -> str:
-    """What is to be said of them, empty where there are none."""
+    """A warning about them, empty where there are none."""
     names = bounded_lengths(subject)
     if not names:
         return ""
