@@ -1,2 +1,2 @@
-"""Estimation of a body: pictures, energies, searches, trackers, results. Ten packages, the lowest first, in
+"""Estimation of a body: pictures, energies, searches, trackers, results. Eleven packages, the lowest first, in
 `docs/design.md`."""

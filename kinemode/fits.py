@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from estimator.fitting import person
+from estimator.fitting.fit import Fit, bound_note
+from estimator.fitting.keypoint_noise import given_noise
+from estimator.fitting.markers import fit_markers
 from estimator.trackers.markers import NAME
-from estimator.tracking.fitting import person
-from estimator.tracking.fitting.fit import Fit, bound_note
-from estimator.tracking.fitting.keypoint_noise import given_noise
-from estimator.tracking.fitting.markers import fit_markers
 from estimator.tracking.registry import settings_for
 from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body

@@ -16,6 +16,10 @@ from threadpoolctl import threadpool_limits
 
 from estimator.data.observation import MIN_POINTS, Observation, PoseEstimate
 from estimator.data.sequence import Cues
+from estimator.fitting import person
+from estimator.fitting.fit import stature
+from estimator.fitting.keypoint_noise import given_noise
+from estimator.fitting.markers import fit_markers
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
@@ -23,10 +27,6 @@ from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.markers import NAME
-from estimator.tracking.fitting import person
-from estimator.tracking.fitting.fit import stature
-from estimator.tracking.fitting.keypoint_noise import given_noise
-from estimator.tracking.fitting.markers import fit_markers
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run, run_into, stored_state
 from estimator.tracking.settings import Settings

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.inference.chains.each_point import Normals, messages_each, updated_each
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import EXCHANGES, messages
 from estimator.inference.chains.feature_density import gaussian
 from estimator.inference.chains.kalman import PointChain, PointStates
+from estimator.trackers.css.each_point import Normals, messages_each, updated_each
 
 POINTS, NAMES = 12, ("keypoint",)
 SETTINGS = EvidenceSettings(shared=0.0)

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
-from estimator.vision.faces import FACE, FaceDetector, face_of_keypoints, skin_points
+from estimator.trackers.dual_chain.faces import FACE, FaceDetector, face_of_keypoints, skin_points
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

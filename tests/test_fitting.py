@@ -11,13 +11,13 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
+from estimator.fitting.fit import SIZES, Fit, bound_note, fit_resized, stature, unfitted
+from estimator.fitting.fitted_points import FittedKeypoints
+from estimator.fitting.frames import chosen_pieces
+from estimator.fitting.measures import Measures, MeasuresEnergy
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import FitSettings
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import SIZES, Fit, bound_note, fit_resized, stature, unfitted
-from estimator.tracking.fitting.fitted_points import FittedKeypoints
-from estimator.tracking.fitting.frames import chosen_pieces
-from estimator.tracking.fitting.measures import Measures, MeasuresEnergy
-from estimator.tracking.fitting.person import fit_person
-from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody

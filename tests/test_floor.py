@@ -26,6 +26,7 @@ from estimator.data.formats.cameras import declared_floor, write_cameras
 from estimator.data.formats.checked_arrays import DamageError
 from estimator.energy.above_floor import AboveFloor
 from estimator.energy.descent.contact import clearance_rows
+from estimator.fitting.floor_size import size_by_floor
 from estimator.inference.foot_contact import foot_contact
 from estimator.inference.foot_points import FootPoints
 from estimator.inference.ground import Ground
@@ -34,7 +35,6 @@ from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_parts
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.floor_size import size_by_floor
 from estimator.tracking.smoothing import Smoothed, smooth_track
 from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from estimator.tracking.smoothing.stances import Stances

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.fitting.fit import Fit
+from estimator.fitting.fitted_points import FittedKeypoints
+from estimator.fitting.keypoint_noise import given_noise, measured_noise
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import FitSettings
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import Fit
-from estimator.tracking.fitting.fitted_points import FittedKeypoints
-from estimator.tracking.fitting.keypoint_noise import given_noise, measured_noise
-from estimator.tracking.fitting.person import fit_person
-from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody

@@ -15,8 +15,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 TOP = ("humanoid", "estimator", "viz", "kinemode")
 ESTIMATOR = (
-    "numerics", "data", "energy", "vision", "inference", "search", "trackers", "tracking", "runs", "synthesis",
-    "retargeting",
+    "numerics", "data", "energy", "vision", "inference", "search", "trackers", "tracking", "fitting", "runs",
+    "synthesis", "retargeting",
 )  # fmt: skip
 """The packages of `estimator`, the lowest first."""
 FEWEST = 3  # modules of a folder, its `__init__` not counted

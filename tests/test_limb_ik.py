@@ -12,8 +12,8 @@ from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.jumps.descent import placed
-from estimator.search.proposals.limb_ik import Arms, ImageProposal, LimbIK
-from estimator.search.proposals.limb_ik_kernels import swivel_of
+from estimator.trackers.dual_chain.limb_ik import Arms, ImageProposal, LimbIK
+from estimator.trackers.dual_chain.limb_ik_kernels import swivel_of
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.errors import InputError
 from tests.builders import body_of

@@ -16,13 +16,13 @@ import kinemode as km
 from estimator.data.formats.opensim import write_trc
 from estimator.data.observation import Observation
 from estimator.energy.marker_targets import MarkerNoise, marker_targets
+from estimator.fitting.fitted_points import FittedMarkers
+from estimator.fitting.markers import MarkerFitSettings, fit_markers
+from estimator.fitting.measures import Measures, MeasuresEnergy
+from estimator.fitting.standing import standing_pose
 from estimator.runs.lasting_spread import LastingPoints, lasting_by_places
 from estimator.runs.marker_residuals import marker_residuals
 from estimator.search.cost_settings import CostSettings
-from estimator.tracking.fitting.fitted_points import FittedMarkers
-from estimator.tracking.fitting.markers import MarkerFitSettings, fit_markers
-from estimator.tracking.fitting.measures import Measures, MeasuresEnergy
-from estimator.tracking.fitting.standing import standing_pose
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -13,7 +13,7 @@ import kinemode as km
 from estimator.data.formats.opensim import read_mot
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.points import LoadedPoints, accumulate_points
-from estimator.tracking.fitting.body_energy import PointLoads, _gathered
+from estimator.fitting.body_energy import PointLoads, _gathered
 from humanoid import Body, InputError, load_subject
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.placements import JointKinematics

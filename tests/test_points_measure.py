@@ -20,9 +20,9 @@ from benchmarks.points.captured_trials import (
 from benchmarks.points.four_cameras import triangulated
 from benchmarks.points.tracked_points import observations_of
 from estimator.data.observation import Observation
+from estimator.fitting.standing import standing_pose
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
-from estimator.tracking.fitting.standing import standing_pose
 from humanoid.kinematics.body import Body
 
 NOTHING_WRONG = MarkerFaults(noise=0.0, outliers=0.0, gaps=0.0, places=0.0)

@@ -18,10 +18,10 @@ from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
+from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_chain import Expected, ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.pose_target import anywhere
-from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.support.errors import InputError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.vision.ridges import SCALES, ridges_of
+from estimator.trackers.loose_limbed.limbs.ridges import SCALES, ridges_of
 
 HEIGHT, WIDTH = 200, 240
 Y, X = np.mgrid[:HEIGHT, :WIDTH].astype(float)

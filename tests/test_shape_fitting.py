@@ -15,17 +15,17 @@ from builders import SUBJECTS, bent, body_of, camera_at, inside
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
+from estimator.fitting import flesh
+from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
+from estimator.fitting.descent import descend
+from estimator.fitting.fit import Fit
+from estimator.fitting.flesh import fit_flesh
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
+from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
+from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
-from estimator.tracking.fitting import flesh
-from estimator.tracking.fitting.body_energy import BodyEnergy, Gaussian, seen_at
-from estimator.tracking.fitting.descent import descend
-from estimator.tracking.fitting.fit import Fit
-from estimator.tracking.fitting.flesh import fit_flesh
-from estimator.tracking.fitting.person import fit_person
-from estimator.tracking.fitting.settings import DescentSettings, FitSettings, FleshSettings
-from estimator.tracking.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
-from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.tracking.settings import Settings
 from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.vision.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
+from estimator.trackers.dual_chain.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from humanoid.support.errors import InputError
 
 SKIN, SHIRT, WALL, HAIR = (128, 158, 214), (150, 92, 38), (176, 188, 196), (28, 36, 52)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from estimator.inference.steps import TruncatedSteps
+from estimator.trackers.dual_chain.steps import TruncatedSteps
 
 GROUPS = (np.array([0]), np.array([2, 1]))
 STEPS = TruncatedSteps(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from estimator.inference.particles import normalised, systematic
-from estimator.inference.tempering import TemperingSettings, tempered
-from estimator.inference.walk import SampleBox, Walk
+from estimator.trackers.dual_chain.tempering import TemperingSettings, tempered
+from estimator.trackers.dual_chain.walk import SampleBox, Walk
 
 GROUPS = (np.array([0, 1]), np.array([2]))
 WELLS = np.array([[1.2, -0.8, 0.5], [-1.0, 1.0, -1.5]])

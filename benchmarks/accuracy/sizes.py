@@ -16,10 +16,10 @@ from cyclopts import Parameter
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.observation import Observation
+from estimator.fitting.fit import bound_note, stature
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import FitSettings
 from estimator.synthesis.motion import authored_motion
-from estimator.tracking.fitting.fit import bound_note, stature
-from estimator.tracking.fitting.person import fit_person
-from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.collision.floor import FloorDistances

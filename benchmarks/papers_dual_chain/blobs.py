@@ -34,10 +34,10 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.media.picture import write_picture
 from estimator.data.observation import image_extent
 from estimator.synthesis.render import Renderer
-from estimator.vision.faces import skin_points
+from estimator.trackers.dual_chain.faces import skin_points
+from estimator.trackers.dual_chain.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
-from estimator.vision.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject

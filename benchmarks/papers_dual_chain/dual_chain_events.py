@@ -33,8 +33,8 @@ from benchmarks.support.result_store import Figures, ResultStore, all_done
 from estimator.data.observation import Observation
 from estimator.inference.chains.evidence import Detections
 from estimator.trackers.dual_chain.seen_features import SeenFeatures
+from estimator.trackers.dual_chain.skin import SkinModel
 from estimator.trackers.dual_chain.tracker import DualState
-from estimator.vision.skin import SkinModel
 from kinemode.terminal import report
 
 FULL, ALONE, ONE_WAY, PRINTED = "dual-chain", "no chain of points", "one-way", "printed"

@@ -23,7 +23,7 @@ from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.inference.chains.feature_density import gaussian
 from estimator.search.jumps.anatomy import TwoSegmentLimb, anatomy_of
 from estimator.search.point_features import skin_features
-from estimator.search.proposals.limb_ik import Arms, ImageProposal, LimbIK
+from estimator.trackers.dual_chain.limb_ik import Arms, ImageProposal, LimbIK
 from humanoid.kinematics.body import Body, points_of_each
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

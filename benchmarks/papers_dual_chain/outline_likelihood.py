@@ -22,7 +22,7 @@ import kinemode as km
 from benchmarks.support.common import Json, Several, save, tell
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
-from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
+from estimator.trackers.dual_chain.outline_values import OutlineLikelihood, OutlineSettings
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.formats.opensim import write_trc
+from estimator.fitting.standing import standing_pose
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
-from estimator.tracking.fitting.standing import standing_pose
 from humanoid.kinematics.body import ROOT_V, Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.marker_set import marker_set

@@ -19,9 +19,9 @@ from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
 from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
 from estimator.energy.descent.solution import StepCounts
+from estimator.fitting.person import fit_person
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

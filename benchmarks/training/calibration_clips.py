@@ -14,6 +14,7 @@ from estimator import synthesis
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
+from estimator.fitting.person import fit_person
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
@@ -22,7 +23,6 @@ from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
 from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import Smoothed, smooth_track

@@ -23,7 +23,7 @@ from benchmarks.training.limb_densities import Examples, examples_of, learned
 from estimator.trackers.loose_limbed.limbs.features import CUES
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings
 from estimator.trackers.loose_limbed.limbs.models import SHIPPED
-from estimator.vision.ridges import ridges_of
+from estimator.trackers.loose_limbed.limbs.ridges import ridges_of
 from humanoid.subject.subject import Subject, load_subject
 from kinemode.terminal.report import console, table
 

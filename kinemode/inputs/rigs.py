@@ -40,7 +40,7 @@ def rig_by_person(
     Raises InputError: as `estimator.data.rigs.calibrate.calibrate_by_person`; no keypoint files.
     """
     from estimator.data.rigs.calibrate import calibrate_by_person
-    from estimator.tracking.fitting.fit import stature
+    from estimator.fitting.fit import stature
 
     if not people:
         raise InputError("--cameras auto", "is found from keypoints", remedy="--detect, or --keypoints FILE for each")
@@ -69,7 +69,7 @@ def check_by_cameras(
     Raises InputError: as `estimator.data.rigs.check.check_by_person`.
     """
     from estimator.data.rigs.check import check_by_person
-    from estimator.tracking.fitting.fit import stature
+    from estimator.fitting.fit import stature
 
     check = check_by_person(body, {name: file.one(persons[name]) for name, file in people.items()}, cameras, times)
     tall = f"by these cameras the person is {check.size * stature(body.subject):.2f} m tall, to about 3 %"

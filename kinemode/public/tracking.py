@@ -20,8 +20,8 @@ from kinemode.request import CheckRequest, CompareRequest, FileOptions, FitReque
 from kinemode.target import RunTarget, check_folder
 
 if TYPE_CHECKING:
+    from estimator.fitting.fit import Fit
     from estimator.runs.run_file import Run
-    from estimator.tracking.fitting.fit import Fit
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
     from kinemode.named import PathLike

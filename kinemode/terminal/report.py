@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from estimator.fitting.fit import Fit, ShapeFit
 from estimator.runs.contact import Contact
 from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
@@ -19,7 +20,6 @@ from estimator.runs.gait import METHODS, Gait
 from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.pairs import CENTRED
 from estimator.runs.run_file import Run
-from estimator.tracking.fitting.fit import Fit, ShapeFit
 from estimator.tracking.registry import TRACKERS
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import subject_names

@@ -12,7 +12,6 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.data.observation import Observation
-from estimator.inference.chains.each_point import Normals, messages_each, updated_each
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED
 from estimator.inference.chains.kalman import PointChain, PointSettings
@@ -21,6 +20,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.search.point_features import PointFeatures
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.capabilities import Capabilities, capabilities_of
+from estimator.trackers.css.each_point import Normals, messages_each, updated_each
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.settings import CheckedSettings, setting
 

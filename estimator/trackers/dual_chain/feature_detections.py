@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.inference.chains.evidence import Detections
 from estimator.search.point_features import HEAD
-from estimator.vision.faces import Faces
+from estimator.trackers.dual_chain.faces import Faces
+from estimator.trackers.dual_chain.skin import Blobs
 from estimator.vision.resolution import resized_pixels
-from estimator.vision.skin import Blobs
 from humanoid.subject.landmarks import mirror_index
 
 _AREA = 0.5  # standard deviation of the logarithm of a hand's or face's area from frame to frame

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.inference.particles import normalised, systematic
-from estimator.inference.steps import TruncatedSteps
-from estimator.search.proposals.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
+from estimator.trackers.dual_chain.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.pose_target import BY_IMAGE, GUIDED, TRIES, PoseTarget
+from estimator.trackers.dual_chain.steps import TruncatedSteps
 
 _WAYS = 6  # to see the features of a part, that update it
 _WIDER = 1.3  # are Kalman-updated steps, which are linear, than those of the past

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.point_features import PointFeatures
-from estimator.search.proposals.limb_ik import LimbIK
+from estimator.trackers.dual_chain.limb_ik import LimbIK
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints
 from humanoid.support.errors import InputError

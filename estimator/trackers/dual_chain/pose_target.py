@@ -12,9 +12,9 @@ from estimator.data.cameras.camera import Camera
 from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.inference.steps import Reach, TruncatedSteps
+from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_parts import PoseParts
-from estimator.vision.likelihood.outline_values import OutlineLikelihood
+from estimator.trackers.dual_chain.steps import Reach, TruncatedSteps
 from humanoid.kinematics.body import Body, PlacedBodies
 
 
@@ -37,7 +37,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """The posterior of poses as tangents x (N, nv) (`estimator.inference.walk.SampleTarget`).
+    """The posterior of poses as tangents x (N, nv) (`estimator.trackers.dual_chain.walk.SampleTarget`).
 
     The past's predictions of trunk and limbs are treated as independent. Of a thousand poses composed of separately
     drawn parts hardly any is near a whole pose of the past, and all later ones would descend from these few.

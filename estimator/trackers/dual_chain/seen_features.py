@@ -14,10 +14,10 @@ from estimator.inference.chains.evidence import Detections
 from estimator.search.cost_model import CostModel
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import HEAD, PointFeatures, landmark_features, skin_features
+from estimator.trackers.dual_chain.faces import FaceDetector, Faces, face_of_keypoints, skin_points
 from estimator.trackers.dual_chain.feature_detections import all_of, at_size, of_blobs, of_faces, of_keypoints
-from estimator.vision.faces import FaceDetector, Faces, face_of_keypoints, skin_points
+from estimator.trackers.dual_chain.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.vision.resolution import resized_pixels
-from estimator.vision.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
 from humanoid.support.errors import InputError
 
 SKIN, KEYPOINTS = "skin", "keypoints"

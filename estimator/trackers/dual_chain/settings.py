@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import EXCHANGES, GATED
 from estimator.inference.chains.kalman import PointSettings
+from estimator.trackers.dual_chain.outline_values import OutlineSettings
 from estimator.trackers.dual_chain.pose_chain import PoseChainSettings
 from estimator.trackers.dual_chain.seen_features import (
     KINDS,
     SKIN,
 )
-from estimator.vision.likelihood.outline_values import OutlineSettings
-from estimator.vision.skin import SkinSettings
+from estimator.trackers.dual_chain.skin import SkinSettings
 from humanoid.support.settings import CheckedSettings, setting
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimator.data.cameras.projection import project_point
-from estimator.vision.ridges import Ridges
+from estimator.trackers.loose_limbed.limbs.ridges import Ridges
 from humanoid.limbs.limb import Limb
 from humanoid.support.compiled import jit
 

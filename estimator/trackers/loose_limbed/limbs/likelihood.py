@@ -20,8 +20,8 @@ from estimator.trackers.loose_limbed.limbs.features import (
     measured,
 )
 from estimator.trackers.loose_limbed.limbs.models import LimbModels, shipped_models
+from estimator.trackers.loose_limbed.limbs.ridges import Ridges, ridges_of
 from estimator.trackers.loose_limbed.limbs.volume import common_box
-from estimator.vision.ridges import Ridges, ridges_of
 from humanoid.limbs.limb import Limb
 from humanoid.support.settings import CheckedSettings, setting
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.inference.particles import effective_count, normalised, systematic
-from estimator.inference.walk import SampleBox, Samples, SampleTarget, Walk
+from estimator.trackers.dual_chain.walk import SampleBox, Samples, SampleTarget, Walk
 from humanoid.support.settings import CheckedSettings, setting
 
 _BISECTIONS = 30

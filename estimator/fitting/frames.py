@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.lifted import with_shares
 from estimator.data.observation import Observation, image_extent
-from estimator.tracking.fitting.settings import FitSettings
+from estimator.fitting.settings import FitSettings
 
 _FULL = 0.8  # share of a typical frame's keypoints that the frames of a later piece have
 _TINY = 1e-6  # s

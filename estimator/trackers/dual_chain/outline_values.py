@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from estimator.data.image_cues import ImageCues
+from estimator.trackers.dual_chain.outline_kernels import outline_values
 from estimator.vision.cues.edges.edge_map import EdgeMap
 from estimator.vision.cues.silhouette.foreground import Silhouette
-from estimator.vision.likelihood.outline_kernels import outline_values
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed
 from humanoid.support.settings import CheckedSettings, setting

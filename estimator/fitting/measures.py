@@ -13,13 +13,13 @@ from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.seek import SeekSettings
 from estimator.energy.priors import Transition
+from estimator.fitting.descent import bounded_step
+from estimator.fitting.fit import Fit
+from estimator.fitting.fitted_points import FittedPlaces, FittedPoints
+from estimator.fitting.standing import StaticTrial, standing_pose
 from estimator.numerics.newton import Problem, Step
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.tracking.fitting.descent import bounded_step
-from estimator.tracking.fitting.fit import Fit
-from estimator.tracking.fitting.fitted_points import FittedPlaces, FittedPoints
-from estimator.tracking.fitting.standing import StaticTrial, standing_pose
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject

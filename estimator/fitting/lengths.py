@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.fitting.fit import OTHER_SIZE, Fit, bounded_lengths, fit_resized, unfitted
+from estimator.fitting.fitted_points import FittedKeypoints
+from estimator.fitting.frames import chosen_pieces
+from estimator.fitting.keypoint_noise import measured_noise
+from estimator.fitting.measures import MeasuresEnergy
+from estimator.fitting.settings import FitSettings
 from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.fitting.fit import OTHER_SIZE, Fit, bounded_lengths, fit_resized, unfitted
-from estimator.tracking.fitting.fitted_points import FittedKeypoints
-from estimator.tracking.fitting.frames import chosen_pieces
-from estimator.tracking.fitting.keypoint_noise import measured_noise
-from estimator.tracking.fitting.measures import MeasuresEnergy
-from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import DEFAULT, make_tracker
 from estimator.tracking.runner import run
 from estimator.tracking.settings import Settings

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
+from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.vision.cues.assigned import Assignments, nothing
 from estimator.vision.cues.assigned_loads import assigned_loads
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel

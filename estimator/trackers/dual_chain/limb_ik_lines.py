@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.projection import MIN_DEPTH, project_with_jacobian
 from estimator.numerics.linear import eliminate
-from estimator.search.proposals.limb_ik_kernels import log_size
+from estimator.trackers.dual_chain.limb_ik_kernels import log_size
 from humanoid.kinematics.body import PlacedBodies
 from humanoid.support.compiled import jit
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
-from estimator.tracking.fitting.body_energy import BodyEnergy, Gaussian, seen_at
-from estimator.tracking.fitting.descent import covariance_at, descend
-from estimator.tracking.fitting.fit import Fit, ShapeFit
-from estimator.tracking.fitting.settings import FitSettings
-from estimator.tracking.fitting.shape_parameters import OF_PART
-from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
+from estimator.fitting.descent import covariance_at, descend
+from estimator.fitting.fit import Fit, ShapeFit
+from estimator.fitting.settings import FitSettings
+from estimator.fitting.shape_parameters import OF_PART
+from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.tracking.settings import Settings
 from estimator.vision.cues.edges.cue import Edges
 from estimator.vision.cues.silhouette.cue import Outline

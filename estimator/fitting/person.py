@@ -10,11 +10,11 @@ import numpy as np
 from estimator.data.floor import OFF, KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
-from estimator.tracking.fitting.fit import Fit, stature
-from estimator.tracking.fitting.flesh import fit_flesh
-from estimator.tracking.fitting.floor_size import size_by_floor
-from estimator.tracking.fitting.lengths import fit_lengths
-from estimator.tracking.fitting.settings import FitSettings
+from estimator.fitting.fit import Fit, stature
+from estimator.fitting.flesh import fit_flesh
+from estimator.fitting.floor_size import size_by_floor
+from estimator.fitting.lengths import fit_lengths
+from estimator.fitting.settings import FitSettings
 from estimator.tracking.registry import Settings
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_PLACE_V, Body
 from humanoid.subject.subject import Subject

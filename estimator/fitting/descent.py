@@ -9,10 +9,10 @@ import numpy as np
 from estimator.energy.descent.box_step import solve_box
 from estimator.energy.descent.covariance import free_directions
 from estimator.energy.descent.seek import trust_box
+from estimator.fitting.body_energy import BodyEnergy, Expansion
+from estimator.fitting.settings import DescentSettings
+from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
-from estimator.tracking.fitting.body_energy import BodyEnergy, Expansion
-from estimator.tracking.fitting.settings import DescentSettings
-from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
 
 _ROUNDS = 30  # of the active set iteration; bounds and frames are few
 _DAMPING = Damping(least=1e-6)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.tracking.fitting.shape_parameters import ShapeParameters
+from estimator.fitting.shape_parameters import ShapeParameters
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.shape.surface_shape import SurfaceShape
 from humanoid.subject.subject import Subject

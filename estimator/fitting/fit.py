@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimator.data.observation import Observation, PoseEstimate
-from estimator.tracking.fitting.floor_size import FloorSize
+from estimator.fitting.floor_size import FloorSize
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
