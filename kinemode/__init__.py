@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from estimator.retargeting.source import SourceMotion
     from estimator.runs.evaluation import Evaluation
     from estimator.runs.reference_motion import Reference
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
     from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
     from humanoid.kinematics.body import Body
     from humanoid.subject.subject import Subject, load_subject
@@ -56,7 +56,7 @@ _MODULES = {
     "ManifestError": "kinemode.batches.faults",
     "Reference": "estimator.runs.reference_motion",
     "Retargeter": "kinemode.public.retargeting",
-    "Run": "estimator.runs.run_file",
+    "Run": "estimator.runs.run_reader",
     "SceneSettings": "estimator.synthesis.settings",
     "SourceMotion": "estimator.retargeting.source",
     "Subject": "humanoid.subject.subject",

@@ -10,7 +10,7 @@ import numpy as np
 from estimator import synthesis
 from estimator.runs.evaluation import Evaluation, evaluate
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.demo_person import demo_subject

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.runs.evaluation import mpjpe
 from estimator.runs.pairs import paired
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.examples.index import IndexRecipe
 from estimator.synthesis import SceneSettings, ViewSettings
 from humanoid.subject.subject import load_subject

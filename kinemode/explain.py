@@ -15,7 +15,7 @@ from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
 from estimator.inference.origin import Family, Origin
 from estimator.runs.keypoint_residuals import KeypointResiduals, keypoint_residuals
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult

@@ -17,7 +17,7 @@ from estimator.numerics.axes import mean_direction
 from estimator.numerics.stretches import stretches
 from estimator.runs.contact import contact_of_run
 from estimator.runs.diagnosis import Diagnosis, contradicted, diagnose
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.jumps.readings import trunk_depths
 from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
 from estimator.tracking.leaps import leap_note, leaps, limb_leaps, limb_note

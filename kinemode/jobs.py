@@ -20,7 +20,9 @@ from estimator.fitting import person
 from estimator.fitting.fit import stature
 from estimator.fitting.keypoint_noise import given_noise
 from estimator.fitting.markers import fit_markers
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
 from estimator.search.cost_model import CostModel

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.retargeting.metrics import BELOW, OVERLAP, RetargetMeter, RetargetMetrics
 from estimator.retargeting.run_of import source_of
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 

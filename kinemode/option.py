@@ -85,9 +85,8 @@ class Option:
     """A declared option.
 
     type: of its values, as it is written. help: for people who use the command line or Python; python: what only Python
-    takes. low, high, unit: range
-    of a number. files: what the files are called that it names by camera, "" where it names none. kept: whether a run
-    keeps what was given.
+    takes. low, high, unit: range of a number. files: what the files are called that it names by camera, "" where it
+    names none. kept: whether a run keeps what was given.
     """
 
     name: str

@@ -14,7 +14,7 @@ import numpy as np
 from estimator.retargeting.problem import RetargetSettings
 from estimator.runs.diagnosis import camera_errors, sampled_residuals
 from estimator.runs.marker_residuals import marker_residuals
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.tracking.unused_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
 from humanoid.subject.subject import BUILT_IN, load_subject

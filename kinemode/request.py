@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from estimator.data.cameras.camera import Camera
     from estimator.retargeting.source import SourceMotion
     from estimator.runs.reference_motion import Reference
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
     from humanoid.subject.subject import Subject
     from kinemode.kinds import KeypointSource
     from kinemode.named import Named, PathLike

@@ -19,8 +19,8 @@ from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
 from estimator.retargeting.run_of import write_motion_run
 from estimator.retargeting.source import SourceMotion, filled
-from estimator.runs.run_file import Run
 from estimator.runs.run_header import RETARGETED, RunHeader
+from estimator.runs.run_reader import Run
 from estimator.runs.run_store import TemporaryFolder
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

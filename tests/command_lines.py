@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.robustness.resume_kills import Kill, Moment, kill_at
 from benchmarks.support.common import ROOT
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.plugins import VARIABLE
 from kinemode import jobs
 from kinemode.__main__ import INTERRUPTED, main

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.cameras.camera import guessed_camera
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 

@@ -15,7 +15,7 @@ import kinemode as km
 from estimator.data.formats.opensim import read_mot, write_mot
 from estimator.runs.coordinate_errors import JointScore, common_times, values_at
 from estimator.runs.evaluation import Evaluation
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 

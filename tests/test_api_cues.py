@@ -14,7 +14,7 @@ import pytest
 
 import kinemode
 from estimator.data.media.clip import Clip
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.css.settings import CssSettings
 from estimator.vision.likelihood.registry import CUES
 from humanoid.support.errors import InputError

@@ -19,7 +19,7 @@ import tomli_w
 
 import kinemode as km
 import kinemode.__main__ as front
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named

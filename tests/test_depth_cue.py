@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import SceneSettings, ViewSettings
 from estimator.vision.cues.depth.cue import Depth, PersonPoints
 from estimator.vision.cues.depth.matching import spread_over, surface_precision

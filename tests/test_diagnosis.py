@@ -20,7 +20,9 @@ from estimator.data.formats.opensim import upright_world
 from estimator.data.observation import Observation, image_extent
 from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
 from estimator.runs.keypoint_residuals import keypoint_residuals
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import DetectorSettings, keypoints

@@ -19,7 +19,7 @@ from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.data.formats.keypoints_people import Person
 from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.people.everybody import everybody
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import wants_all
 from kinemode.inputs.persons import persons_of

@@ -18,7 +18,7 @@ import pytest
 import kinemode as km
 from estimator.data.formats.packing import pack, unpack
 from estimator.inference.origin import Family
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.visibility import OUTER

@@ -17,7 +17,8 @@ import viz.exporters  # noqa: F401 - registers glb and rrd
 from estimator.data.formats.opensim import read_mot, read_trc, write_trc
 from estimator.data.formats.reference import load_reference
 from estimator.runs.export import EXPORTERS, Exporter, export
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from estimator.runs.unobserved import unobserved_stretches
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS

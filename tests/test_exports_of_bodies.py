@@ -18,7 +18,8 @@ from test_run_file import header, state_of, walk
 from estimator.data.formats.bvh import read_bvh, write_bvh
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.runs.bvh_skeleton import bvh_motion, skeleton_of
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

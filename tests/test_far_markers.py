@@ -10,7 +10,7 @@ import pytest
 from builders import body_of
 
 import kinemode as km
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.motion import authored_motion
 
 COUNT, RATE = 14, 30.0

@@ -19,7 +19,8 @@ import pytest
 import kinemode as km
 from estimator.data.formats.keypoints import load_keypoints, write_keypoints
 from estimator.data.media.picture import WRITTEN, write_picture
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.atomic import replacing

@@ -11,8 +11,8 @@ import pytest
 
 import kinemode
 from estimator.data.media.clip import Clip
-from estimator.runs.run_file import Run
 from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings

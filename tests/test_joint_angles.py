@@ -18,7 +18,7 @@ from test_evaluation import robot
 
 import kinemode as km
 from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.runs.spread import spread_of
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -13,7 +13,7 @@ from test_evaluation import robot
 from test_joint_angles import poses
 
 import kinemode as km
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from viz.palette import ON_PAPER, web

@@ -13,7 +13,8 @@ import pytest
 
 import kinemode as km
 from estimator.inference.beliefs.space import points_of
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import limb_placements
 from humanoid.subject.subject import load_subject

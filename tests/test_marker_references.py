@@ -19,7 +19,8 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.data.formats.reference import load_reference
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
 from estimator.runs.export import export
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from humanoid.subject.landmarks import landmark_name
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main

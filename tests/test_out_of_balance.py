@@ -10,7 +10,9 @@ import pinocchio as pin
 
 import kinemode as km
 from estimator.energy.balance import BalanceSettings
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from kinemode.findings import balance_note, out_of_balance, run_findings
 from tests.builders import bent, body_of, camera_at, observe

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.data.formats.motion_table import read_motion_table
 from estimator.runs.export import export
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.motion_file import motion_of
 from estimator.synthesis.random_motion import random_motion
 from humanoid.collision.self_collision import SelfCollision

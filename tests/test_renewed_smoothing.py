@@ -12,7 +12,7 @@ from builders import body_of, camera_at
 import kinemode
 from estimator.energy.cost import Cost
 from estimator.numerics.robust import LORENTZIAN
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import clip as smoothing_of_clips

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.retargeting.run_of import source_of
 from estimator.retargeting.source import SourceMotion
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from tests.command_lines import Told, told_here
 from tests.test_retarget_sources import smpl
 from tests.test_retargeting import part_of, steps

@@ -19,8 +19,8 @@ from estimator.retargeting.run_of import source_of, write_motion_run
 from estimator.retargeting.source import SourceMotion
 from estimator.retargeting.stances import HEEL, LIFT, TOE, FootStances, stances_at, stretches
 from estimator.retargeting.step import StepRows, constrained_step
-from estimator.runs.run_file import Run
 from estimator.runs.run_header import RETARGETED, RunHeader
+from estimator.runs.run_reader import Run
 from humanoid.subject.example_robots import installed
 from humanoid.support.errors import InputError
 from kinemode import __version__

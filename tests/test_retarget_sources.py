@@ -14,7 +14,7 @@ from estimator.retargeting.contacts import source_contacts
 from estimator.retargeting.joint_orders import ORDERS, SMPL
 from estimator.retargeting.source import SourceMotion, filled
 from estimator.runs.export import export
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.mocap import load_mocap
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -20,7 +20,9 @@ from estimator.data.cameras.camera import guessed_camera
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation, PoseEstimate
 from estimator.runs.export import export_arrays
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
 from estimator.tracking.registry import settings_for

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from kinemode import jobs
 from kinemode.demo import make_clip
 from kinemode.progress import unreported

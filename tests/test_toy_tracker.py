@@ -17,7 +17,7 @@ from benchmarks.robustness.resume import differences
 from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.capabilities import Capabilities
 from estimator.tracking.registry import TRACKERS, make_tracker, register
 from estimator.tracking.runner import run as run_tracker

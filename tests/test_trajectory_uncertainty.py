@@ -19,7 +19,8 @@ from estimator.runs import run_reader
 from estimator.runs import smoothed_arrays as smoothed_arrays_of_runs
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_in, smoothed_parts
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult

@@ -16,7 +16,7 @@ from estimator.data.formats.c3d import read_c3d
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.formats.opensim import read_trc
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.runs.unobserved import unseen_by, unseen_joints
 from estimator.synthesis.motion import authored_motion
 from humanoid.subject.landmarks import FORMATS

@@ -22,7 +22,9 @@ import umsgpack
 
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.observation import Observation
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from humanoid import Body, InputError, load_subject
 from viz.local_server import LocalServer

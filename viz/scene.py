@@ -13,7 +13,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.runs.contact import Contact, contact_of_run
 from estimator.runs.filtering import evenly_spaced, frame_rate
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from viz.source_figure import SourceFigure, source_figure

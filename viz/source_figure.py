@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.retargeting.run_of import source_of
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import ROOT_TURN_Q, Body
 from viz.solids.body_solids import limb_segments
 from viz.solids.solid import Side, side_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
 from viz.scene import Scene, as_scene

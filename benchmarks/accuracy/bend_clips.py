@@ -17,7 +17,7 @@ from benchmarks.support.result_store import Figures, ResultStore, removed
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.detector import correlated_noise
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody

@@ -18,7 +18,7 @@ from estimator.data.media.clip import DEFAULT_FPS as FPS
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.runs.evaluation import evaluate
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion

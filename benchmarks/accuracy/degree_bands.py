@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from kinemode.testing.ranks import calibration_error, coverage
 

@@ -27,7 +27,7 @@ from estimator.runs.coordinate_errors import GROUPS as LEG_GROUPS
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.coordinates import turns_zxy
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from kinemode.terminal import report
 
 FILMS = ("walk", "squat")

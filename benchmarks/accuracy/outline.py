@@ -18,7 +18,7 @@ from benchmarks.support.common import Data, Json, beam_folder, save, work_folder
 from benchmarks.support.tracking import timed_track
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import points_in_world

@@ -20,7 +20,7 @@ from estimator.numerics.angles import angle_between, unit
 from estimator.numerics.stretches import stretches
 from estimator.retargeting.joint_arrays import load_joints
 from estimator.runs.coordinate_errors import wrapped_degrees
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.detector import correlated_noise
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import without_side

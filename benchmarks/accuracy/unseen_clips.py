@@ -22,7 +22,7 @@ from estimator.runs.evaluation import LIMB_JOINTS, mpjpe, pa_mpjpe
 from estimator.runs.joint_angle import joint_entry, joint_value
 from estimator.runs.pairs import match_frames, paired
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import of_points
 from estimator.trackers.defaults import together

@@ -18,7 +18,7 @@ from benchmarks.support.mocap_person import FPS as FILMED_FPS
 from benchmarks.support.result_store import Figures, Piece, ResultStore, cached_clip, removed
 from benchmarks.support.scores import TrackErrors, outcome
 from benchmarks.support.tracking import Times, timed_track
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis.mocap import load_mocap
 from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.tracking.registry import settings_for

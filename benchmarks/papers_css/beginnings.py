@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.runs.evaluation import HIPS, mpjpe
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import SceneSettings, ViewSettings
 
 FOUND = 120.0  # mm

@@ -23,7 +23,7 @@ from benchmarks.support.scores import (
     track_cells,
 )
 from benchmarks.support.tracking import Times, timed_track
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.synthesis import SceneSettings
 from estimator.synthesis.motion_keys import motion_named
 from humanoid.support.errors import InputError

@@ -36,7 +36,7 @@ from estimator.runs.evaluation import procrustes
 from estimator.runs.pairs import paired
 from estimator.runs.posterior import Posterior
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.atomic import replacing
 from kinemode.terminal import report
 from kinemode.testing.ranks import calibration_error, coverage

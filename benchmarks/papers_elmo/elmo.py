@@ -27,7 +27,7 @@ from benchmarks.support.common import (
 )
 from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS

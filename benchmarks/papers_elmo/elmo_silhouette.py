@@ -25,7 +25,7 @@ from benchmarks.support.common import (
 )
 from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 

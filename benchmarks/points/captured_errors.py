@@ -12,7 +12,7 @@ from benchmarks.points.captured_trials import FPS, SET, CapturedTrial, MarkerFau
 from benchmarks.points.tracked_points import fit_of, root_mean_square, run_of
 from benchmarks.support.common import tell
 from estimator.fitting.fit import Fit
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import ROOT_Q, ROOT_V, Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

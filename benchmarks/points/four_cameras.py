@@ -15,7 +15,7 @@ from benchmarks.support.tracking import timed_track
 from estimator.data.formats.opensim import write_trc
 from estimator.data.observation import Observation
 from estimator.runs.evaluation import Reference, evaluate
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.marker_set import LANDMARKS
 from humanoid.subject.subject import load_subject

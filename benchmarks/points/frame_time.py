@@ -16,7 +16,7 @@ from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.qp import ProxQP
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.frame_search import FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import make_tracker, settings_for

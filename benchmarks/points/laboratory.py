@@ -16,7 +16,7 @@ from benchmarks.support.measured_people import measured_files
 from estimator.data.formats.opensim import read_mot
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -20,7 +20,7 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.coordinates import opensim_coordinates
 from estimator.runs.export import export
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.explain import run_settings

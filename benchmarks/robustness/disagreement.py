@@ -17,7 +17,7 @@ from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
 from estimator.runs.evaluation import evaluate_points
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

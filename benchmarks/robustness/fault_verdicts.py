@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 
 VERDICTS = ("right", "hard", "refused", "noted", "silent")

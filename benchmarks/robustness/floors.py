@@ -17,7 +17,7 @@ from benchmarks.support.common import Json, Several, captured_folder, save
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.vision.resolution import resized_camera
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

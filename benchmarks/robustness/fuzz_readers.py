@@ -24,7 +24,8 @@ from estimator.data.formats.motion_table import read_motion_table
 from estimator.data.markers.load import load_points
 from estimator.data.media.clip import Clip
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_reader import Run
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker

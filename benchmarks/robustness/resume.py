@@ -28,7 +28,7 @@ from benchmarks.robustness.resume_kills import (
     started,
 )
 from benchmarks.support.common import Data, Json, beam_folder, save, tell
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from kinemode import demo
 from kinemode.progress import unreported
 from kinemode.terminal import report

@@ -29,7 +29,7 @@ from estimator.retargeting.correspondence import PERSON_LIMBS
 from estimator.retargeting.joint_orders import ORDERS, SMPL
 from estimator.retargeting.likeness import limb_angles
 from estimator.retargeting.source import SourceMotion
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 
 SUBJECTS = ("human34", "example-robot-data:g1")

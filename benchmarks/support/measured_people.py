@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 
 TRIALS = {
     "opencap/subject4": ("squats1", "STS1", "walking1", "walkingTS1", "static1"),

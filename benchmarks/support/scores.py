@@ -22,7 +22,7 @@ from estimator.runs.evaluation import (
     pa_mpjpe,
 )
 from estimator.runs.pairs import paired
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.runs.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
 from estimator.trackers.capabilities import capabilities_of
 from estimator.tracking.registry import make_tracker

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import kinemode as km
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.subject.subject import Subject
 from kinemode.progress import Progress
 

@@ -23,7 +23,7 @@ from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.standing import with_standing
 from estimator.energy.cost import Cost
 from estimator.numerics.angles import unit
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel, parts_apart
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.jumps.readings import AWAY, TOWARDS

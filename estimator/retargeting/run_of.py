@@ -12,8 +12,9 @@ from estimator.retargeting.contacts import SourceContacts
 from estimator.retargeting.doubts import Doubts
 from estimator.retargeting.motion import RetargetedMotion
 from estimator.retargeting.source import SourceMotion
-from estimator.runs.run_file import Run, RunWriter
+from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.statuses import HARD, TRACKED
 from humanoid.kinematics.body import Body

@@ -34,7 +34,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised, table_html
 
 if TYPE_CHECKING:
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
 
 __all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "SharedLandmarks", "best_of_k", "evaluate",
     "evaluate_points", "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.hypothesis import EXCHANGED

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.energy.marker_targets import MarkerNoise
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 
 _NEAREST = 3.0  # standard deviations along one axis up to which a marker is not an outlier
 

@@ -24,8 +24,6 @@ from estimator.tracking.smoothing import Smoothed
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
-__all__ = ["Run", "RunHeader", "RunWriter"]
-
 
 class RunWriter:
     """Appends frames to a run file; a context manager that closes the file, complete or not."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.statuses import HARD, TRACKED
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
@@ -30,7 +30,7 @@ from kinemode.target import made_folder
 from viz.batch.entry import DONE, FAILED
 
 if TYPE_CHECKING:
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
 
 BEGUN, ERROR = "begun.json", "error.txt"
 

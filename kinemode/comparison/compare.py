@@ -10,7 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.tracking.registry import common_settings, make_tracker
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, is_built_in

@@ -12,7 +12,7 @@ from estimator.data.observation import Observation
 from estimator.runs.evaluation import evaluate_points
 from estimator.runs.pairs import paired
 from estimator.runs.reference_motion import Reference
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.runs.trajectory_errors import far_px, trajectory_errors
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.spec import mode_search

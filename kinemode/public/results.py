@@ -29,7 +29,7 @@ def open_run(path: PathLike) -> Run:
     """Open a run file, finished or still being written; raises InputError where it is none."""
     check_arguments(path=path)
     _check_run(path)
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
 
     return Run.open(path)
 

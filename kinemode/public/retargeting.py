@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from estimator.retargeting.streaming import LiveFrame
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
     from kinemode.request import SubjectLike
 
 

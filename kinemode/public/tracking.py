@@ -21,7 +21,7 @@ from kinemode.target import RunTarget, check_folder
 
 if TYPE_CHECKING:
     from estimator.fitting.fit import Fit
-    from estimator.runs.run_file import Run
+    from estimator.runs.run_reader import Run
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
     from kinemode.named import PathLike

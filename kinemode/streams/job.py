@@ -13,7 +13,9 @@ import numpy as np
 
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
-from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import RunWriter
+from estimator.runs.run_header import RunHeader
+from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from estimator.vision.resolution import Size, fitted_track
 from humanoid.subject.subject import Subject

@@ -19,7 +19,7 @@ from estimator.runs.events import SIDES, Event
 from estimator.runs.gait import METHODS, Gait
 from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.pairs import CENTRED
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.tracking.registry import TRACKERS
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import subject_names

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.statuses import TRACKED
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.atomic import replacing

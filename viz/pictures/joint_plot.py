@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.runs.joint_angle import JointAngle
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from viz.palette import ON_PAPER, web

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.tracking.registry import TRACKERS
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.data.media.film import check_film_name, write_film
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.limb_layer import LimbLayer, limb_layer

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.picture import write_picture
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, reduced, side_by_side

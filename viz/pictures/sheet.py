@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.data.media.picture import write_picture
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, drawn
 from viz.pictures.painter import BodyPainter, CameraProjection, OrthographicView, camera_view

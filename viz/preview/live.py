@@ -8,7 +8,7 @@ from contextlib import suppress
 from http import HTTPStatus
 from threading import Lock
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from viz.local_server import LocalHandler, LocalServer
 from viz.preview.page import page

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from meshcat.animation import Animation, AnimationClip
 
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
 from viz import palette

@@ -12,7 +12,7 @@ from string import Template
 from estimator.runs.contact import contact_of_run
 from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from estimator.trackers.statuses import HARD, STATUS_MEANINGS
 from humanoid.support.atomic import replacing
 from viz.page_style import page_style, text

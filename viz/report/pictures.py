@@ -17,7 +17,7 @@ from estimator.data.media.film import write_film
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
 from estimator.runs.joint_angle import joint_angles
-from estimator.runs.run_file import Run
+from estimator.runs.run_reader import Run
 from viz.palette import ON_PAPER, web
 from viz.pictures.contact_plot import contact_drawing
 from viz.pictures.joint_panels import JointPanel, panels_of
