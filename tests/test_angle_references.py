@@ -148,7 +148,7 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
         ("a.csv", "time,status\n0,tracked\n", "has no coordinates"),
         ("a.mot", "endheader\ntime knee_angle_r\n0 10\n", r"header: does not declare whether.*line inDegrees=yes"),
         ("a.sto", "endheader\ntime /forceset/a/activation\n0 1\n", "has no coordinates"),
-        ("a.sto", "inDegrees=no\nendheader\ntime /jointset/k/b/value b\n0 1 1\n", "line 3: the coordinate 'b' is"),
+        ("a.sto", "inDegrees=no\nendheader\ntime /jointset/k/b/value b\n0 1 1\n", "the coordinate 'b' appears twice"),
         ("a.mot", "endheader\ntime ground_force_1_vx\n0 700\n", "shares no landmarks and no joint angles"),
     ],
 )  # fmt: skip

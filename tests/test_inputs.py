@@ -21,6 +21,7 @@ from estimator.data.timing import CameraClock, at_places, clip_clock, keypoint_c
 from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
+from kinemode.inputs import cameras as cameras_module
 from kinemode.inputs import load as load_module
 from kinemode.inputs.doubts import likely_offsets
 from kinemode.inputs.load import Inputs, load_inputs
@@ -96,7 +97,7 @@ def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatc
         return lambda path, **how: (opened.append(Path(path).name), function(path, **how))[1]
 
     monkeypatch.setattr(Clip, "open", staticmethod(counted(Clip.open)))
-    monkeypatch.setattr(load_module, "load_cameras", counted(load_module.load_cameras))
+    monkeypatch.setattr(cameras_module, "load_cameras", counted(cameras_module.load_cameras))
     monkeypatch.setattr(load_module, "load_people", counted(load_module.load_people))
     write_cameras(tmp_path / "c.json", list(CAMERAS.values()))
     tracks = files(tmp_path / "k", {"a": every(SEEN["a"], 2, 15.0)})

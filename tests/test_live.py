@@ -26,7 +26,7 @@ from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People
 from kinemode.rendering.files import RenderedClip
-from kinemode.streams import sources
+from kinemode.streams import job as sources
 from kinemode.streams.capture import CapturedPicture, FileCamera, LatestFrameQueue
 from kinemode.streams.session import run_session
 from tests.waiting import DEADLINE, ended, kinemode_process, until

@@ -15,7 +15,7 @@ from estimator.energy.cost import Cost
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker
-from estimator.tracking.smoothing import Smoothed, SmoothSettings, frames, smooth_track, uncertainty
+from estimator.tracking.smoothing import Smoothed, SmoothSettings, frames, smooth_track
 from estimator.tracking.smoothing import clip as smoothing_of_clips
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
@@ -125,7 +125,7 @@ def smoothed_by(kept: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Smoothed, i
 
     with monkeypatch.context() as patched:
         patched.setattr(WindowEnergy, "__init__", begin)
-        patched.setattr(uncertainty, "_MARGIN", frames.REACH)
+        patched.setattr(smoothing_of_clips, "_MARGIN", frames.REACH)
         patched.setattr(frames, "Spill", lambda _, *shared: Spill(kept, *shared))
         patched.setattr(smoothing_of_clips, "Spill", lambda _: Spill(min(kept, KEPT)))
         return smooth_track(search, seen, results, SETTINGS), most
