@@ -1,10 +1,10 @@
 """How the options of a request fit together, checked before anything runs and before the libraries are loaded that do
-the work. `kinemode.track` stops at the first fault, `kinemode.batch` lists all of them."""
+the work. `kinemode.track` stops at the first fault, `kinemode.batch` lists those of all checks."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,21 +34,10 @@ _WITH_POINTS = frozenset({"up", "fps", "floor", "start", "end", "sync"})
 _OF_CAMERAS = ("clips", "cues", "index", "height")  # beside those of files
 
 
-def check_together(
-    request: Any, collect: Callable[[InputError], None] | None = None, *, skipped: Container[str] = ()
-) -> None:
-    """Raise InputError for options that contradict each other or that cannot be read, or collect all that there are.
-
-    skipped: names of checks (`CHECKS`) that are left out."""
-    for name, check in CHECKS.items():
-        if name in skipped:
-            continue
-        try:
-            check(request)
-        except InputError as error:
-            if collect is None:
-                raise
-            collect(error)
+def check_together(request: Any) -> None:
+    """Raise InputError for options that contradict each other or that cannot be read."""
+    for check in CHECKS.values():
+        check(request)
 
 
 def check_exists(path: str | os.PathLike[str]) -> None:
@@ -63,13 +52,16 @@ def _files(request: Any) -> None:
         value = getattr(request, name)
         if declared.files and value is not None:
             named_paths(value, declared.files)
-        elif declared.is_read and isinstance(value, (str, Path)) and not _is_word(declared, value):
+        elif declared.is_read and isinstance(value, (str, Path)) and not is_word(declared, value):
             check_exists(value)
 
 
-def _is_word(declared: Option, value: str | Path) -> bool:
-    """Whether a value of an option that names a file is a word in place of one."""
-    return value == AUTO or (declared.name == MARKERS and Path(value).suffix != ".toml")
+def is_word(declared: Option, value: str | Path) -> bool:
+    """Whether a value of an option that names a file is a word in place of one: cameras that are found, or a set of
+    markers by its name."""
+    if declared.name == MARKERS:
+        return Path(value).suffix != ".toml"
+    return declared.name == "cameras" and value == AUTO
 
 
 def _lens(request: Any) -> None:
@@ -114,12 +106,12 @@ def _detector(request: Any) -> None:
             if getattr(request, name) != declared.default:
                 raise InputError(name, "is for --detect, which is not given", remedy="add --detect, or leave it out")
         return
-    if not has_clips(request):
+    if not _has_clips(request):
         raise InputError("detect", "there is no clip", remedy="name one")
     DetectorChoice.of(request).check()
 
 
-def has_clips(request: Any) -> bool:
+def _has_clips(request: Any) -> bool:
     """Whether there are clips; those of a program, which are read once, are not counted."""
     clips = request.clips
     return clips is not None and (not hasattr(clips, "__len__") or len(clips) > 0)

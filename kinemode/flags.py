@@ -32,10 +32,12 @@ TYPES: Mapping[str, Any] = {
     "PathLike": Path, "OutPath": Path, "SubjectLike": str, "Clips": Files, "Keypoints": Files, "Named": Files,
     "MarkersLike": str, "Pairs": Files,
     "Sizes": Files, "Rates": Files, "Offsets": Files, "Cameras": Path | None, "Persons": Ids,
-    "Layout": str, "Names": str, "Changes": Path | None, "Direction": UpOption, "ReferenceLike": Path | None,
+    "Layout": str, "CueNames": str, "Names": Names, "Changes": Path | None,
+    "Direction": UpOption, "ReferenceLike": Path | None,
     "Device": str, "MotionLike": Path, "KeypointsOrSource": Path | None, "Literal": Literal,
 }  # fmt: skip
 """The type by which the command line reads values, by the type's name in a declaration; it has no flag for others."""
+_BUILT_IN = frozenset({"bool", "int", "float", "str", "None"})
 
 
 @cache
@@ -46,9 +48,6 @@ def flag_types(request: type) -> Mapping[str, Any]:
         if all(part in TYPES or part in _BUILT_IN or part.startswith("Literal[") for part in declared.parts):
             types[name] = _type_of(declared)
     return types
-
-
-_BUILT_IN = frozenset({"bool", "int", "float", "str", "None"})
 
 
 def _type_of(declared: Option) -> Any:

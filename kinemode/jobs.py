@@ -23,7 +23,6 @@ from estimator.fitting.markers import fit_markers
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_reader import Run
-from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import EXCHANGED
@@ -54,11 +53,11 @@ from kinemode.inputs.load import Inputs, load_everybody, load_inputs
 from kinemode.inputs.persons import plain
 from kinemode.inputs.points import load_point_inputs
 from kinemode.notices import FindingWarning, InputWarning
-from kinemode.option import words_given
+from kinemode.option import words_kept
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
 from kinemode.request import ALL, AUTO, BY_INDEX, OFF, FileOptions, TrackRequest
 from kinemode.settings import DEFAULT, Chosen, choose
-from kinemode.target import RunTarget
+from kinemode.target import RunTarget, run_path
 from kinemode.terminal.interruption import kept_if_interrupted
 
 _IN_MEMORY = 300  # frames as tracked, while smoothing
@@ -77,19 +76,10 @@ class Known(NamedTuple):
 UNKNOWN = Known()
 
 
-def run_path(request: TrackRequest) -> tuple[Path, TemporaryFolder | None]:
-    """Where a run is written, and the temporary folder that it is in, which goes with its last `Run`, where no file is
-    named."""
-    if request.out is not None:
-        return Path(request.out), None
-    temporary = TemporaryFolder()
-    return temporary.path / "track.run", temporary
-
-
 def track_subject(loaded: Subject, files: FileOptions, request: TrackRequest, known: Known = UNKNOWN) -> Run:
     """What `kinemode.track` does for one person once its arguments are checked; files: what is read, in place of what
     the request has."""
-    path, _kept = run_path(request)  # gone with this function unless the run keeps it
+    path, _kept = run_path(request.out)  # gone with this function unless the run keeps it
     choice = cue_choice(request.cues)
     job = job_of(loaded, request, path, plain(files.person), known)
     job.target.check()
@@ -311,14 +301,8 @@ def _header(
         R_upright_given=inputs.R_upright_given,
         floor=inputs.floor,
         points=tuple(os.path.abspath(path) for path in inputs.points),
-        request=asked_words(job),
+        request=words_kept(job.request),
     )
-
-
-def asked_words(job: TrackingJob) -> dict[str, tuple[str, ...]]:
-    """What was asked for, as words of the command line by flag, with the name of the file that was to be written."""
-    request = job.request
-    return words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)})
 
 
 def _absolute(names: list[str], paths: tuple[Path | None, ...]) -> dict[str, str]:
@@ -334,7 +318,7 @@ def _check_fit_choice(fit: str, subject: Subject) -> None:
 
 def track_points(loaded: Subject, request: TrackRequest) -> Run:
     """What `kinemode.track` does with points once its arguments are known to be of the right kinds."""
-    path, _kept = run_path(request)  # gone with this function unless the run keeps it
+    path, _kept = run_path(request.out)  # gone with this function unless the run keeps it
     job = job_of(loaded, replace(request, tracker=request.tracker or NAME), path, AUTO)
     job.target.check()
     if request.static and not job.fits(loaded):
@@ -361,7 +345,7 @@ def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) 
 
     Who cannot be tracked is left out, with a warning. Raises InputError where that is everybody.
     """
-    out, _kept = run_path(request)  # gone with this function unless a run keeps it
+    out, _kept = run_path(request.out)  # gone with this function unless a run keeps it
     choice = cue_choice(request.cues)
     RunTarget(out, resume=True).check()  # its folder is there
     first = job_of(loaded, request, out, ALL)

@@ -55,6 +55,7 @@ KINDS: dict[str, Kind] = {
     "Rates": _ANYTHING,
     "Offsets": _ANYTHING,
     "Layout": kinds.LAYOUT,
+    "CueNames": kinds.NAMES,
     "Names": kinds.NAMES,
     "Changes": kinds.CHANGES,
     "Direction": Kind(kinds.or_none(kinds.is_text), "a text"),
@@ -177,7 +178,7 @@ class Option:
             return tuple(self._file_words(value))
         if isinstance(file := getattr(value, "file", getattr(value, "source", value)), (str, os.PathLike)):
             value = file  # of a run, a subject or a motion
-        if self.name in ("cues", "trackers") and not isinstance(value, str):
+        if {"CueNames", "Names"} & {*self.parts} and not isinstance(value, str):
             return (",".join(value),)
         if self.names_a_file or self.name == "layout":
             return (_absolute(value),) if isinstance(value, (str, os.PathLike)) else (self.placeholder,)
@@ -245,6 +246,11 @@ def words_given(request: Any) -> dict[str, tuple[str, ...]]:
     """What a request asks for beside its defaults, as words of the command line by the name of the flag."""
     given = {o: getattr(request, o.name) for o in options_of(type(request)).values() if o.kept}
     return {o.flag: o.words(value) for o, value in given.items() if o.is_needed or not _same(value, o.default)}
+
+
+def words_kept(request: Any) -> dict[str, tuple[str, ...]]:
+    """What a run keeps of a request: `words_given`, and the name of the file that was to be written."""
+    return words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)})
 
 
 def _same(value: Any, default: Any) -> bool:

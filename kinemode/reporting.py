@@ -30,6 +30,7 @@ _LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "nu
 _SAME = 1e-9  # of a length
 
 
+_IN_HEADER = frozenset({"clips", "mask", "background", "depth", "points"})  # files that a run names by itself
 _BLANKS = "What stands in capitals was made by a program, and no file of it is known."
 _NO_REQUEST = "The run was made by an earlier version, which did not keep what was asked for."
 
@@ -151,11 +152,11 @@ def _files(run: Run) -> Iterator[tuple[str, Path]]:
     yield from (("points", Path(path)) for path in header.points)
     if header.subject_source not in BUILT_IN and not header.subject_source.startswith(PREFIX):
         yield "subject", Path(header.subject_source)
-    for flag in ("keypoints", "cameras", "lenses", "settings", "static", "index", "match", "contacts"):
-        for word in (header.request or {}).get(flag, ()):
+    for option in options_of(RetargetRequest if header.retargeted else TrackRequest).values():
+        for word in (header.request or {}).get(option.flag, ()) if option.name not in _IN_HEADER else ():
             name, separator, path = word.rpartition("=")
-            if Path(path).is_file():
-                yield f"{flag} of {name}" if separator else flag, Path(path)
+            if (option.files or option.is_read) and Path(path).is_file():
+                yield f"{option.flag} of {name}" if separator else option.flag, Path(path)
 
 
 def digest(path: Path) -> str:

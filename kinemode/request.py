@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     Offsets = str | Iterable[str] | Mapping[str, float] | None
     Changes = Mapping[str, Any] | PathLike | None
     Layout = str | Sequence[str]
+    CueNames = str | Iterable[str]  # by commas on the command line
     Names = str | Iterable[str]
     Direction = str | None
     ReferenceLike = Reference | PathLike | None
@@ -321,7 +322,7 @@ class InputOptions(PointOptions, FileOptions):
 class FitOptions:
     """What both a fit and a track take."""
 
-    cues: Names = option(
+    cues: CueNames = option(
         AUTO,
         "Image cues to use: off, or some of what `kinemode cues` lists, separated by commas. auto uses all of them"
         " where less than half of the frames have keypoints, or where there is depth.",
@@ -416,7 +417,9 @@ class CompareRequest(ProgressOptions, RunOptions, MethodOptions, FileOptions, Su
     out: OutPath = field(
         metadata=about("Folder for the runs (NAME.run), compare.csv, compare.json and compare.png.", kept=False)
     )
-    trackers: Names = field(metadata=about("Names of the trackers, separated by commas, see `kinemode trackers`."))
+    trackers: Names = field(
+        metadata=about("Names of the trackers, or one text with commas between them, see `kinemode trackers`.")
+    )
     reference: ReferenceLike = option(
         None,
         "Known 3D landmarks, see `kinemode evaluate`, in the world of the camera file: the table then has errors, and"
@@ -527,7 +530,7 @@ class StreamOptions(SearchOptions):
 
     cameras: Cameras = option(None, "A camera file, in any format of `kinemode track`.", python="Or cameras by name.")
     layout: Layout = again(KeypointOptions, "layout")
-    cues: Names = option(OFF, "Image cues to use: off, or some of what `kinemode cues` lists, separated by commas.")
+    cues: CueNames = option(OFF, "Image cues to use: off, or some of what `kinemode cues` lists, separated by commas.")
     tracker: str = option("css", "The tracker, see `kinemode trackers`.")
     lag: int = option(
         0, "Frames by which results are late, each smoothed with those that came since.", low=0, unit="frames"

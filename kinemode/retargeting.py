@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from dataclasses import asdict
-from pathlib import Path
-from typing import cast
 
 from threadpoolctl import threadpool_limits
 
@@ -21,7 +19,6 @@ from estimator.retargeting.run_of import write_motion_run
 from estimator.retargeting.source import SourceMotion, filled
 from estimator.runs.run_header import RETARGETED, RunHeader
 from estimator.runs.run_reader import Run
-from estimator.runs.run_store import TemporaryFolder
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.atomic import replacing
@@ -29,9 +26,9 @@ from kinemode import __version__
 from kinemode.inputs.motions import SourceOptions, hypotheses_of, load_source
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.option import words_given
+from kinemode.option import words_kept
 from kinemode.request import RetargetRequest
-from kinemode.target import RunTarget
+from kinemode.target import RunTarget, run_path
 
 FRAMES = "frames"  # the method in which each frame is followed from the one before alone
 GAP = 0.5
@@ -40,8 +37,7 @@ GAP = 0.5
 
 def retarget_to(subject: Subject, request: RetargetRequest) -> Run:
     """What `kinemode.retarget` does once its arguments are checked."""
-    temporary = TemporaryFolder() if request.out is None else None
-    path = temporary.path / "retarget.run" if temporary is not None else Path(cast(PathLike, request.out))
+    path, _kept = run_path(request.out, "retarget.run")  # gone with this function unless the run keeps it
     RunTarget(path, overwrite=request.overwrite).check()
     source = request.source
     settings = RetargetSettings(velocity=float(request.velocity), clearance=float(request.clearance))
@@ -101,7 +97,7 @@ def _header(
         notes=(*subject.notes, *made.notes),
         points=(source,),
         floor=0.0 if made.targets.feet else None,
-        request=words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)}),
+        request=words_kept(request),
     )
 
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from estimator.runs.run_store import TemporaryFolder
 from humanoid.support.compiled_folder import cache_roots
 from humanoid.support.errors import InputError
 
@@ -33,6 +34,15 @@ class RunTarget:
         """Raise InputError where the file cannot be written, or is there without `resume` or `overwrite`."""
         check_folder(self.path)
         check_absent([self.path], self.resume, self.overwrite, "--resume continues it, --overwrite replaces it")
+
+
+def run_path(out: str | os.PathLike[str] | None, name: str = "track.run") -> tuple[Path, TemporaryFolder | None]:
+    """Where a run is written; where no file is named, a temporary folder that it is in, which goes with its last
+    `Run`."""
+    if out is not None:
+        return Path(out), None
+    temporary = TemporaryFolder()
+    return temporary.path / name, temporary
 
 
 def check_absent(paths: list[Path], resume: bool, overwrite: bool, remedy: str) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 import kinemode as km
 from humanoid.support.errors import InputError
+from kinemode import cli
 from kinemode import request as declared
 from kinemode.flags import TYPES, flag_types
 from kinemode.option import KINDS, check_options, options_of, words_given
@@ -111,3 +112,11 @@ def test_functions_take_the_options_of_their_request() -> None:
         km.track("human34", flor=0.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"Tracker\(\) missing a required argument: 'subject'"):
         km.Tracker()  # type: ignore[call-arg]
+
+
+def test_trackers_are_named_by_commas_or_one_by_one() -> None:
+    line = ["compare", "a.mp4", "--out", "a", "--trackers", "css", "single-mode,annealed", "--cues", "edges,flow"]
+    _, bound, _ = cli.app.parse_args(line, exit_on_error=False, print_error=False)
+    assert bound.arguments["trackers"] == ["css", "single-mode,annealed"]
+    assert bound.arguments["clips"] == ("a.mp4",)
+    assert bound.arguments["cues"] == "edges,flow"

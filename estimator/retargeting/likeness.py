@@ -10,7 +10,7 @@ from estimator.retargeting.correspondence import PERSON_LIMBS, MatchedLimb
 from estimator.retargeting.source import SourceMotion
 from humanoid.kinematics.body import Body
 
-_HIPS, _SHOULDERS = ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder")
+_HIPS = "left_hip", "right_hip"
 _ALONG = ("trunk", "thigh", "shank", "upper_arm", "forearm")  # lines across the trunk are none
 _SHORTEST = 1e-6  # m: a shorter limb has no direction
 

@@ -11,7 +11,7 @@ from humanoid.support.errors import InputError, shown
 from kinemode.batches.columns import CLIPS, OF_A_ROW, PERSON, PERSON_ID, SUBJECT, column_of, columns
 from kinemode.batches.faults import FaultList
 from kinemode.batches.values import RowValues, is_built_in
-from kinemode.checks import MARKERS, check_together
+from kinemode.checks import CHECKS, MARKERS
 from kinemode.option import options_of
 from kinemode.request import AUTO, USUAL_SUBJECT, DetectorOptions, TrackRequest
 
@@ -39,18 +39,22 @@ def check_row(row: RowValues, faults: FaultList) -> None:
 
     request = TrackRequest(row.get(SUBJECT, USUAL_SUBJECT), row.get(CLIPS), **track_arguments(row))
     for declared in options_of(TrackRequest).values():
-        with collected(collect):
+        with _collected(collect):
             declared.check(getattr(request, declared.name))
     files = {name for name, column in columns().items() if column.files or column.is_path}
     unread = {"files", "points"} if row.faulty & files else set()
-    check_together(request, collect, skipped=unread | ({"detector"} if row.faulty & {*_DETECTOR} else set()))
+    unread |= {"detector"} if row.faulty & {*_DETECTOR} else set()
+    for name, check_options in CHECKS.items():
+        if name not in unread:
+            with _collected(collect):
+                check_options(request)
     for check in (_height, _points, _method):
-        with collected(collect):
+        with _collected(collect):
             check(row)
 
 
 @contextmanager
-def collected(collect: Callable[[InputError], None]) -> Iterator[None]:
+def _collected(collect: Callable[[InputError], None]) -> Iterator[None]:
     """Within it an InputError is collected in place of being raised."""
     try:
         yield

@@ -17,10 +17,10 @@ import cyclopts
 
 from humanoid.support.errors import shown
 from humanoid.support.near_names import nearest
-from kinemode.checks import MARKERS
+from kinemode.checks import is_word
 from kinemode.flags import Files, SubjectOption, flag_types
-from kinemode.option import options_of
-from kinemode.request import AUTO, RunOptions, TrackRequest
+from kinemode.option import Option, options_of
+from kinemode.request import RunOptions, TrackRequest
 
 NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
     "name", "clips", "person", "fits", "subject", "reference", "person_id",
@@ -29,8 +29,6 @@ OF_A_ROW = (NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE)
 """Columns that are no keyword argument of `track`; its argument `person` is the column `person_id`."""
 OF_THE_BATCH = tuple(options_of(RunOptions))
 """Arguments of `track` that no row has: the batch gives them for all."""
-WORDS = {"cameras": (AUTO,)}
-"""Words that columns of paths take in place of one."""
 _SPELLED = {bool: "yes or no", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
 _SHOWN = 60  # characters of a cell that are repeated
 Fault = Callable[[str, str], None]
@@ -45,9 +43,14 @@ class Column:
     type: Any
 
     @property
+    def option(self) -> Option | None:
+        """The option of `track` that it is, None of others."""
+        return options_of(TrackRequest).get(self.name)
+
+    @property
     def files(self) -> str:
         """What the files of [NAME=]PATH texts are called, "" where a cell has others."""
-        return "" if self.name not in options_of(TrackRequest) else options_of(TrackRequest)[self.name].files
+        return "" if self.option is None else self.option.files
 
     @property
     def kinds(self) -> tuple[Any, ...]:
@@ -61,8 +64,8 @@ class Column:
 
     @property
     def is_path(self) -> bool:
-        """Whether a cell has one path."""
-        return Path in self.kinds
+        """Whether a cell has one path, or a word in place of it."""
+        return Path in self.kinds or (self.option is not None and self.option.is_read)
 
     @property
     def taken(self) -> str:
@@ -123,11 +126,9 @@ def cell_value(column: Column, given: Any, folder: Path, fault: Fault) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         fault(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
         return None
-    if column.name == MARKERS and Path(value).suffix == ".toml":  # else the name of a set
-        return existing(value, folder, fault)
     if column.files:
         return [_named_file(text, folder, column.files, fault) for text in value]
-    if column.is_path and texts[0] not in WORDS.get(column.name, ()):
+    if column.is_path and not (column.option is not None and is_word(column.option, texts[0])):
         return existing(texts[0], folder, fault)
     return list(value) if column.several else str(value) if isinstance(value, Path) else value
 

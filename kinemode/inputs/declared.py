@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from estimator.data.floor import OFF, KnownFloor
@@ -69,7 +69,10 @@ def wants_all(person: Persons) -> bool:
 def _in_range(name: str, given: Any, names: Iterable[str]) -> dict[str, float]:
     """Numbers by camera, within the range of their option."""
     declared = options_of(FileOptions)[name]
-    read: Callable[[Any], float] = lambda value: declared.in_range(float(value))  # noqa: E731
+
+    def read(value: Any) -> Any:
+        return declared.in_range(float(value))
+
     return named_values(given, names, f"--{declared.flag}", read, declared.range)
 
 

@@ -15,7 +15,7 @@ from kinemode.named import Named, PathLike, named_paths
 from kinemode.notices import InputWarning
 from kinemode.option import takes
 from kinemode.progress import Reporter
-from kinemode.request import CLIP, KEYPOINTS, DetectorOptions, DetectRequest, FileOptions
+from kinemode.request import CLIP, KEYPOINTS, DetectRequest, FileOptions
 from kinemode.target import check_absent, check_folder, made_folder
 
 
@@ -34,7 +34,8 @@ def detect(request: DetectRequest) -> dict[str, Path]:
     ------
     InputError: anything that is wrong with the input; an environment that cannot be made; nobody in a clip.
     """
-    wanted = checked_detector(request)
+    wanted = DetectorChoice.of(request)
+    wanted.check()
     paths = named_paths(request.clip_files, CLIP)
     if not paths:
         raise InputError("clips", "there is none", remedy="name a video or a folder of images")
@@ -50,12 +51,13 @@ def with_detected(files: FileOptions, out: PathLike | None, progress: Reporter) 
     """Files with keypoints found for the clips that have none, where they are to be detected.
 
     They go into the folder OUT.keypoints (its suffix replaced), where they are taken from the next time unless the clip
-    or the detector has changed; without `out` into a temporary one. Raises InputError as `detect` does.
+    or the detector has changed; without `out` into a temporary one. The detector was checked.
+    Raises InputError as `detect` does.
     """
     if not files.detect:
         yield files
         return
-    wanted = checked_detector(files)
+    wanted = DetectorChoice.of(files)
     clips, known = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
     missing = {} if len(clips) == len(known) == 1 else {n: path for n, path in clips.items() if n not in known}
     with tempfile.TemporaryDirectory(prefix="kinemode-") as temporary:
@@ -67,13 +69,6 @@ def with_detected(files: FileOptions, out: PathLike | None, progress: Reporter) 
             if out is not None:
                 warnings.warn(f"the keypoints of {name} are in {file}", InputWarning, stacklevel=6)
         yield replace(files, keypoints=[*_as_texts(files.keypoint_files), *made])
-
-
-def checked_detector(options: DetectorOptions) -> DetectorChoice:
-    """The detector that is asked for. Raises InputError for a model that is missing, or not used."""
-    wanted = DetectorChoice.of(options)
-    wanted.check()
-    return wanted
 
 
 def _files(clips: Mapping[str, Path], out: Path) -> dict[str, Path]:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
 from kinemode.checks import check_exists, check_together
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.kinds import is_path
 from kinemode.named import chosen_names, matched, named_paths
 from kinemode.option import constructed_by, takes, with_options
 from kinemode.public.arguments import check_arguments, whole
-from kinemode.public.detection import checked_detector
 from kinemode.public.tracking import loaded_subject
 from kinemode.request import BACKGROUND, LiveRequest, StepRequest
 from kinemode.target import RunTarget
@@ -150,7 +150,7 @@ def live(request: LiveRequest) -> Session:
     check_together(request)
     device = _device(request.source)
     if request.keypoints is None:
-        checked_detector(request)
+        DetectorChoice.of(request).check()
     elif is_path(request.keypoints):
         check_exists(str(request.keypoints))
     if request.out is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -39,9 +39,6 @@ from viz.preview.moving import Moment, MovingPreview
 
 if TYPE_CHECKING:
     from kinemode.request import Layout
-
-
-Ready = Callable[[str], None]
 
 
 def track_live(subject: Subject, device: int | Path, request: LiveRequest) -> Session:
