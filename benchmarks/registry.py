@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 
-from humanoid.support.errors import InputError
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest
 
 BEAM4CAM = "data: beam4cam"
 MOCAP = "data: mocap"

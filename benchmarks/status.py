@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.registry import Measure, by_name, find
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-from humanoid.support.files import read_toml
+from humanoid.support.files import read_toml, replacing
 
 FIGURES = Path(__file__).with_name("figures.toml")
 STATUS = Path(__file__).resolve().parents[1] / "docs" / "history" / "status.md"

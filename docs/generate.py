@@ -20,12 +20,12 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 
 KEYPOINTS = {
-    "kinemode's JSON, OpenPose, AlphaPose, MMPose": "keypoints_layouts",
-    "DeepLabCut csv": "keypoints_deeplabcut",
-    "DeepLabCut h5": "keypoints_deeplabcut_h5",
+    "kinemode's JSON": "keypoints_own",
+    "OpenPose and AlphaPose": "keypoints_openpose",
+    "MMPose and rtmlib": "keypoints_mmpose",
+    "DeepLabCut": "keypoints_deeplabcut",
     "SLEAP analysis h5": "keypoints_sleap",
     "COCO data sets": "keypoints_coco",
-    "rtmlib": "keypoints_rtmlib",
     "Ultralytics YOLO pose": "keypoints_ultralytics",
     "npy and npz": "keypoints_npy",
     "Names of keypoints": "keypoints_names",
@@ -213,13 +213,13 @@ def _subjects() -> list[str]:
 
 
 def _motions() -> list[str]:
-    from estimator.data.formats.motion_table import read_motion_table
+    from estimator.data.formats.angle_files import read_motion_table
     from estimator.data.formats.reference import load_reference
 
     table, reference = (inspect.getdoc(what) or "" for what in (read_motion_table, load_reference))
     return [
         *_modules({"BVH": "bvh"}),
-        *_modules({"csv of points": "table", "npy of points": "array"}, "estimator.data.markers"),
+        *_modules({"csv and npy of points": "readers"}, "estimator.data.markers"),
         f"### csv and npz of joints\n\n{markdown(table.partition('Raises')[0])}",
         f"### References\n\n{markdown(reference.partition('Raises')[0])}",
     ]

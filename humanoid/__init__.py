@@ -4,33 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from humanoid.support.lazy import lazy_names
-
-if TYPE_CHECKING:
-    from humanoid.kinematics.body import Body, PosedBody
-    from humanoid.subject.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
-    from humanoid.support.errors import InputError
-
-__all__ = [
-    "Body",
-    "Flesh",
-    "InputError",
-    "Landmark",
-    "PosedBody",
-    "Proportion",
-    "Stabiliser",
-    "Subject",
-    "load_subject",
-    "subject_names",
-]
+from humanoid.support.extras import lazy_names
 
 # Pinocchio and numba take half a second to import, which those who need `humanoid.support` alone need not wait for.
-__getattr__ = lazy_names(
-    __name__,
-    dict.fromkeys(__all__, "humanoid.subject.subject")
-    | {
-        "Body": "humanoid.kinematics.body",
-        "InputError": "humanoid.support.errors",
-        "PosedBody": "humanoid.kinematics.body",
-    },
-)
+if TYPE_CHECKING:
+    from humanoid.kinematics.body import Body as Body, PosedBody as PosedBody
+    from humanoid.subject.subject import (
+        Flesh as Flesh,
+        Landmark as Landmark,
+        Proportion as Proportion,
+        Stabiliser as Stabiliser,
+        Subject as Subject,
+        load_subject as load_subject,
+        subject_names as subject_names,
+    )
+    from humanoid.support.errors import InputError as InputError
+
+__all__, __getattr__ = lazy_names(__name__)

@@ -61,7 +61,7 @@ def _report(error: Exception, debug: bool) -> int:
 
 def _several_faults() -> type[Exception]:
     """The class of errors whose message has a line for each fault."""
-    from kinemode.batches.faults import ManifestError
+    from kinemode.batches.tables import ManifestError
 
     return ManifestError
 

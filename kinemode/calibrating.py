@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator.data.boards.board import Board
+from estimator.data.boards.board import Board, Shots
 from estimator.data.boards.calibrate import BoardCalibration, calibrate
-from estimator.data.boards.shots import Shots
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.rigs.calibrate import PersonCalibration
 from humanoid.kinematics.body import Body

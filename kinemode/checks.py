@@ -156,7 +156,7 @@ def _person(request: Any) -> None:
         return
     if isinstance(request, PointOptions) and isinstance(request, MethodOptions) and wants_all(request.person):
         return  # `track` alone follows everybody
-    from kinemode.inputs.persons import persons_of  # it imports numpy, which a missing file does not wait for
+    from kinemode.inputs.declared import persons_of  # it imports numpy, which a missing file does not wait for
 
     persons_of(request.person, [camera for camera, _ in named_pairs(request.person) if camera])
 

@@ -25,8 +25,7 @@ from estimator.tracking.smoothing import SmoothSettings, smooth
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from humanoid.support.compiled_folder import cache_roots
-from humanoid.support.compiled_sources import sources_digest
+from humanoid.support.compiled_cache import cache_roots, sources_digest
 from kinemode.progress import Reporter
 
 _SUBJECT = "human34"

@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator import synthesis
 from estimator.runs.evaluation import Evaluation, evaluate
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
+from estimator.synthesis.motion import MOTION_SECONDS, authored_motion
+from estimator.synthesis.settings import DetectorSettings, SceneSettings
+from estimator.synthesis.views import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
-from kinemode.demo_person import demo_subject
+from kinemode.demo_occlusion import demo_subject
 from kinemode.progress import Reporter, reported
 from kinemode.public.tracking import track
-from kinemode.rendering.files import RenderedClip, WantedFiles
-from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
+from kinemode.shot import FilmedMotion, RandomSources, RenderedClip, WantedFiles, write_shot
 from kinemode.target import made_folder
 from kinemode.terminal import report
 from viz.pictures.overlay import write_overlay
@@ -43,14 +44,14 @@ def make_clip(
     videos: False leaves the pictures out, where the keypoints are enough.
     Raises InputError where the folder cannot be written.
     """
-    body, cameras = Body(demo_subject()), synthesis.scene_cameras()
-    times = np.arange(round(FPS * synthesis.MOTION_SECONDS) if frames is None else frames) / FPS
-    q = synthesis.authored_motion(body, times)
+    body, cameras = Body(demo_subject()), scene_cameras()
+    times = np.arange(round(FPS * MOTION_SECONDS) if frames is None else frames) / FPS
+    q = authored_motion(body, times)
     scene = np.random.default_rng((seed, 1))
     # the sensors' noise goes on where the scene's random numbers end: the clip stays the one of earlier versions
     draws = RandomSources(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
-    shot = FilmedMotion(body, q, times, FPS, cameras, synthesis.SceneSettings())
-    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), wanted=WantedFiles(videos), progress=progress)
+    shot = FilmedMotion(body, q, times, FPS, cameras, SceneSettings())
+    return write_shot(folder, shot, draws, DetectorSettings(), wanted=WantedFiles(videos), progress=progress)
 
 
 def track_clip(

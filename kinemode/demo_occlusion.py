@@ -12,18 +12,35 @@ from estimator.runs.pairs import paired
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
 from estimator.search.examples.index import IndexRecipe
-from estimator.synthesis import SceneSettings, ViewSettings
-from humanoid.subject.subject import load_subject
-from kinemode.demo_person import demo_subject
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from humanoid.subject.subject import Subject, load_subject
 from kinemode.indexing import painting_seconds, write_index
 from kinemode.progress import Reporter, reported
 from kinemode.public.tracking import track
-from kinemode.rendering.clip import render_clip
-from kinemode.rendering.files import RenderedClip
+from kinemode.rendering import render_clip
+from kinemode.shot import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal import report
 from viz.pictures.overlay import write_overlay
 from viz.pictures.sheet import write_sheet
+
+# other lengths than the built-in subject's but hardly another stature: one camera cannot see absolute size
+PROPORTIONS = {
+    "left_hip_flexion": 1.03,
+    "left_clavicle_elevation": 0.97,
+    "left_shoulder_elevation": 1.05,
+    "left_elbow_flexion": 1.04,
+    "left_wrist": 0.97,
+    "left_knee_flexion": 1.04,
+    "left_ankle_dorsiflexion": 0.98,
+    "skull": 1.02,
+}
+
+
+def demo_subject() -> Subject:
+    """The person in the clip: human34 with other proportions."""
+    return load_subject("human34").scaled(PROPORTIONS)
+
 
 HIDDEN = (1.2, 2.0)  # s
 _FPS = 15.0

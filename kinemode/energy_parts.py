@@ -14,7 +14,7 @@ from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.vision.cues.assigned import AssignedPoints
 from estimator.vision.cues.base import PastPose
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageLikelihood
 from humanoid.kinematics.body import PosedBody
 
 

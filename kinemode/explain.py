@@ -17,14 +17,13 @@ from estimator.inference.origin import Family, Origin
 from estimator.runs.keypoint_residuals import KeypointResiduals, keypoint_residuals
 from estimator.runs.run_reader import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import capabilities_of
+from estimator.trackers.base import capabilities_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.registry import make_tracker, settings_for, stored_changes
-from estimator.tracking.settings import Settings
+from estimator.tracking.registry import Settings, make_tracker, settings_for, stored_changes
 from estimator.vision.cues.base import ExplainedPose, PastPose
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
-from estimator.vision.likelihood.reader import CueReader, persons_before
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.vision.cues.reader import CueReader, persons_before
+from estimator.vision.cues.settings import CUES
 from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.errors import InputError

@@ -13,16 +13,16 @@ from estimator.data.observation import Observation
 from estimator.data.standing import StandingPoints
 from estimator.energy.balance import Balance, BalanceSettings, balance_terms
 from estimator.fitting.fit import bound_note
-from estimator.numerics.axes import mean_direction
+from estimator.inference.contacts import floor_of, height_above, is_believed
 from estimator.numerics.stretches import stretches
+from estimator.numerics.vectors import mean_direction
 from estimator.runs.contact import contact_of_run
 from estimator.runs.diagnosis import Diagnosis, contradicted, diagnose
 from estimator.runs.run_reader import Run
 from estimator.search.jumps.readings import trunk_depths
-from estimator.trackers.statuses import STATUS_MEANINGS, TRACKED
+from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from estimator.tracking.leaps import leap_note, leaps, limb_leaps, limb_note
 from estimator.tracking.registry import TRACKERS
-from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from humanoid.support.errors import first_of
 from kinemode.explain import run_settings
 from kinemode.initialisation import (

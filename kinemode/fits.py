@@ -9,11 +9,10 @@ from threadpoolctl import threadpool_limits
 
 from estimator.fitting import person
 from estimator.fitting.fit import Fit, bound_note
-from estimator.fitting.keypoint_noise import given_noise
+from estimator.fitting.lengths import given_noise
 from estimator.fitting.markers import fit_markers
 from estimator.trackers.markers import NAME
-from estimator.tracking.registry import settings_for
-from estimator.tracking.settings import Settings
+from estimator.tracking.registry import Settings, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.keypoint_places import with_layout_places
 from humanoid.subject.subject import Subject

@@ -12,11 +12,11 @@ from threadpoolctl import threadpool_limits
 
 from estimator.search.examples.index import FORMAT, IndexRecipe, check_index
 from estimator.search.settings import BY_INDEX
-from estimator.synthesis.examples.training import check_flesh, train_index
+from estimator.synthesis.training import check_flesh, train_index
 from estimator.tracking.registry import TRACKERS
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
-from humanoid.support.compiled_folder import cache_roots
+from humanoid.support.compiled_cache import cache_roots
 from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.notices import InputWarning

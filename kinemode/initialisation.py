@@ -8,11 +8,10 @@ from typing import Any
 
 from estimator.data.observation import MIN_POINTS, Observation
 from estimator.search.settings import BY_INDEX
-from estimator.trackers.base import TrackerProtocol
-from estimator.trackers.capabilities import capabilities_of
+from estimator.trackers.base import TrackerProtocol, capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.vision.cues.base import Cue
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.settings import CUES
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.settings import Chosen

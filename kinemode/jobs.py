@@ -18,7 +18,7 @@ from estimator.data.observation import MIN_POINTS, Observation, PoseEstimate
 from estimator.data.sequence import Cues
 from estimator.fitting import person
 from estimator.fitting.fit import stature
-from estimator.fitting.keypoint_noise import given_noise
+from estimator.fitting.lengths import given_noise
 from estimator.fitting.markers import fit_markers
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
@@ -26,11 +26,10 @@ from estimator.runs.run_reader import Run
 from estimator.runs.unobserved import unseen_by, unseen_joints_note
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import EXCHANGED
-from estimator.trackers.capabilities import capabilities_of
+from estimator.trackers.base import capabilities_of
 from estimator.trackers.markers import NAME
-from estimator.tracking.registry import make_tracker
+from estimator.tracking.registry import Settings, make_tracker
 from estimator.tracking.runner import run, run_into, stored_state
-from estimator.tracking.settings import Settings
 from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.keypoint_places import with_layout_places
@@ -49,8 +48,8 @@ from kinemode.initialisation import (
     check_start,
     notes_on_fit,
 )
+from kinemode.inputs.declared import plain
 from kinemode.inputs.load import Inputs, load_everybody, load_inputs
-from kinemode.inputs.persons import plain
 from kinemode.inputs.points import load_point_inputs
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.option import words_kept

@@ -122,7 +122,7 @@ def is_person(value: Any) -> bool:
 
 
 def are_persons(value: Any) -> bool:
-    """What `kinemode.inputs.persons.persons_of` takes."""
+    """What `kinemode.inputs.declared.persons_of` takes."""
     named = isinstance(value, Mapping) and all(map(is_person, value.values()))
     return is_person(value) or named or are_several(value, is_text)
 

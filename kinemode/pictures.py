@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.tracking.unused_settings import UnusedSetting
-from estimator.vision.likelihood.reader import CueReader, ReadAhead, persons_before
-from estimator.vision.likelihood.registry import CUES, cues_of
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.vision.cues.reader import CueReader, ReadAhead, persons_before
+from estimator.vision.cues.settings import CUES, CueSettings, cues_of
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs

@@ -8,11 +8,10 @@ from dataclasses import asdict
 
 from threadpoolctl import threadpool_limits
 
-from estimator.retargeting.contact_file import load_standing
-from estimator.retargeting.doubts import doubts_of
-from estimator.retargeting.handedness import without_mirrored_parts
+from estimator.retargeting.contacts import load_standing
+from estimator.retargeting.correspondence import load_match, match_start
+from estimator.retargeting.doubts import doubts_of, without_mirrored_parts
 from estimator.retargeting.leaps import leaps_of, without_rest_pose
-from estimator.retargeting.match_file import load_match, match_start
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings
 from estimator.retargeting.run_of import write_motion_run
@@ -21,7 +20,7 @@ from estimator.runs.run_header import RETARGETED, RunHeader
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from kinemode import __version__
 from kinemode.inputs.motions import SourceOptions, hypotheses_of, load_source
 from kinemode.named import PathLike

@@ -12,11 +12,11 @@ from estimator.search.cost_terms import without_prior
 from estimator.tracking.registry import (
     DEFAULT,
     TRACKERS,
+    Settings,
     changes_for,
     other_tables,
     settings_for,
 )
-from estimator.tracking.settings import Settings
 from estimator.tracking.unused_settings import (
     UnusedSetting,
     changed_names,
@@ -25,10 +25,10 @@ from estimator.tracking.unused_settings import (
     unused_with_input,
     without,
 )
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.vision.cues.settings import CueSettings
 from humanoid.kinematics.body import Body
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 
 PathLike = str | Path
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from estimator.runs.run_store import TemporaryFolder
-from humanoid.support.compiled_folder import cache_roots
+from humanoid.support.compiled_cache import cache_roots
 from humanoid.support.errors import InputError
 
 

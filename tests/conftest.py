@@ -84,7 +84,7 @@ def small_index(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
     def train(_: Path) -> Any:
         from estimator.search.examples.index import IndexRecipe
-        from estimator.synthesis.examples.training import train_index
+        from estimator.synthesis.training import train_index
         from humanoid.subject.subject import load_subject
 
         recipe = IndexRecipe(examples=500, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12)

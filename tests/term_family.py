@@ -10,18 +10,15 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import LiftedPose, Observation
-from estimator.energy.above_floor import AboveFloor
 from estimator.energy.balance import Balance, MassSpread
-from estimator.energy.gravity_prior import GravityPrior, world_up
-from estimator.energy.interpenetration import Interpenetration
-from estimator.energy.level_feet import LevelFeet, Soles
+from estimator.energy.interpenetration import AboveFloor, Interpenetration
 from estimator.energy.lifted import lifted_directions
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.point_targets import PointTargets
-from estimator.energy.pose_mixture import load_mixture
-from estimator.energy.pose_prior import PosePrior
-from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.pose_prior import PosePrior, load_mixture
+from estimator.energy.priors import GravityPrior, Stabilisers, Transition, world_up
 from estimator.energy.reprojection import Reprojection
+from estimator.energy.standing import LevelFeet, Soles
 from estimator.energy.term import Term
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, authored_motion, framing_cameras
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import built_scene, place_of
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from tests.builders import body_of

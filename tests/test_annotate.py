@@ -24,8 +24,8 @@ from humanoid.subject.landmarks import COCO17, mirror_index
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.annotation.annotate import serve_annotation
-from kinemode.annotation.landmark_guide import landmark_guide
 from kinemode.annotation.server import AnnotationServer
+from kinemode.annotation.session import landmark_guide
 from kinemode.inputs.load import load_inputs
 from kinemode.request import FileOptions
 from tests.builders import body_of

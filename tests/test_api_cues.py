@@ -16,11 +16,11 @@ import kinemode
 from estimator.data.media.clip import Clip
 from estimator.runs.run_reader import Run
 from estimator.trackers.css.settings import CssSettings
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.settings import CUES
 from humanoid.support.errors import InputError
 from kinemode import jobs
 from kinemode.pictures import cue_choice
-from kinemode.rendering.clip import RenderedClip
+from kinemode.rendering import RenderedClip
 from tests.command_lines import interrupted_after
 from tests.tiny_clip import QUICK, named
 

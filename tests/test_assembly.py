@@ -18,8 +18,7 @@ from estimator.inference.origin import Family
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.loose_limbed.assembly import AssemblySettings, assembled
-from estimator.trackers.loose_limbed.limb_choices import Mistakes, choices, instead, outermost
-from estimator.trackers.loose_limbed.limb_places import limb_places
+from estimator.trackers.loose_limbed.limb_choices import Mistakes, choices, instead, limb_places, outermost
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph

@@ -13,7 +13,7 @@ from estimator.data.cameras.camera import guessed_camera
 from estimator.data.observation import Observation
 from estimator.data.standing import HIP_SPAN, with_standing
 from estimator.energy.balance import Balance, BalanceSettings, MassSpread, balance_terms
-from estimator.energy.gravity_prior import up_is_assumed
+from estimator.energy.priors import up_is_assumed
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.registry import settings_for

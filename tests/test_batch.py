@@ -20,24 +20,25 @@ import tomli_w
 import kinemode as km
 import kinemode.__main__ as front
 from estimator.runs.run_reader import Run
-from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
+from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.batches.clip_job import _around, work
-from kinemode.batches.digests import input_files, stamped, unchanged
 from kinemode.batches.engines import DaskEngine, Engine, ProcessEngine, engine_of
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
-from kinemode.batches.outcome import ClipOutcome, TrackedRun
-from kinemode.batches.row import BatchRow
+from kinemode.batches.manifest import BatchRow
+from kinemode.batches.outcome import ClipOutcome, TrackedRun, input_files, stamped, unchanged
 from kinemode.batches.shown import ShownBatch
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import ended, kinemode_process, until
-from viz.batch.entry import DONE, FAILED, look_ranks
+from viz.report.thumbnail import DONE, FAILED, look_ranks
 
 FRAMES, FPS = 5, 15.0
 

@@ -13,8 +13,7 @@ import tomli_w
 
 from humanoid.support.errors import InputError
 from kinemode.batches.folders import manifest_of, write_manifest
-from kinemode.batches.manifest import read_manifest
-from kinemode.batches.row import BatchRow
+from kinemode.batches.manifest import BatchRow, read_manifest
 
 
 def fill(folder: Path, files: Sequence[str]) -> Path:

@@ -16,12 +16,10 @@ import tomli_w
 
 import kinemode as km
 from humanoid.support.errors import InputError
-from kinemode import __main__ as front
-from kinemode import cli
+from kinemode import __main__ as front, cli
 from kinemode.batches import columns
-from kinemode.batches.faults import ManifestError
-from kinemode.batches.manifest import read_manifest, rows_of
-from kinemode.batches.row import BatchRow
+from kinemode.batches.manifest import BatchRow, read_manifest, rows_of
+from kinemode.batches.tables import ManifestError
 from kinemode.flags import flag_types
 from kinemode.option import options_of
 from kinemode.request import DetectorOptions, PointOptions, TrackRequest

@@ -26,7 +26,7 @@ from kinemode.batches.outcome import ClipOutcome
 from kinemode.batches.task import BatchTask
 from tests.made_runs import made_run
 from tests.waiting import until
-from viz.batch.entry import DONE, FAILED
+from viz.report.thumbnail import DONE, FAILED
 
 SUBJECT = body_of("human34").subject
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.test_batch_table import ENTRIES, FIRST, ODD
-from viz.batch.page import batch_page, duration, write_batch_page
+from viz.report.batch_page import batch_page, duration, write_batch_page
 
 
 class BatchReader(HTMLParser):

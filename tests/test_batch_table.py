@@ -15,7 +15,7 @@ from humanoid import InputError, load_subject
 from kinemode.batches.clip_job import run_facts
 from kinemode.batches.shown import COLUMNS, batch_table, write_batch_table
 from tests.made_runs import made_run
-from viz.batch.entry import BatchEntry, look_ranks
+from viz.report.thumbnail import BatchEntry, look_ranks
 
 ODD = "<script>alert(\"x\")</script> & 'q'"
 ENTRIES = (

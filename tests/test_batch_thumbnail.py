@@ -14,8 +14,7 @@ import pytest
 from humanoid import InputError, load_subject
 from tests.made_runs import made_run
 from tests.test_viz import moving_scene
-from viz.batch.entry import HEIGHT, WIDTH
-from viz.batch.thumbnail import BYTES, shown_row, thumbnail, write_thumbnail
+from viz.report.thumbnail import BYTES, HEIGHT, WIDTH, shown_row, thumbnail, write_thumbnail
 from viz.scene import Scene
 
 

@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
+from estimator.inference.annealing import effective_count
 from estimator.inference.beliefs.labels import Stacked
 from estimator.inference.beliefs.mixture import KernelMixture, UniformBox, mixture_of
 from estimator.inference.beliefs.potential import Potential, potential_of
 from estimator.inference.beliefs.products import METHODS, ProductSettings, candidates, draw_products
 from estimator.inference.beliefs.space import PLACEMENTS, TURNS_VOLUME, Space, placements_of, points_of
 from estimator.inference.clusters import mean_and_covariance
-from estimator.inference.particles import effective_count
 from humanoid.support.errors import InputError
 
 LINE, TURNS, PLANE_AND_TURNS = Space(1, False), Space(0, True), Space(2, True)

@@ -12,7 +12,7 @@ import pytest
 from test_gait import NAMES, stepping
 
 from benchmarks.accuracy.foot_contact import RUNNER_MARKERS, agreements
-from estimator.inference import foot_contact as foot_contact_module
+from estimator.inference import contacts as foot_contact_module
 from estimator.inference.belt import belt_under
 from estimator.retargeting.metrics import footing_by_depth
 from estimator.runs.contact import Contact, contact_of_points

@@ -14,8 +14,7 @@ from estimator.energy.cost import Cost
 from estimator.inference.best_path import best_path, path_weights
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.paths import backtrack_results
+from estimator.trackers.frame_result import FrameResult, backtrack_results
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import smooth_track

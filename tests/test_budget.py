@@ -12,7 +12,7 @@ from estimator.energy.cost import Cost, QuadraticModel
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes
-from estimator.trackers.css.budget import BudgetSettings, Source, allocated
+from estimator.trackers.css.settings import BudgetSettings, Source, allocated
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody

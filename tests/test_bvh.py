@@ -11,8 +11,8 @@ import pytest
 
 from estimator.data.formats.bvh import read_bvh
 from estimator.runs.evaluation import limit_violations
-from estimator.synthesis import authored_motion
 from estimator.synthesis.mocap import CMU_UNIT, Mocap, load_mocap
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.retarget import retarget
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body

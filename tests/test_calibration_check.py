@@ -9,13 +9,13 @@ import pytest
 from builders import body_of, camera_at
 
 from estimator.data.observation import Observation
-from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.posterior import PosteriorCalibration
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import subject_from_text
 from kinemode.testing import ContractError, RankStatistics, SimulatedClip, check_calibration, simulated_clips
-from kinemode.testing.ranks import rank_statistics
+from kinemode.testing.calibration import rank_statistics
 from tests.tiny_clip import FEW_STARTS
 
 PRIOR, NOISE = np.array([0.3, 0.2]), np.array([0.2, 0.3])  # [rad] standard deviations of the two joints and readings

@@ -7,7 +7,7 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.energy.cost import Cost
-from estimator.energy.descent.covariance import free_mask
+from estimator.energy.descent.solution import free_mask
 from estimator.energy.priors import Transition
 from estimator.inference.motion import MotionPrior
 from estimator.search.cost_model import CostModel

@@ -17,8 +17,7 @@ import tomli_w
 import kinemode
 from estimator.data.cameras.camera import Camera
 from humanoid import Body, load_subject
-from kinemode import __main__ as front
-from kinemode import cli
+from kinemode import __main__ as front, cli
 from kinemode.named import named_paths
 from kinemode.progress import reported
 from kinemode.public import results

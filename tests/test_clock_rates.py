@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.data.clock_rates import clock_rates
+from estimator.data.clock_rates import best_line, clock_rates
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.lag_lines import LagLine, fitted_line
-from estimator.data.lag_tables import best_line
 from estimator.data.synchronisation import Synchrony, synchronised
-from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.request import FileOptions
@@ -80,7 +79,7 @@ def test_equal_rates_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not result.rates.differ
     assert not result.rates.doubtful.any()
     assert result.sure.all()
-    monkeypatch.setattr("estimator.data.clip_pieces._FEWEST", 1000)  # as if no clip were long enough for rates
+    monkeypatch.setattr("estimator.data.clock_rates._FEWEST", 1000)  # as if no clip were long enough for rates
     np.testing.assert_array_equal(clocks_of(*tracks).offsets, result.offsets)
 
 

@@ -16,21 +16,17 @@ import pytest
 
 import kinemode
 from estimator.data.observation import PoseEstimate
-from estimator.runs.evaluation import HIPS, LIMB_JOINTS, mpjpe
+from estimator.runs.evaluation import FAR, HIPS, LIMB_JOINTS, far_px, mpjpe, trajectory_errors
 from estimator.runs.reference_motion import Reference
-from estimator.runs.trajectory_errors import FAR, far_px, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
-from kinemode import __main__ as front
-from kinemode import jobs
-from kinemode.comparison.compare import Comparison, tracker_names
-from kinemode.comparison.files import plotted
-from kinemode.comparison.scores import courses
-from kinemode.comparison.times import TrackTime
+from kinemode import __main__ as front, jobs
+from kinemode.comparison import Comparison, plotted, tracker_names
 from kinemode.progress import unreported
-from kinemode.rendering.files import RenderedClip
 from kinemode.request import TrackRequest
+from kinemode.scores import TrackTime, courses
+from kinemode.shot import RenderedClip
 from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, MeasurePanel, Plot, first_losses, write_plot
 

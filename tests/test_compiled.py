@@ -20,8 +20,16 @@ import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from humanoid.support import compiled
-from humanoid.support.compiled_folder import KEPT, UNUSED, cache_roots, source_folder
-from humanoid.support.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
+from humanoid.support.compiled_cache import (
+    KEPT,
+    PACKAGES,
+    UNUSED,
+    cache_roots,
+    imported_files,
+    imported_names,
+    source_folder,
+    sources_digest,
+)
 from tests.waiting import DEADLINE
 
 ROOT = Path(__file__).parent.parent
@@ -114,10 +122,7 @@ def test_another_checkout_of_the_same_sources_is_served(toy: Toy, monkeypatch: p
 
 def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
     file = toy.folder / "kernel.py"
-    ours = {
-        ROOT / "humanoid" / "support" / name
-        for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py", "locks.py")
-    }
+    ours = {ROOT / "humanoid" / "support" / name for name in ("compiled.py", "compiled_cache.py", "locks.py")}
     assert imported_files(file, "toy.kernel") - ours == {
         file,
         toy.folder / "inner" / "values.py",

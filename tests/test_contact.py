@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from builders import body_of
 from test_foot_contact import walk
-from test_run_file import header, state_of
-from test_run_file import walk as random_walk
+from test_run_file import header, state_of, walk as random_walk
 
 import kinemode as km
 from estimator.runs.contact import Contact, contact_of_points

@@ -11,9 +11,8 @@ from builders import body_of, camera_at, observe, random_pose, slope
 from term_family import CAMERAS, evaluated, observed, reprojection
 
 from estimator.data.observation import image_extent
-from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
-from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.priors import GravityPrior, Stabilisers, Transition, world_up
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS

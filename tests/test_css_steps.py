@@ -9,9 +9,8 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
-from estimator.energy.descent.covariance import MAX_STD
-from estimator.inference.merge import bhattacharyya
-from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.energy.descent.solution import MAX_STD
+from estimator.inference.mixture import Mixture, Mode, bhattacharyya, mixture_of
 from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.settings import ModeSearchSettings

@@ -16,10 +16,10 @@ from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
 from estimator.vision.cues.base import CameraView, ContourMatch, Cue, Matcher
 from estimator.vision.cues.cue_picture import CuePicture
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.settings import CUES
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.testing import ContractError, check_cue
 
 

@@ -12,11 +12,10 @@ import pytest
 
 from estimator.data.image_cues import ImageCues
 from estimator.vision.camera_pictures import CameraPictures
-from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
-from estimator.vision.cues.flow.point_flow import follow_points
-from estimator.vision.cues.silhouette.cue import BesidePerson, Outline
-from estimator.vision.cues.silhouette.foreground import (
+from estimator.vision.cues.edges import EdgeSettings, edge_map
+from estimator.vision.cues.flow import follow_points
+from estimator.vision.cues.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.foreground import (
     Background,
     SilhouetteSettings,
     background_beside,
@@ -25,8 +24,9 @@ from estimator.vision.cues.silhouette.foreground import (
     person_mask,
     silhouette_of,
 )
-from estimator.vision.likelihood.reader import CueReader, ReadAhead
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader, ReadAhead
+from estimator.vision.cues.settings import cue_settings
+from estimator.vision.cues.silhouette import BesidePerson, Outline
 from estimator.vision.resolution import scaled_camera
 from humanoid.support.errors import InputError
 from tests.builders import BROWN, camera_at

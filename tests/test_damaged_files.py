@@ -21,7 +21,7 @@ from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.image_cues import ImageCues
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import make_tracker
-from estimator.vision.cues.silhouette.foreground import silhouette_of
+from estimator.vision.cues.foreground import silhouette_of
 from humanoid.kinematics.body import Body
 from humanoid.shape.solids import solids_of
 from humanoid.subject.subject import load_subject

@@ -13,21 +13,20 @@ from scipy.spatial import cKDTree
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
 from estimator.runs.run_reader import Run
-from estimator.synthesis import SceneSettings, ViewSettings
-from estimator.vision.cues.depth.cue import Depth, PersonPoints
-from estimator.vision.cues.depth.matching import spread_over, surface_precision
-from estimator.vision.cues.depth.person import nearest_thing
-from estimator.vision.cues.depth.reading import found_floor
-from estimator.vision.depth_map import DepthPoints
-from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.vision.cues.depth import Depth, PersonPoints
+from estimator.vision.cues.depth_person import nearest_thing
+from estimator.vision.cues.depth_reading import found_floor, spread_over, surface_precision
+from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
+from estimator.vision.stereo import DepthPoints
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.explain import explain
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from tests.tiny_clip import QUICK, named
 
 UP = np.array([0.0, 0.0, 1.0])

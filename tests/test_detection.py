@@ -25,7 +25,7 @@ from estimator.data.formats.keypoints import load_people
 from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
-from kinemode.detection import detectors, environment
+from kinemode.detection import detectors, process as detector_process
 from kinemode.detection.clip import write_people
 from kinemode.detection.detectors import SCRIPTS, About, DetectorChoice, Patience
 from kinemode.detection.people import People, Search, shared
@@ -98,7 +98,7 @@ class Fake:
         self.script, self.log, self.cache = folder / "fake.py", folder / "uv.log", folder / "cache"
         self.uv = folder / "bin" / "uv"
         self.uv.parent.mkdir()
-        patch.setattr(environment, "find_uv_bin", lambda: str(self.uv))
+        patch.setattr(detector_process, "find_uv_bin", lambda: str(self.uv))
         patch.setenv("KINEMODE_CACHE", str(self.cache))
         self.waits(patch, PATIENCE)
         self.needs("squares==1.0")
@@ -122,7 +122,7 @@ class Fake:
     def python(self) -> Path:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", km.InputWarning)
-            return environment.python_for("fake", self.script, patience=PATIENCE)
+            return detector_process.python_for("fake", self.script, patience=PATIENCE)
 
 
 @pytest.fixture
@@ -169,7 +169,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
     with pytest.warns(km.InputWarning, match=r"^fake gets an environment of its own, once") as said:
-        python = environment.python_for("fake", fake.script, patience=PATIENCE)
+        python = detector_process.python_for("fake", fake.script, patience=PATIENCE)
     assert len(said) == 1
     assert python.is_file()
     assert [call.split()[1] for call in fake.calls] == ["venv", "pip"]
@@ -178,7 +178,7 @@ def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
     assert "--no-deps" in fake.calls[1]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert environment.python_for("fake", fake.script, patience=PATIENCE) == python
+        assert detector_process.python_for("fake", fake.script, patience=PATIENCE) == python
     assert len(fake.calls) == 2
     fake.script.write_text(fake.script.read_text() + "# changed\n")
     assert fake.python() == python
@@ -205,12 +205,12 @@ def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
 def test_an_installation_that_takes_too_long_is_ended(fake: Fake) -> None:
     fake.answers("exec sleep 20")
     with pytest.raises(InputError, match=r"^fake: was not installed within 0 minutes \(it needs a network"):
-        environment.python_for("fake", fake.script, patience=Patience(installation=0.5))
-    assert environment.made_python("fake", fake.script) is None
+        detector_process.python_for("fake", fake.script, patience=Patience(installation=0.5))
+    assert detector_process.made_python("fake", fake.script) is None
 
 
 def test_a_cache_that_cannot_be_written_to_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "cache_folder", lambda: fake.script)
+    monkeypatch.setattr(detector_process, "cache_folder", lambda: fake.script)
     with pytest.raises(InputError, match=r"cannot be made: Not a directory \(KINEMODE_CACHE names another\)"):
         fake.python()
 
@@ -218,26 +218,26 @@ def test_a_cache_that_cannot_be_written_to_is_named(fake: Fake, monkeypatch: pyt
 def test_a_python_that_is_named_is_used_or_refused(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The true uv says whether it has the packages; one that has not is what the environment is made with."""
     this = Path(sys.executable)
-    monkeypatch.setattr(environment, "find_uv_bin", uv.find_uv_bin)
+    monkeypatch.setattr(detector_process, "find_uv_bin", uv.find_uv_bin)
     fake.needs(f"numpy=={np.__version__}")
-    assert environment.python_for("fake", fake.script, this, PATIENCE) == this
+    assert detector_process.python_for("fake", fake.script, this, PATIENCE) == this
     assert not fake.cache.exists()
     with pytest.raises(InputError, match=r"fake\.py: is no Python \(name the file of a CPython >=3\.10,<3\.99\)"):
-        environment.python_for("fake", fake.script, tmp_path / "fake.py", PATIENCE)
+        detector_process.python_for("fake", fake.script, tmp_path / "fake.py", PATIENCE)
     fake.needs("numpy==1.0")
-    monkeypatch.setattr(environment, "find_uv_bin", lambda: str(fake.uv))
+    monkeypatch.setattr(detector_process, "find_uv_bin", lambda: str(fake.uv))
     fake.answers('case "$*" in *--dry-run*) false ;; esac')
-    assert environment.python_for("fake", fake.script, this, PATIENCE).is_relative_to(fake.cache)
+    assert detector_process.python_for("fake", fake.script, this, PATIENCE).is_relative_to(fake.cache)
     assert f"--python {this} " in fake.calls[1]
-    monkeypatch.setattr(environment, "find_uv_bin", uv.find_uv_bin)
-    assert not environment._has_packages(this, fake.script, DEADLINE)
+    monkeypatch.setattr(detector_process, "find_uv_bin", uv.find_uv_bin)
+    assert not detector_process._has_packages(this, fake.script, DEADLINE)
 
 
 def test_what_leads_to_our_packages_is_kept_from_the_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", "somewhere")
     monkeypatch.setenv("VIRTUAL_ENV", "elsewhere")
-    assert {"PYTHONPATH", "VIRTUAL_ENV"}.isdisjoint(environment.clean_environment())
-    assert environment.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
+    assert {"PYTHONPATH", "VIRTUAL_ENV"}.isdisjoint(detector_process.clean_environment())
+    assert detector_process.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
 
 
 @pytest.mark.parametrize("name", ["mediapipe_pose", "onnx_pose", "serving"])
@@ -354,7 +354,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
     [
         ("track --out walk.run", "kinemode.jobs.track_subject", "walk.keypoints"),
         ("fit --out me.urdf", "kinemode.fits.fit_subject", "me.keypoints"),
-        ("compare --trackers css --out two", "kinemode.comparison.compare.compare_trackers", "two/compare.keypoints"),
+        ("compare --trackers css --out two", "kinemode.comparison.compare_trackers", "two/compare.keypoints"),
     ],
 )
 def test_commands_detect_for_the_clips_without_keypoints(
@@ -528,7 +528,7 @@ def made_or_skip(name: str, patch: pytest.MonkeyPatch) -> None:
     about = detectors.DETECTORS[name]
     patch.setitem(detectors.DETECTORS, name, About(about.script, about.needs_model, PATIENCE))
     wanted = DetectorChoice(name)
-    if environment.made_python(name, wanted.script) is None and "KINEMODE_TEST_DETECTOR" not in os.environ:
+    if detector_process.made_python(name, wanted.script) is None and "KINEMODE_TEST_DETECTOR" not in os.environ:
         pytest.skip(f"the environment of {name} is not there; KINEMODE_TEST_DETECTOR=1 makes it (150 MB)")
 
 

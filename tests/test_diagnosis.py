@@ -25,9 +25,9 @@ from estimator.runs.run_header import RunHeader
 from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.synthesis import DetectorSettings, keypoints
-from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.statuses import STATUS_MEANINGS
+from estimator.synthesis.detector import keypoints
+from estimator.synthesis.settings import DetectorSettings
+from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import Subject, load_subject, subject_from_text

@@ -19,8 +19,8 @@ from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.dual_chain.pose_chain import PoseChainSettings
 from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.dual_chain.tracker import DualChain, DualState
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -13,22 +13,23 @@ from scipy.spatial.transform import Rotation
 import kinemode as km
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
-from estimator.synthesis import ViewSettings, framing_cameras
-from estimator.synthesis.examples.limb_templates import middle_of, train_templates
-from estimator.synthesis.examples.pictures import variants
-from estimator.synthesis.examples.poses import PoseSampler
-from estimator.synthesis.examples.rig_pictures import RigExample, RigPainter
-from estimator.trackers.loose_limbed.limbs.volume import common_box
-from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates, save_templates
+from estimator.synthesis.limb_templates import middle_of, train_templates
+from estimator.synthesis.pictures import variants
+from estimator.synthesis.poses import PoseSampler
+from estimator.synthesis.rig_pictures import RigExample, RigPainter
+from estimator.synthesis.settings import ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.trackers.loose_limbed.limbs.likelihood import common_box
 from estimator.trackers.loose_limbed.part_detectors.templates import (
     LimbTemplates,
     TemplateSettings,
     best_apart,
+    load_templates,
+    save_templates,
     template_proposals,
 )
 from estimator.vision.eigen_templates import eigen_space
-from estimator.vision.foreground_rays import ray_places, seen_by_all
-from estimator.vision.patches import CHANNELS, PatchView, patch_view, patches_at
+from estimator.vision.patches import CHANNELS, PatchView, patch_view, patches_at, ray_places, seen_by_all
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
@@ -51,7 +52,7 @@ def rig(count: int = 3, about: float = 1.2, size: tuple[int, int] = SIZE) -> tup
 @pytest.fixture(scope="module", autouse=True)
 def few_bodies() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("estimator.synthesis.examples.limb_templates._VARIANTS", BODIES)
+        patch.setattr("estimator.synthesis.limb_templates._VARIANTS", BODIES)
         yield
 
 

@@ -25,23 +25,22 @@ from estimator.search.examples.lookup import Lookup, either_way
 from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_starts, without_silhouette
 from estimator.search.hypothesis import Hypothesis
-from estimator.synthesis.examples import training
-from estimator.synthesis.examples.pictures import ExamplePainter, variants
-from estimator.synthesis.examples.poses import PoseSampler
-from estimator.synthesis.examples.training import PAIRS_AT_ONCE, train_index
+from estimator.synthesis import training
+from estimator.synthesis.pictures import ExamplePainter, variants
+from estimator.synthesis.poses import PoseSampler
+from estimator.synthesis.training import PAIRS_AT_ONCE, train_index
 from estimator.trackers.elmo.tracker import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.cues.cue_picture import Dots
-from estimator.vision.edge_histogram import SIDE, bin_count
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
-from estimator.vision.person_view import ViewFrame, cut_out
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
+from estimator.vision.person_view import SIDE, ViewFrame, bin_count, cut_out
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 from kinemode.explain import explain
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.testing import check_tracker
 from tests.test_tracker_contract import BY_DEPTH
 from tests.tiny_clip import named

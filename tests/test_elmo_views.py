@@ -9,19 +9,18 @@ from builders import body_of
 
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
-from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import HashTables, packed, random_keys
+from estimator.search.examples.hashing import Bits, HashTables, packed, random_keys
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
+from estimator.search.examples.lookup import Votes
 from estimator.search.examples.person_seen import PersonView, standing_places
-from estimator.search.examples.votes import Votes
-from estimator.synthesis.examples.poses import PoseSampler
-from estimator.vision.cues.depth.cue import PersonPoints
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.synthesis.poses import PoseSampler
+from estimator.vision.cues.depth import PersonPoints
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from estimator.vision.person_view import ViewFrame, square_transform
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 UP = np.array([0.0, 0.0, 1.0])
 APART = 40.0  # degrees between two cameras

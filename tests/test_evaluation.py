@@ -16,7 +16,7 @@ from estimator.runs import evaluation
 from estimator.runs.coordinates import opensim_coordinates
 from estimator.runs.evaluation import LIMB_JOINTS, evaluate, evaluate_points, mpjpe, pa_mpjpe
 from estimator.runs.reference_motion import Reference
-from estimator.synthesis import write_truth
+from estimator.synthesis.scene import write_truth
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError

@@ -12,7 +12,7 @@ from made_runs import made_run
 from test_viz import moving_scene
 
 import kinemode as km
-from estimator.runs.even_times import LONGEST, even_motion
+from estimator.runs.filtering import LONGEST, even_motion
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 

@@ -16,13 +16,11 @@ import kinemode as km
 from benchmarks.accuracy.crowd_files import write_mmpose
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading
+from estimator.data.formats.keypoints_reading import Person, Reading
 from estimator.data.people.everybody import everybody
 from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import wants_all
-from kinemode.inputs.persons import persons_of
+from kinemode.inputs.declared import persons_of, wants_all
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 CAMERAS = ("cam0", "cam1", "cam2")

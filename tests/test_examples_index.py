@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.search.examples.bits import Bits, learned_bits
-from estimator.search.examples.hashing import HashTables, packed, random_keys, unpacked
-from estimator.vision.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
+from estimator.search.examples.hashing import Bits, HashTables, learned_bits, packed, random_keys, unpacked
+from estimator.vision.person_view import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
 
 
 def hashed(values: np.ndarray, seed: int = 0) -> HashTables:

@@ -20,12 +20,12 @@ from estimator.data.formats.packing import pack, unpack
 from estimator.inference.origin import Family
 from estimator.runs.run_reader import Run
 from estimator.tracking.registry import make_tracker, settings_for
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.cues.reader import CueReader
 from estimator.vision.visibility import OUTER
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings
-from kinemode.rendering.clip import RenderedClip
+from kinemode.rendering import RenderedClip
 from tests.tiny_clip import QUICK, named
 from viz import palette
 from viz.cue_pictures import LONGEST, cue_pictures

@@ -23,7 +23,7 @@ from benchmarks.papers_css.summaries import gain, paired, spread_of, track_stati
 from benchmarks.support.common import CUES
 from benchmarks.support.result_store import INTERRUPTED, Figures, ResultStore, all_done
 from benchmarks.support.scores import TRAJECTORIES, Outcome, TrackErrors
-from estimator.trackers.css.budget import Source, allocated
+from estimator.trackers.css.settings import Source, allocated
 from estimator.tracking.registry import TRACKERS
 
 

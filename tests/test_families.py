@@ -13,12 +13,11 @@ import pytest
 import kinemode as km
 import viz.exporters  # noqa: F401 - registers its own
 from estimator.data.formats.cameras import CAMERA_FORMATS, load_cameras
-from estimator.data.formats.keypoints import load_keypoints
-from estimator.data.formats.keypoints_layouts import KEYPOINT_FORMATS
+from estimator.data.formats.keypoints import KEYPOINT_FORMATS, load_keypoints
 from estimator.runs.export import EXPORTERS
 from estimator.search.cost_terms import TERMS
 from estimator.tracking.registry import TRACKERS
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.settings import CUES
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
 from kinemode.inputs.motions import MOTION_FORMATS

@@ -11,9 +11,8 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
-from estimator.fitting.fit import SIZES, Fit, bound_note, fit_resized, stature, unfitted
+from estimator.fitting.fit import SIZES, Fit, bound_note, chosen_pieces, fit_resized, stature, unfitted
 from estimator.fitting.fitted_points import FittedKeypoints
-from estimator.fitting.frames import chosen_pieces
 from estimator.fitting.measures import Measures, MeasuresEnergy
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import FitSettings

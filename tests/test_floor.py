@@ -12,11 +12,9 @@ import pinocchio as pin
 import pytest
 from builders import body_of, camera_at, observe, random_pose
 from meshcat.animation import Animation
-from test_fixed_lag import FPS as RATE
-from test_fixed_lag import Track, tracked
+from test_fixed_lag import FPS as RATE, Track, tracked
 from test_foot_contact import walk
-from test_run_file import header, state_of
-from test_run_file import walk as random_walk
+from test_run_file import header, state_of, walk as random_walk
 from test_stances import FPS, watched
 
 import kinemode as km
@@ -24,28 +22,25 @@ from estimator.data.cameras.camera import parallel_camera
 from estimator.data.floor import OFF
 from estimator.data.formats.cameras import declared_floor, write_cameras
 from estimator.data.formats.checked_arrays import DamageError
-from estimator.energy.above_floor import AboveFloor
 from estimator.energy.descent.contact import clearance_rows
-from estimator.fitting.floor_size import size_by_floor
-from estimator.inference.foot_contact import foot_contact
-from estimator.inference.foot_points import FootPoints
+from estimator.energy.interpenetration import AboveFloor
+from estimator.fitting.fit import size_by_floor
+from estimator.inference.contacts import FootPoints, floor_of, foot_contact, height_above, is_believed
 from estimator.inference.ground import Ground
 from estimator.runs.contact import contact_of_points
+from estimator.runs.run_arrays import check_smoothed, joined, smoothed_parts
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
-from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_parts
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.smoothing import Smoothed, smooth_track
-from estimator.tracking.smoothing.known_floor import floor_of, height_above, is_believed
 from estimator.tracking.smoothing.stances import Stances
-from humanoid.collision.clearance import Clearances
-from humanoid.collision.floor import FloorDistances
+from humanoid.collision.floor import Clearances, FloorDistances
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
 from humanoid.shape.solids import solids_of
 from humanoid.support.errors import InputError
+from viz.preview.beside import add_floor, add_stances
 from viz.preview.recorder import CommandRecorder
-from viz.preview.standing import add_floor, add_stances
 
 SLOPE = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0])
 UP = np.array([0.0, 0.0, 1.0])

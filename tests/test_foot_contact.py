@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.foot_contact import agreements
-from estimator.inference.foot_contact import _smoothed, foot_contact, standing_probability
+from estimator.inference.contacts import _smoothed, foot_contact, standing_probability
 from estimator.inference.ground import fitted_ground
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from builders import body_of
 
-from estimator.inference.foot_points import FootPoints
+from estimator.inference.contacts import FootPoints
 from estimator.inference.ground import Ground
 from estimator.retargeting.metrics import Footing, footing_of
 from estimator.runs.contact import Contact

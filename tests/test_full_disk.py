@@ -23,20 +23,20 @@ from estimator.runs.run_file import RunWriter
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode import __main__ as front
 from kinemode.batches.leader import PAGE, TABLE
+from kinemode.batches.manifest import BatchRow
 from kinemode.batches.outcome import ClipOutcome
-from kinemode.batches.row import BatchRow
 from kinemode.batches.shown import ShownBatch
 from kinemode.public.batches import Batch
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from tests.conftest import ROOT
 from tests.test_run_file import header, state_of, walk
 from tests.tiny_clip import QUICK
 from tests.waiting import DEADLINE
-from viz.batch.entry import FAILED
+from viz.report.thumbnail import FAILED
 
 FULL = "cannot be written: File too large (make room, or name a file on another disk)"
 
@@ -192,7 +192,7 @@ import numpy as np
 from estimator.data.media.film import write_film
 from estimator.data.media.picture import write_picture
 from estimator.runs.run_store import create_store
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from humanoid.support.errors import InputError
 
 def text(path):

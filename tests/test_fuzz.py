@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from benchmarks.robustness import fuzz, fuzz_commands
-from benchmarks.robustness.fuzz_cases import MOST_SECONDS, Verdict, peak_memory
-from benchmarks.robustness.fuzz_cases import Case as Damaged
+from benchmarks.robustness.fuzz_cases import MOST_SECONDS, Case as Damaged, Verdict, peak_memory
 from benchmarks.robustness.fuzz_corpus import Files
 from benchmarks.robustness.fuzz_judge import classify_message, judge, prepare, timed, write
 from benchmarks.robustness.fuzz_readers import CORPUS_OF, READERS

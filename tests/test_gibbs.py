@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.trackers.loose_limbed.limbs.gibbs import Gibbs, all_pairs, fitted, log_marginal
+from estimator.trackers.loose_limbed.limbs.models import Gibbs, all_pairs, fitted, log_marginal
 
 LEVELS = (3, 2, 4)
 

@@ -15,9 +15,9 @@ from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.media.film import ffmpeg_command
 from humanoid.support.errors import InputError
-from kinemode.inputs import phones
 from kinemode.inputs.lens import PHONES, lens_of, lens_tags
 from kinemode.inputs.load import load_inputs
+from kinemode.inputs.phones import checked_phone
 from kinemode.request import FileOptions
 from tests.builders import body_of, camera_at
 
@@ -70,12 +70,12 @@ def test_a_phone_has_the_lens_of_its_calibrations(model: str, focal: float) -> N
 
 
 def test_every_phone_is_found_by_its_names_and_has_one_lens() -> None:
-    table = json.loads(Path(phones.__file__).with_name("phone_lenses.json").read_text())["phones"]
+    table = json.loads(Path(checked_phone.__code__.co_filename).with_name("phone_lenses.json").read_text())["phones"]
     assert len(table) == 112
     for model, (focal, *names) in table.items():
         assert 0.65 < focal < 0.91
-        assert phones.checked_phone(model).focal == focal
-        assert all(abs(phones.checked_phone(name).focal - focal) < 0.002 for name in names)
+        assert checked_phone(model).focal == focal
+        assert all(abs(checked_phone(name).focal - focal) < 0.002 for name in names)
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,7 @@ import kinemode as km
 from benchmarks.support.common import ROOT
 from estimator.tracking import registry
 from estimator.tracking.setting_changes import changed
-from kinemode import __main__ as front
-from kinemode import cli, jobs
+from kinemode import __main__ as front, cli, jobs
 from kinemode.batches.manifest import read_manifest
 from kinemode.batches.shown import COLUMNS
 from kinemode.detection import clip as detection

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from builders import body_of, camera_at, observe
-from test_run_file import header, state_of
-from test_run_file import walk as random_walk
+from test_run_file import header, state_of, walk as random_walk
 
 import kinemode as km
 from estimator.energy.cost import Cost
+from estimator.inference.contacts import HandPoints
 from estimator.inference.ground import Ground
-from estimator.inference.hand_points import HandPoints
 from estimator.runs.run_file import RunWriter
 from estimator.tracking.smoothing.stances import Stances
 

@@ -15,15 +15,18 @@ from estimator.data.observation import image_extent
 from estimator.energy.cost import Cost
 from estimator.energy.term import Term
 from estimator.numerics.robust import LECLERC, LORENTZIAN
-from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
+from estimator.synthesis.motion import authored_motion
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
-from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
-from estimator.vision.cues.edges.matching import search_edges
-from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
-from estimator.vision.cues.flow.point_flow import follow_points
-from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import CueSettings, cue_settings
+from estimator.vision.cues.edge_matching import search_edges
+from estimator.vision.cues.edges import EdgeMap, EdgeSettings, edge_map
+from estimator.vision.cues.flow import follow_points
+from estimator.vision.cues.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
+from estimator.vision.cues.settings import CueSettings, cue_settings
 from estimator.vision.visibility import HIDDEN, INNER, OUTER
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope

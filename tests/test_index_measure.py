@@ -12,8 +12,7 @@ from benchmarks.papers_elmo.index_curves import Curves, Made
 from benchmarks.papers_elmo.index_libraries import library_searches
 from benchmarks.papers_elmo.index_pictures import Asked
 from benchmarks.papers_elmo.index_searches import Search, searched
-from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import HashTables, packed, random_keys
+from estimator.search.examples.hashing import Bits, HashTables, packed, random_keys
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
 from humanoid.support.errors import InputError
 

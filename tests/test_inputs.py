@@ -21,8 +21,7 @@ from estimator.data.timing import CameraClock, at_places, clip_clock, keypoint_c
 from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
-from kinemode.inputs import cameras as cameras_module
-from kinemode.inputs import load as load_module
+from kinemode.inputs import cameras as cameras_module, load as load_module
 from kinemode.inputs.doubts import likely_offsets
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.request import FileOptions

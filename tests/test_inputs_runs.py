@@ -16,7 +16,7 @@ from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings
-from kinemode.rendering.clip import RenderedClip
+from kinemode.rendering import RenderedClip
 from tests.command_lines import interrupted_after
 from tests.test_api_cues import ARRAYS
 from tests.tiny_clip import QUICK

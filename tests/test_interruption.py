@@ -19,12 +19,11 @@ import pytest
 import kinemode
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode import __main__ as front
-from kinemode import cli, jobs
+from kinemode import __main__ as front, cli, jobs
 from kinemode.annotation import annotate
 from kinemode.demo import make_clip
 from kinemode.progress import unreported
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.target import check_folder
 from kinemode.terminal import program, report
 from kinemode.terminal.interruption import interrupted_by_signals, kept_if_interrupted

@@ -17,10 +17,9 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
-from estimator.energy.descent.solution import Solution
-from estimator.inference.merge import body_size
+from estimator.energy.descent.solution import Solution, mode_covariance
+from estimator.inference.mixture import body_size
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.first_pose import random_configuration

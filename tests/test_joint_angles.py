@@ -17,9 +17,9 @@ from scipy.stats import norm
 from test_evaluation import robot
 
 import kinemode as km
-from estimator.runs.calibration import PosteriorCalibration
+from estimator.runs.marginals import spread_of
+from estimator.runs.posterior import PosteriorCalibration
 from estimator.runs.run_reader import Run
-from estimator.runs.spread import spread_of
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

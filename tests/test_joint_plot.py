@@ -17,8 +17,7 @@ from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from viz.palette import ON_PAPER, web
-from viz.pictures.joint_panels import chosen_joints, panels_of
-from viz.pictures.joint_plot import drawn, write_joint_plot
+from viz.pictures.joint_plot import chosen_joints, drawn, panels_of, write_joint_plot
 from viz.solids.solid import without_side
 
 HUMAN = body_of("human34").q_names[7:]

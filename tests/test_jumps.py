@@ -11,9 +11,8 @@ from builders import bent, body_of, camera_at, inside, observe, random_pose
 from estimator.search.jumps import REACHED, KinematicJumps
 from estimator.search.jumps.angles import limb_turns
 from estimator.search.jumps.descent import placed
-from estimator.search.jumps.interpretations import JointPrior
-from estimator.search.jumps.limb_solutions import limb_solutions
-from estimator.search.jumps.pose_on_rays import PoseOnRays, pose_on_rays, turned
+from estimator.search.jumps.jumps import JointPrior
+from estimator.search.jumps.limb_solutions import PoseOnRays, limb_solutions, pose_on_rays, turned
 from estimator.search.proposals import LimbProposal
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
-from estimator.data.formats.people_choice import ids_of
+from estimator.data.formats.people_tracks import ids_of
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.fitted_points import FittedKeypoints
-from estimator.fitting.keypoint_noise import given_noise, measured_noise
+from estimator.fitting.lengths import given_noise, measured_noise
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import FitSettings
 from estimator.search.cost_model import CostModel

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.data.cameras.camera import guessed_camera
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT
+from estimator.data.formats.keypoints_reading import LAYOUT_BY_COUNT
 from estimator.data.sequence import assemble, keypoint_jitter
 from estimator.data.timing import length_notes
 from humanoid.kinematics.body import Body

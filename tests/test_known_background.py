@@ -11,18 +11,17 @@ import pytest
 
 from estimator.data.image_cues import ImageCues
 from estimator.vision.camera_pictures import CameraPictures
-from estimator.vision.cues.silhouette.background import KnownBody
-from estimator.vision.cues.silhouette.cue import Outline
-from estimator.vision.cues.silhouette.foreground import (
+from estimator.vision.cues.background import KnownBody
+from estimator.vision.cues.foreground import (
     SilhouetteSettings,
     foreground_mask,
     learn_background,
     silhouette_of,
 )
-from estimator.vision.known_person import KnownPerson
-from estimator.vision.likelihood.reader import persons_before
-from estimator.vision.likelihood.settings import cue_settings
-from estimator.vision.limbs import Limbs, limbs_of
+from estimator.vision.cues.reader import persons_before
+from estimator.vision.cues.settings import cue_settings
+from estimator.vision.cues.silhouette import Outline
+from estimator.vision.person_region import KnownPerson, Limbs, limbs_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject

@@ -143,18 +143,12 @@ OF_ONE_USER = {
     "estimator.data.formats.cameras_easymocap",  # formats: the reference has a section for each
     "estimator.data.formats.cameras_kalibr",
     "estimator.data.formats.cameras_panoptic",
-    "estimator.data.formats.keypoints_mmpose",
-    "estimator.data.formats.keypoints_rtmlib",
-    "estimator.data.markers.array",
-    "estimator.energy.level_feet",  # a term
-    "estimator.search.proposals.limb",  # proposals
-    "estimator.search.proposals.weakest",
     "estimator.trackers.css.css_dual",  # a tracker
     "estimator.trackers.dual_chain.settings",  # what run files keep, apart from what works by it
     "estimator.trackers.elmo.reweighting",  # ELMO's section 3.2, beside the tracker
     "estimator.trackers.elmo.settings",
     "estimator.trackers.loose_limbed.settings",
-    "kinemode.comparison.report",  # commands have nothing but what calls and prints
+    "kinemode.calibrating",  # work, which its public function loads when it is called
 }
 """Short modules that one other module imports: members of a family that a registry lists, and settings."""
 

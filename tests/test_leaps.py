@@ -12,7 +12,7 @@ from builders import body_of, camera_at, observe
 
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
-from estimator.synthesis.crowd import placed
+from estimator.synthesis.detector import placed
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.leaps import FASTEST, LastFrame, LeapCheck, leap_note, leaps, limb_leaps
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for

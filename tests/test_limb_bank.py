@@ -7,7 +7,7 @@ import pytest
 
 from estimator.search.examples.limbs import LimbBank, SeenPoints
 from estimator.search.jumps.anatomy import anatomy_of
-from estimator.synthesis.examples.poses import PoseSampler
+from estimator.synthesis.poses import PoseSampler
 from humanoid.kinematics.body import Body, directions_in_world, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject

@@ -13,8 +13,12 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
 from estimator.numerics.alignment import motions_onto, similarity_onto
 from estimator.search.cost_model import CostModel
-from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
-from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import (
+    KeypointEvidence,
+    KeypointEvidenceSettings,
+    LimbLandmarks,
+    landmarks_of_limbs,
+)
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import Fits, turned_about
 from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDetectorSettings, keypoint_proposals

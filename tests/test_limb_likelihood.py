@@ -13,12 +13,19 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.papers_loose_limbed.limb_pictures import moved_away
 from estimator.data.cameras.camera import Camera
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.plate import place_of
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.trackers.loose_limbed.limbs.features import FEATURES, _outlined, cone_of
-from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView, limb_view
+from estimator.trackers.loose_limbed.limbs.likelihood import (
+    LimbLikelihood,
+    LimbSettings,
+    LimbView,
+    common_box,
+    limb_view,
+)
 from estimator.trackers.loose_limbed.limbs.models import SHIPPED, load_models, shipped_models
-from estimator.trackers.loose_limbed.limbs.volume import common_box
 from humanoid.kinematics.body import points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import Limb, limb_placements

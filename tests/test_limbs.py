@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.limbs.bodies import Bodies, bodies_of
-from humanoid.limbs.cones import Cone, cone_distance, cone_surface, fitted_cone
 from humanoid.limbs.graph import along_axis, limb_graph, outer_nodes
-from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
+from humanoid.limbs.limb import Cone, Limb, LimbGraph, cone_distance, cone_surface, fitted_cone, limb_placements
 from humanoid.limbs.merging import RULES, Group, Rule, merged, topmost_first
 from humanoid.shape.surface import surface_of
 from humanoid.subject.example_robots import installed
@@ -23,7 +22,7 @@ from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, bent, body_of, camera_at, gripper, random_pose
 from tests.tiers import later
 from viz import palette
-from viz.pictures.limb_picture import draw_limbs
+from viz.pictures.limb_layer import draw_limbs
 from viz.pictures.painter import camera_view
 
 ROBOTS = {"human": 10, "g1": 9}

@@ -25,7 +25,7 @@ from estimator.runs.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.streams import job as sources
 from kinemode.streams.capture import CapturedPicture, FileCamera, LatestFrameQueue
 from kinemode.streams.session import run_session

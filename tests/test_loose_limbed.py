@@ -20,8 +20,8 @@ from estimator.trackers.loose_limbed.instant import ImportanceSettings, importan
 from estimator.trackers.loose_limbed.limbs.window import Instant, PastBeliefs, window
 from estimator.trackers.loose_limbed.part_detectors.contract import PartProposals
 from estimator.trackers.loose_limbed.state import LimbState
-from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import FrameByFrame
 from humanoid.support.errors import InputError
 
 SMALL: dict[str, Any] = {

@@ -9,11 +9,11 @@ import pytest
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.opensim import upright_world, write_trc
-from estimator.data.markers.gravity import up_by_motion
 from estimator.data.markers.load import load_points
+from estimator.data.markers.merging import up_by_motion
 from estimator.data.markers.swaps import mirrored_swaps
 from estimator.data.markers.track import MarkerTrack
-from humanoid.subject.marker_matching import matching_set
+from humanoid.subject.marker_start import matching_set
 from humanoid.support.errors import InputError
 from kinemode.inputs.points import mirrored
 

@@ -10,8 +10,8 @@ import pytest
 
 from estimator.data.markers.load import load_points
 from humanoid.kinematics.body import Body
-from humanoid.subject.marker_matching import chosen_set, matching_set
 from humanoid.subject.marker_set import MarkerSet, marker_set, marker_set_names
+from humanoid.subject.marker_start import chosen_set, matching_set
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 

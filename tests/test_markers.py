@@ -15,13 +15,12 @@ from builders import bent, body_of
 import kinemode as km
 from estimator.data.formats.opensim import write_trc
 from estimator.data.observation import Observation
-from estimator.energy.marker_targets import MarkerNoise, marker_targets
+from estimator.energy.point_targets import MarkerNoise, marker_targets
 from estimator.fitting.fitted_points import FittedMarkers
 from estimator.fitting.markers import MarkerFitSettings, fit_markers
-from estimator.fitting.measures import Measures, MeasuresEnergy
-from estimator.fitting.standing import standing_pose
+from estimator.fitting.measures import Measures, MeasuresEnergy, standing_pose
+from estimator.runs.keypoint_residuals import marker_residuals
 from estimator.runs.lasting_spread import LastingPoints, lasting_by_places
-from estimator.runs.marker_residuals import marker_residuals
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -29,7 +28,7 @@ from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.marker_set import marker_set
 from humanoid.subject.subject import Subject, Zero, load_subject
-from viz.viewpoint import pictured_scene
+from viz.scene import pictured_scene
 
 FPS = 50.0
 FLEXED = {"left_knee_flexion": 0.9, "right_hip_flexion": 0.7, "left_elbow_flexion": 1.2, "lumbar_flexion": 0.3}

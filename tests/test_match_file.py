@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.retargeting.correspondence import check_correspondence, common_correspondence
-from estimator.retargeting.match_file import load_match, match_start
+from estimator.retargeting.correspondence import check_correspondence, common_correspondence, load_match, match_start
 from humanoid.support.errors import InputError
 from tests.builders import body_of
 

@@ -14,18 +14,16 @@ from builders import bent, body_of, camera_at, inside, observe, random_pose
 from scipy.stats import chi2
 
 from estimator.data.observation import Observation, PoseEstimate
-from estimator.inference.merge import best_distinct, bhattacharyya, body_size
-from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.mixture import Mixture, Mode, best_distinct, bhattacharyya, body_size, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.search.first_pose import random_configuration, start_modes
+from estimator.search.first_pose import random_configuration, start_modes, view_sphere
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
-from estimator.search.views import view_sphere
-from estimator.trackers.paths import backtrack
+from estimator.trackers.frame_result import backtrack
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.vision.cues.silhouette.matching import nearest_contour
+from estimator.vision.cues.outline_matching import nearest_contour
 from estimator.vision.visibility import HIDDEN, INNER, OUTER
 
 

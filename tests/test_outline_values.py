@@ -13,8 +13,8 @@ from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.image_cues import ImageCues
 from estimator.trackers.dual_chain.outline_kernels import project_limb
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood, OutlineSettings
-from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.vision.cues.silhouette.foreground import silhouette_of
+from estimator.vision.cues.edges import EdgeSettings, edge_map
+from estimator.vision.cues.foreground import silhouette_of
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import limb_placements

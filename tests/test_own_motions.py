@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.data.formats.motion_table import read_motion_table
+from estimator.data.formats.angle_files import read_motion_table
 from estimator.runs.export import export
 from estimator.runs.run_reader import Run
+from estimator.synthesis.motion import random_motion
 from estimator.synthesis.motion_file import motion_of
-from estimator.synthesis.random_motion import random_motion
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -42,7 +42,7 @@ def test_a_random_motion_is_smooth_and_possible(name: str) -> None:
 
 def test_overlaps_are_avoided_and_not_only_by_luck(monkeypatch: pytest.MonkeyPatch) -> None:
     body, collision = body_of("human34"), SelfCollision(body_of("human34"))
-    monkeypatch.setattr("estimator.synthesis.random_motion._TRIES", 1)
+    monkeypatch.setattr("estimator.synthesis.motion._TRIES", 1)
     still = sum(np.array_equal(*random_motion(body, np.array([0.0, 0.79]), np.random.default_rng(s))) for s in range(6))
     monkeypatch.setattr(SelfCollision, "penetration", lambda self, posed: 0.0)
     blind = [random_motion(body, np.array([0.79]), np.random.default_rng(s))[0] for s in range(6)]

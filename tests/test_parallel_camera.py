@@ -22,11 +22,12 @@ from estimator.data.cameras.projection import (
 from estimator.data.formats.cameras import load_cameras, write_cameras
 from estimator.data.formats.cameras_json import camera_from_json, camera_to_json
 from estimator.data.formats.keypoints import load_keypoints
+from estimator.search.first_pose import view_sphere
 from estimator.search.jumps import KinematicJumps
-from estimator.search.jumps.limb_solutions import limb_solutions
-from estimator.search.jumps.pose_on_rays import pose_on_rays, turned
-from estimator.search.views import view_sphere
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
+from estimator.search.jumps.limb_solutions import limb_solutions, pose_on_rays, turned
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.vision.patches import patch_view

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from builders import body_of, random_pose
 
-from estimator.inference.annealing import Annealing, anneal, annealing_power
+from estimator.inference.annealing import (
+    Annealing,
+    Particles,
+    anneal,
+    annealing_power,
+    bootstrap_step,
+    effective_count,
+    normalised,
+    systematic,
+)
 from estimator.inference.clusters import clusters, mean_and_covariance
-from estimator.inference.particles import Particles, bootstrap_step, effective_count, normalised, systematic
 
 
 def test_the_bootstrap_filter_is_kalmans_where_all_is_linear_and_normal() -> None:

@@ -16,18 +16,17 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import meeting_points
 from estimator.data.formats import people_tracks
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading
+from estimator.data.formats.keypoints_reading import Person, Reading
 from estimator.data.formats.people_tracks import link
 from estimator.data.people.across_cameras import subject_tracks
-from estimator.data.people.groups import exchange_pieces, grouped
-from estimator.synthesis.crowd import crowd, placed
+from estimator.data.people.choice_of_subject import exchange_pieces, grouped
+from estimator.synthesis.detector import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
+from kinemode.inputs.declared import persons_of, plain
 from kinemode.inputs.load import load_inputs
-from kinemode.inputs.persons import persons_of, plain
 from kinemode.request import FileOptions
 
 FRAMES, FPS = 40, 20.0

@@ -20,7 +20,7 @@ from benchmarks.points.captured_trials import (
 from benchmarks.points.four_cameras import triangulated
 from benchmarks.points.tracked_points import observations_of
 from estimator.data.observation import Observation
-from estimator.fitting.standing import standing_pose
+from estimator.fitting.measures import standing_pose
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
 from humanoid.kinematics.body import Body

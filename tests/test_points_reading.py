@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.robustness.c3d_files import c3d_file
-from estimator.data.formats.marker_names import output_kind
+from estimator.data.formats.markers import output_kind
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
 from estimator.data.formats.reference import load_reference
 from estimator.data.markers.load import load_points, point_names

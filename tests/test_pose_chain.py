@@ -11,8 +11,7 @@ import pytest
 
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.image_cues import ImageCues
-from estimator.energy.pose_mixture import shipped_mixture
-from estimator.energy.pose_prior import PosePrior
+from estimator.energy.pose_prior import PosePrior, shipped_mixture
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian

@@ -13,17 +13,16 @@ from scipy.stats import chi2, norm, truncnorm
 from benchmarks.training import credible_levels
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.energy.priors import Stabilisers
-from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.camera_spread import _moves
+from estimator.runs.lasting_spread import _moves
 from estimator.runs.marginals import Marginals, _cut_gaussian
-from estimator.runs.posterior import Posterior
+from estimator.runs.posterior import Posterior, PosteriorCalibration
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import landmark_spread
 from humanoid.subject.marker_set import marker_set
 from humanoid.subject.subject import Subject, Zero, load_subject
 from humanoid.support.errors import InputError
-from kinemode.testing.ranks import calibration_error, coverage
+from kinemode.testing.calibration import calibration_error, coverage
 from tests.builders import bent, body_of, inside, random_pose
 
 SIDEWAYS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])

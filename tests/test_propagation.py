@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.inference.annealing import effective_count
 from estimator.inference.beliefs import strata
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief, Edge, Graph, LogLikelihood, Node
 from estimator.inference.beliefs.mixture import UniformBox, mixture_of
@@ -14,7 +15,6 @@ from estimator.inference.beliefs.potential import Potential, potential_of
 from estimator.inference.beliefs.products import ProductSettings, draw_products
 from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch, propagate_tree
 from estimator.inference.beliefs.space import PLACEMENTS, Space
-from estimator.inference.particles import effective_count
 from humanoid.support.errors import InputError
 
 LINE, PLANE = Space(1, False), Space(2, False)

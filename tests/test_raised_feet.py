@@ -11,8 +11,7 @@ from builders import body_of
 from scipy.spatial.transform import Rotation
 
 import kinemode as km
-from estimator.inference.foot_points import FootPoints
-from estimator.tracking.smoothing.known_floor import FeetOnFloor, feet_on_floor
+from estimator.inference.contacts import FeetOnFloor, FootPoints, feet_on_floor
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 

@@ -12,13 +12,12 @@ import kinemode as km
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.runs.reference_motion import Reference
-from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
+from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.rendering.files import RenderedClip
-from kinemode.rendering.shot import while_open
+from kinemode.shot import RenderedClip, while_open
 
 SMALL = ViewSettings(count=2, image_size=(160, 120))
 EXACT = DetectorSettings(0.0, 0.0, 0.0)

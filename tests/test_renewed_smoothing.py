@@ -13,17 +13,16 @@ import kinemode
 from estimator.energy.cost import Cost
 from estimator.numerics.robust import LORENTZIAN
 from estimator.runs.run_reader import Run
-from estimator.trackers.capabilities import energy_of
+from estimator.trackers.base import energy_of
 from estimator.tracking.registry import make_tracker
-from estimator.tracking.smoothing import clip as smoothing_of_clips
-from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing import clip as smoothing_of_clips, smooth_track
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.ties import FlowTie
 from estimator.vision.cues.assigned import AssignedPoints, assignments
-from estimator.vision.likelihood.reader import ReadAhead
+from estimator.vision.cues.reader import ReadAhead
 from humanoid.kinematics.body import Body
 from kinemode.explain import cue_reader, run_settings
-from kinemode.rendering.clip import RenderedClip
+from kinemode.rendering import RenderedClip
 from tests.tiny_clip import QUICK, named
 
 

@@ -17,16 +17,15 @@ import kinemode as km
 from estimator.data.media.clip import Clip
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_header import RunHeader
-from estimator.synthesis import ViewSettings
+from estimator.synthesis.settings import ViewSettings
 from humanoid.subject.subject import load_subject
 from kinemode.__main__ import main
 from kinemode.option import words_given
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
 from kinemode.request import TrackRequest
 from viz.report import pictures
-from viz.report.facts import Facts, Figure
 from viz.report.page import page
-from viz.report.pictures import spans_of
+from viz.report.pictures import Facts, Figure, spans_of
 from viz.scene import as_scene
 
 UNSEEN = range(3, 5)  # frames without keypoints

@@ -13,8 +13,7 @@ import pytest
 
 import kinemode as km
 from humanoid.support.errors import InputError
-from kinemode import cli
-from kinemode import request as declared
+from kinemode import cli, request as declared
 from kinemode.flags import TYPES, flag_types
 from kinemode.option import KINDS, check_options, options_of, words_given
 from kinemode.request import FileOptions, TrackRequest

@@ -11,7 +11,7 @@ import pytest
 
 import kinemode as km
 from kinemode.__main__ import main
-from kinemode.motion_figures import motion_figures
+from kinemode.reporting import motion_figures
 from tests.made_motion import made_motion
 from viz.local_server import LocalServer
 from viz.preview.live import serve

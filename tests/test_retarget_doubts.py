@@ -14,8 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kinemode as km
-from estimator.retargeting.doubts import doubts_of
-from estimator.retargeting.handedness import is_mirrored, turns_round, without_mirrored_parts
+from estimator.retargeting.doubts import doubts_of, is_mirrored, turns_round, without_mirrored_parts
 from estimator.retargeting.leaps import leap_frames, leaps_of, without_rest_pose
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
 from estimator.retargeting.problem import RetargetSettings

@@ -23,7 +23,7 @@ from benchmarks.retargeting.trials import (
 )
 from estimator.retargeting.contacts import SourceContacts
 from estimator.retargeting.metrics import RetargetMeter, RetargetMetrics
-from estimator.retargeting.parts import parts_of
+from estimator.retargeting.problem import parts_of
 from estimator.retargeting.source import SourceMotion
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed

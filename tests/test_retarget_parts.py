@@ -10,21 +10,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.retargeting.correspondence import load_match
 from estimator.retargeting.doubts import doubts_of
-from estimator.retargeting.feet import Foot, feet_of, foot_rotation
-from estimator.retargeting.match_file import load_match
 from estimator.retargeting.motion import RetargetedMotion, retarget_motion
-from estimator.retargeting.problem import RetargetSettings
+from estimator.retargeting.problem import RetargetSettings, StepRows, constrained_step
 from estimator.retargeting.run_of import source_of, write_motion_run
 from estimator.retargeting.source import SourceMotion
-from estimator.retargeting.stances import HEEL, LIFT, TOE, FootStances, stances_at, stretches
-from estimator.retargeting.step import StepRows, constrained_step
+from estimator.retargeting.stances import (
+    HEEL,
+    LIFT,
+    TOE,
+    Foot,
+    FootStances,
+    feet_of,
+    foot_rotation,
+    stances_at,
+    stretches,
+)
 from estimator.runs.run_header import RETARGETED, RunHeader
 from estimator.runs.run_reader import Run
 from humanoid.subject.example_robots import installed
 from humanoid.support.errors import InputError
 from kinemode import __version__
-from kinemode.motion_figures import motion_figures, write_figures
+from kinemode.reporting import motion_figures, write_figures
 from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.test_retargeting import HUMAN, PANDA, RATE, part_of, steps

@@ -17,9 +17,8 @@ from tests.test_viz import commands
 from viz import palette
 from viz.pictures.painter import camera_view
 from viz.preview.page import page
-from viz.scene import as_scene
+from viz.scene import as_scene, pictured_scene
 from viz.source_figure import ASIDE, source_figure
-from viz.viewpoint import pictured_scene
 
 
 @pytest.fixture(scope="module")

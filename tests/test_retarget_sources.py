@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.robustness.c3d_files import c3d_file
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_trc
-from estimator.inference.foot_contact import stances_of
+from estimator.inference.contacts import stances_of
 from estimator.retargeting.contacts import source_contacts
 from estimator.retargeting.joint_orders import ORDERS, SMPL
 from estimator.retargeting.source import SourceMotion, filled

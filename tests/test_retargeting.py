@@ -14,12 +14,11 @@ import pytest
 from benchmarks.retargeting.independence import deviation_between, independence_of
 from benchmarks.retargeting.pace import pace_of
 from estimator.retargeting.correspondence import common_correspondence
+from estimator.retargeting.following import searched
 from estimator.retargeting.motion import RetargetedMotion, problem_of, retarget_motion
-from estimator.retargeting.parts import parts_of
-from estimator.retargeting.problem import MotionProblem, RetargetSettings
+from estimator.retargeting.problem import MotionProblem, RetargetSettings, parts_of
 from estimator.retargeting.source import SourceMotion
 from estimator.retargeting.stances import stretches
-from estimator.retargeting.start import searched
 from estimator.retargeting.streaming import LiveFrame, MotionStream
 from estimator.synthesis.motion import authored_motion
 from humanoid.collision.floor import FloorDistances

@@ -18,26 +18,25 @@ import kinemode.__main__ as front
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted
+from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted, bent, by_place, by_radial, straight
 from estimator.data.rigs.calibrate import PersonCalibration, RigWorld, calibrate_by_person, causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
-from estimator.data.rigs.lens import bent, by_place, by_radial, straight
-from estimator.data.rigs.readings import exchanged, with_exchanged
-from estimator.data.rigs.search import RigViews, fitted_rig
+from estimator.data.rigs.search import RigViews, exchanged, fitted_rig, with_exchanged
 from estimator.data.rigs.views import JointView
-from estimator.numerics.typical import typical_distance
-from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras, keypoints
+from estimator.numerics.robust import typical_distance
+from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.inputs.load import load_inputs
 from kinemode.request import FileOptions
-from viz.pictures.rig_picture import rig_drawing
-from viz.pictures.rig_plan import ABOVE, ASIDE
+from viz.pictures.rig_picture import ABOVE, ASIDE, rig_drawing
 
 FPS = 15.0
 QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.02)

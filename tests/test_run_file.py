@@ -23,8 +23,7 @@ from estimator.runs.export import export_arrays
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_reader import Run
-from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.paths import backtrack
+from estimator.trackers.frame_result import FrameResult, backtrack
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -11,10 +11,9 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 
 from estimator.energy.cost import Cost
 from estimator.energy.descent.contact import ContactSettings, contact_kkt_residual, separate
-from estimator.energy.descent.covariance import MAX_STD, free_directions, mode_covariance
 from estimator.energy.descent.qp import PROXQP_ALWAYS, STEP_SOLVERS
 from estimator.energy.descent.seek import Seeker, SeekSettings, trust_box
-from estimator.energy.descent.solution import Solution
+from estimator.energy.descent.solution import MAX_STD, Solution, free_directions, mode_covariance
 from estimator.energy.term import Term
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings

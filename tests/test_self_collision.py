@@ -15,7 +15,7 @@ from estimator.search.cost_model import parts_apart
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.registry import settings_for
 from humanoid.collision import curvature
-from humanoid.collision.hands import stiff_hands
+from humanoid.collision.floor import stiff_hands
 from humanoid.collision.self_collision import Contacts, SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text

@@ -13,10 +13,9 @@ from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.tracking.registry import TRACKERS, settings_for, stored_changes
 from estimator.tracking.setting_changes import FORMER
 from estimator.tracking.unused_settings import RULES
-from estimator.vision.likelihood.settings import unused_rules
+from estimator.vision.cues.settings import unused_rules
 from humanoid.support.errors import InputError
-from humanoid.support.settings import declared, every_setting, is_group, members, setting
-from humanoid.support.unused import ONE_CAMERA, PICTURES
+from humanoid.support.settings import ONE_CAMERA, PICTURES, declared, every_setting, is_group, members, setting
 from kinemode.settings import (
     choose,
     choose_for_all,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.vision.cues.silhouette.subtraction import Background, SilhouetteSettings, departure
+from estimator.vision.cues.subtraction import Background, SilhouetteSettings, departure
 
 
 def scene() -> np.ndarray:

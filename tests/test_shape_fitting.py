@@ -16,28 +16,27 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.fitting import flesh
-from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
-from estimator.fitting.descent import descend
+from estimator.fitting.body_energy import BodyEnergy, Gaussian, ShapedBody, Unknowns, descend, seen_at
 from estimator.fitting.fit import Fit
 from estimator.fitting.flesh import fit_flesh
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
-from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.search.cost_settings import CostSettings
-from estimator.synthesis import Renderer, SceneSettings, authored_motion
-from estimator.tracking.settings import Settings
-from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.synthesis.motion import authored_motion
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings
+from estimator.tracking.registry import Settings
+from estimator.vision.cues.edges import EdgeSettings, edge_map
+from estimator.vision.cues.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.cues.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.superquadric import MIRROR, fault
-from humanoid.subject.urdf_flesh import limb_capsule
-from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.subject.urdf_flesh import limb_capsule, mirror_parts
 from kinemode.terminal.report import print_fit
 
 CAMERAS = tuple(camera_at(a, distance=3.2, focal=750.0, height=1.0, aim=(0.0, 0.0, 0.95)) for a in (15, 100))

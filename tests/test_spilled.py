@@ -15,8 +15,7 @@ from estimator.energy.cost import Cost
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker
-from estimator.tracking.smoothing import Smoothed, SmoothSettings, frames, smooth_track
-from estimator.tracking.smoothing import clip as smoothing_of_clips
+from estimator.tracking.smoothing import Smoothed, SmoothSettings, clip as smoothing_of_clips, frames, smooth_track
 from estimator.tracking.smoothing.motion_energy import MotionEnergy
 from estimator.tracking.smoothing.ties import Ties
 from estimator.tracking.smoothing.window_energy import WindowEnergy

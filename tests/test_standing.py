@@ -10,8 +10,7 @@ import pytest
 
 from estimator.data.observation import Observation
 from estimator.data.standing import SPAN, StandingPoints, with_standing
-from estimator.energy.level_feet import LevelFeet, Soles
-from estimator.energy.standing import HeldPoints, standing_ties
+from estimator.energy.standing import HeldPoints, LevelFeet, Soles, standing_ties
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.tracking.smoothing import SmoothSettings, smooth

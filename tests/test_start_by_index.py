@@ -19,18 +19,17 @@ from estimator.data.observation import Observation
 from estimator.inference.mixture import mixture_of
 from estimator.runs.reference_motion import Reference
 from estimator.trackers.mixture_state import MixtureState
-from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
-from estimator.tracking.settings import Settings
+from estimator.tracking.registry import TRACKERS, Settings, make_tracker, settings_for
 from estimator.tracking.unused_settings import fit_settings
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.demo_occlusion import HIDDEN, run_occlusion_demo
 from kinemode.progress import unreported
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.testing import check_tracker
 from tests.test_tracker_contract import FEW
 from tests.tiers import later

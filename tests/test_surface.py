@@ -17,8 +17,7 @@ from humanoid.shape.solids import solids_of
 from humanoid.shape.surface import Surface, flesh_surface, surface_of
 from humanoid.shape.surface_shape import SurfaceShape
 from humanoid.subject.subject import Flesh, Subject, load_subject, subject_from_text
-from humanoid.subject.urdf_flesh import limb_capsule, stretched
-from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.subject.urdf_flesh import limb_capsule, mirror_parts, stretched
 from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, body_of, random_pose
 from tests.tiers import later

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.clock_rates import Lags
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
-from estimator.data.lags import Lags
 from estimator.data.moving_rays import at_times, averaged
 from estimator.data.synchronisation import Synchrony, synchronised
-from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.request import FileOptions

@@ -14,23 +14,16 @@ import trimesh
 
 from estimator.runs.evaluation import limit_violations
 from estimator.runs.reference_motion import Reference
-from estimator.synthesis import (
-    MOTION_SECONDS,
-    DetectorSettings,
-    Renderer,
-    SceneSettings,
-    ViewSettings,
-    authored_motion,
-    first_frame,
-    framing_cameras,
-    keypoints,
-    scene_cameras,
-    write_truth,
-)
 from estimator.synthesis.clothing import Garment, dressed
+from estimator.synthesis.detector import first_frame, keypoints
+from estimator.synthesis.motion import MOTION_SECONDS, authored_motion
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.scene import write_truth
+from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras, scene_cameras
 from estimator.vision.stereo import StereoPair
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world

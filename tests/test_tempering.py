@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from estimator.inference.particles import normalised, systematic
-from estimator.trackers.dual_chain.tempering import TemperingSettings, tempered
-from estimator.trackers.dual_chain.walk import SampleBox, Walk
+from estimator.inference.annealing import normalised, systematic
+from estimator.trackers.dual_chain.walk import SampleBox, TemperingSettings, Walk, tempered
 
 GROUPS = (np.array([0, 1]), np.array([2]))
 WELLS = np.array([[1.2, -0.8, 0.5], [-1.0, 1.0, -1.5]])

@@ -20,7 +20,7 @@ from estimator.runs.run_reader import Run
 from kinemode import jobs
 from kinemode.demo import make_clip
 from kinemode.progress import unreported
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 ROOT = Path(__file__).parent.parent
 

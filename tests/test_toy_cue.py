@@ -17,13 +17,13 @@ from benchmarks.robustness.resume import differences
 from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.vision.camera_pictures import CameraPictures
-from estimator.vision.likelihood.registry import CUES, register
+from estimator.vision.cues.settings import CUES, register
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.testing import check_cue
 from tests.command_lines import check_written, interrupt_after, printed_by, said_by_readers, told, track_line
 from tests.tiny_clip import tiny_clip

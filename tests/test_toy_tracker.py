@@ -18,18 +18,17 @@ from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.runs.run_reader import Run
-from estimator.trackers.capabilities import Capabilities
+from estimator.trackers.base import Capabilities
 from estimator.tracking.registry import TRACKERS, make_tracker, register
-from estimator.tracking.runner import run as run_tracker
-from estimator.tracking.runner import stored_state
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.tracking.runner import run as run_tracker, stored_state
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CUES
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe

@@ -281,7 +281,7 @@ def test_a_broken_law_is_found_and_told(kind: str) -> None:
 
 def test_orientations_have_to_be_unit_quaternions() -> None:
     """And weights have to fall and be none below zero: of two hypotheses of a free body."""
-    from kinemode.testing.results import check_result
+    from kinemode.testing.trackers import check_result
 
     body = body_of("human34")
     seen = observe(body, body.neutral, (camera_at(0.0),))

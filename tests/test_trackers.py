@@ -15,15 +15,12 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.base import State, TrackerProtocol
+from estimator.trackers.base import State, TrackerProtocol, capabilities_of, energy_of
 from estimator.trackers.baselines.single_mode import unlimited
-from estimator.trackers.capabilities import capabilities_of, energy_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.particle_set import FrameEnergy
-from estimator.trackers.particle_state import ParticleState
-from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
+from estimator.trackers.particle_set import FrameEnergy, ParticleState
+from estimator.tracking.registry import TRACKERS, Settings, make_tracker, settings_for
 from estimator.tracking.runner import run, run_into
-from estimator.tracking.settings import Settings
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError
 from tests.tiny_clip import FEW_STARTS

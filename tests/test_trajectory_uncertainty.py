@@ -15,13 +15,11 @@ from estimator.data.formats.checked_arrays import DamageError
 from estimator.energy.cost import Cost
 from estimator.energy.priors import Transition
 from estimator.inference.motion import MotionPrior, frame_shares
-from estimator.runs import run_reader
-from estimator.runs import smoothed_arrays as smoothed_arrays_of_runs
-from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.posterior import Posterior
+from estimator.runs import run_arrays, run_reader
+from estimator.runs.posterior import Posterior, PosteriorCalibration
+from estimator.runs.run_arrays import check_smoothed, joined, smoothed_in, smoothed_parts
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_reader import Run
-from estimator.runs.smoothed_arrays import check_smoothed, joined, smoothed_in, smoothed_parts
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
@@ -168,7 +166,7 @@ def test_a_long_run_is_written_and_read_by_parts(
     names = ("q", "filtered_q", "time", "index", "status", "path", "weight", "energy", "mode_association", "mode_q")
     short = written(tmp_path / "short.run", track, smoothed)
     said = {name: getattr(short, name) for name in names}
-    monkeypatch.setattr(smoothed_arrays_of_runs, "_PART", 7)
+    monkeypatch.setattr(run_arrays, "_PART", 7)
     monkeypatch.setattr(run_reader, "_FEW", 7)
     long = written(tmp_path / "long.run", track, smoothed)
     for name in names:

@@ -11,8 +11,8 @@ from builders import body_of
 from benchmarks.robustness.c3d_files import c3d_file
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.opensim import upright_world, write_trc
-from estimator.data.markers.gravity import up_by_motion, up_by_names
 from estimator.data.markers.load import load_points
+from estimator.data.markers.merging import up_by_motion, up_by_names
 
 COUNT, RATE = 40, 30.0
 MARKERS = {  # of laboratories, by the landmark that is nearest

@@ -9,9 +9,12 @@ import pytest
 from estimator.data.cameras.camera import Camera
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, authored_motion, framing_cameras
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import MotionArea, place_of
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject

@@ -18,9 +18,8 @@ from tests.test_viz import looking_camera, moving_scene, saved
 from viz.palette import SIDES
 from viz.pictures.painter import BodyPainter, camera_view
 from viz.solids.body_solids import body_solids, drawing_notes
-from viz.solids.decimation import simplified
+from viz.solids.decimation import Triangles, creased, merged_vertices, oriented, simplified
 from viz.solids.solid import DrawnMesh, merged
-from viz.solids.triangles import Triangles, creased, merged_vertices, oriented
 from viz.solids.visual_solids import COARSE, FINE
 
 DAE = """<?xml version="1.0"?>

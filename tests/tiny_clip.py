@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import kinemode as km
-from estimator.synthesis import DetectorSettings, ViewSettings
-from kinemode.rendering.files import RenderedClip
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from kinemode.shot import RenderedClip
 
 FEW_STARTS: dict[str, Any] = {"start_samples": 2}
 """Changes to the settings of the search, which make a first frame short."""

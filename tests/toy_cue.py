@@ -12,7 +12,7 @@ from estimator.numerics.robust import LORENTZIAN
 from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
 from estimator.vision.cues.base import CameraView, Cue, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
-from estimator.vision.likelihood.registry import register
+from estimator.vision.cues.settings import register
 
 
 @dataclass(frozen=True)

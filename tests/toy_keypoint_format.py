@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
-from estimator.data.formats.keypoints_layouts import register
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading, as_landmarks
+from estimator.data.formats.keypoints import register
+from estimator.data.formats.keypoints_reading import KeypointFile, KeypointFormat, Person, Reading, as_landmarks
 
 
 def is_lines(file: KeypointFile) -> bool:

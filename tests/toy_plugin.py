@@ -7,8 +7,7 @@ from typing import Any
 
 from estimator.trackers.spec import Spec
 from estimator.tracking.registry import register
-from humanoid.support.settings import setting
-from humanoid.support.unused import unused_where
+from humanoid.support.settings import setting, unused_where
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.search.cost_terms import register
-from estimator.search.term_source import TermContext, TermSource
+from estimator.search.cost_terms import TermContext, TermSource, register
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting
 

@@ -29,8 +29,8 @@ from benchmarks.support.common import (
 from benchmarks.support.scores import COLUMNS, FAR_MM, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.support.tracking import timed_track
 from estimator.runs.reference_motion import Reference
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.terminal import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")

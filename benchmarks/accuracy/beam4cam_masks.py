@@ -13,7 +13,7 @@ import kinemode as km
 from benchmarks.accuracy.outline import mesh_mask
 from benchmarks.support.common import Data, beam_folder, tell
 from estimator.data.media.threads import one_thread
-from estimator.vision.cues.silhouette.background import grab
+from estimator.vision.cues.background import grab
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from kinemode.target import made_folder

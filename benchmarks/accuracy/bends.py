@@ -29,7 +29,7 @@ from benchmarks.support.common import (
 from benchmarks.support.measured_people import measured_run
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from kinemode.terminal import report
-from kinemode.testing.ranks import coverage
+from kinemode.testing.calibration import coverage
 
 LEGS = JOINTS[:3]
 SIDES = ("left", "right")

@@ -12,8 +12,9 @@ import itertools
 import numpy as np
 
 from benchmarks.support.common import Json, save
-from estimator.runs.calibration import PosteriorCalibration
-from estimator.synthesis import ViewSettings, framing_cameras
+from estimator.runs.posterior import PosteriorCalibration
+from estimator.synthesis.settings import ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.tracking.registry import make_tracker
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

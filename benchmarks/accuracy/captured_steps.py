@@ -11,7 +11,7 @@ from benchmarks.accuracy.gait_events import COLUMNS, KINDS, WAYS, EventErrors, e
 from benchmarks.accuracy.unseen_clips import action_of
 from benchmarks.support.mocap_person import FPS
 from benchmarks.support.pose_prior_clips import captured_files
-from estimator.inference.foot_points import FootPoints
+from estimator.inference.contacts import FootPoints
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
 from estimator.synthesis.detector import correlated_noise

@@ -15,7 +15,7 @@ from benchmarks.accuracy.crowd_files import WRITERS, random_crowd
 from benchmarks.support.common import Json, Several, in_processes, save, spread, tell, work_folder
 from estimator.data.formats.keypoints import load_keypoints, load_people
 from estimator.data.people.across_cameras import subject_tracks
-from estimator.synthesis.crowd import crowd, placed
+from estimator.synthesis.detector import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS

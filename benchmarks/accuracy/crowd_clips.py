@@ -13,16 +13,17 @@ from benchmarks.support.tracking import timed_track
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import load_keypoints, load_people, write_keypoints
-from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Person
 from estimator.data.media.clip import DEFAULT_FPS as FPS
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.runs.evaluation import evaluate
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
-from estimator.synthesis import ViewSettings, framing_cameras
-from estimator.synthesis.crowd import crowd, placed
+from estimator.synthesis.detector import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
+from estimator.synthesis.settings import ViewSettings
+from estimator.synthesis.views import framing_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Person
 from humanoid.subject.landmarks import FORMATS
 
 Frames = Sequence[Sequence[Person]]

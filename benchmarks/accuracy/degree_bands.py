@@ -15,7 +15,7 @@ from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
-from kinemode.testing.ranks import calibration_error, coverage
+from kinemode.testing.calibration import calibration_error, coverage
 
 _OF_SIDE = {
     "hip_flexion": "hip_flexion", "hip_abduction": "hip_adduction", "hip_rotation": "hip_rotation",

@@ -23,8 +23,7 @@ from benchmarks.accuracy.degree_bands import COORDINATES, calibration, central_l
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.numerics.alignment import rotation_onto, similarity_onto
-from estimator.runs.coordinate_errors import GROUPS as LEG_GROUPS
-from estimator.runs.coordinate_errors import wrapped_degrees
+from estimator.runs.coordinate_errors import GROUPS as LEG_GROUPS, wrapped_degrees
 from estimator.runs.coordinates import turns_zxy
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.runs.run_reader import Run

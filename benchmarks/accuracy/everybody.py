@@ -18,9 +18,9 @@ from benchmarks.support.tracking import timed_track
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import load_people
-from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Person
 from estimator.data.people.everybody import everybody
-from estimator.synthesis.crowd import crowd, placed
+from estimator.synthesis.detector import crowd, placed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -20,9 +20,10 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import load_people
 from estimator.data.media.clip import DEFAULT_FPS as FPS
 from estimator.data.media.film import write_film
-from estimator.synthesis import Renderer, SceneSettings
 from estimator.synthesis.clothing import Garment, dressed
 from estimator.synthesis.plate import place_of
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.settings import SceneSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.subject.subject import load_subject

@@ -21,7 +21,7 @@ from benchmarks.accuracy.degrees import FILMS, columns_of, film_run
 from benchmarks.accuracy.gait_events import COLUMNS, KINDS, WAYS, EventErrors, events_by, loaded_events
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
-from estimator.inference.foot_contact import foot_contact
+from estimator.inference.contacts import foot_contact
 from estimator.retargeting.metrics import NEAR, SKATES, Footing, footing_of
 from estimator.runs.contact import Contact, contact_of_points
 from estimator.runs.events import SIDES, Side

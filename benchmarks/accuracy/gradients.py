@@ -17,22 +17,23 @@ from estimator.energy.cost import Cost
 from estimator.energy.descent.qp import StepSolver
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
-from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
-from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.priors import GravityPrior, Stabilisers, Transition, world_up
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.synthesis import authored_motion, keypoints, scene_cameras
+from estimator.synthesis.detector import keypoints
+from estimator.synthesis.motion import authored_motion
+from estimator.synthesis.views import scene_cameras
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from estimator.vision.cues.base import PastPose
-from estimator.vision.cues.depth.matching import surface_precision
-from estimator.vision.depth_map import DepthPoints
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
+from estimator.vision.cues.depth_reading import surface_precision
+from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageModel
+from estimator.vision.stereo import DepthPoints
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody

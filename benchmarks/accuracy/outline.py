@@ -19,8 +19,8 @@ from benchmarks.support.tracking import timed_track
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.runs.run_reader import Run
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from kinemode.terminal import report

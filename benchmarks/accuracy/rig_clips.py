@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.support.pose_prior_clips import subject_of
 from benchmarks.training.calibration_clips import LASTING, person
-from estimator import synthesis
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.synthesis import DetectorSettings
+from estimator.synthesis import detector
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import Body
 
 FPS = 30.0
@@ -68,7 +68,7 @@ def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, lat
     errors = detector_errors(cameras, points)
     lags = np.concatenate([[0], np.round(FPS * rng.uniform(-late, late, count - 1)).astype(int)])
     name = f"person {who[seed % len(who)]}, {len(q) / FPS:.1f} s, {count} cameras"
-    tracks = tuple(synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS))
+    tracks = tuple(detector.keypoints(body, q, cameras, rng, errors, fps=FPS))
     return RigClip(name, cameras, tracks, body, q, np.zeros(count)).begun_later(lags)
 
 

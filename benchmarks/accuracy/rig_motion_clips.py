@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, detector_errors, moved_to, phone, turned
 from benchmarks.training.calibration_clips import person
-from estimator import synthesis
+from estimator.synthesis import detector
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 
 _AWAY, _HEIGHT, _AIM = (3.7, 4.3), (1.2, 1.5), 1.0  # m: cameras from the middle and above the floor; where they look
@@ -66,7 +66,7 @@ class FilmedMotion:
             centre = np.array([away * np.cos(azimuth), away * np.sin(azimuth), height])
             back = centre - [0.0, 0.0, _AIM]
             cameras.append(moved_to(turned(phone(name, rng), back / np.linalg.norm(back), rng), centre))
-        tracks = synthesis.keypoints(body, q, cameras, rng, detector_errors(cameras, points), fps=FPS)
+        tracks = detector.keypoints(body, q, cameras, rng, detector_errors(cameras, points), fps=FPS)
         return RigClip(self.motion.name, tuple(cameras), tuple(tracks), body, q, np.zeros(2))
 
 

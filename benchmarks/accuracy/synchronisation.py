@@ -18,9 +18,10 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.synchronisation import synchronised
 from estimator.runs.evaluation import LIMB_JOINTS
-from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
 from estimator.synthesis.detector import of_points
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from kinemode.terminal import report
 
 NAMES = ("cam01", "cam02", "cam03", "cam04")

@@ -16,8 +16,8 @@ from benchmarks.accuracy.degrees import bands, columns_of, tabled
 from benchmarks.support.result_store import Figures, ResultStore, removed
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.numerics.angles import angle_between, unit
 from estimator.numerics.stretches import stretches
+from estimator.numerics.vectors import angle_between, unit
 from estimator.retargeting.joint_arrays import load_joints
 from estimator.runs.coordinate_errors import wrapped_degrees
 from estimator.runs.run_reader import Run

@@ -23,11 +23,11 @@ from estimator.runs.joint_angle import joint_entry, joint_value
 from estimator.runs.pairs import match_frames, paired
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
-from estimator.synthesis import DetectorSettings
 from estimator.synthesis.detector import of_points
-from estimator.trackers.defaults import together
+from estimator.synthesis.settings import DetectorSettings
+from estimator.trackers.spec import together
 from humanoid.kinematics.body import ROOT_TURN_Q
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 KINDS = ("detector", "joints")
 """COCO's 17 keypoints with the errors of `benchmarks.support.mocap_person.DETECTOR`; the 12 limb joints alone with

@@ -13,18 +13,17 @@ from benchmarks.accuracy.beam4cam import CAMERAS
 from benchmarks.papers_css.failure_runs import CSS, Tracking
 from benchmarks.papers_css.sequences import FPS, Task, clip_folder
 from benchmarks.support.common import CUES, beam_folder
-from benchmarks.support.mocap_person import DETECTOR, person
-from benchmarks.support.mocap_person import FPS as FILMED_FPS
+from benchmarks.support.mocap_person import DETECTOR, FPS as FILMED_FPS, person
 from benchmarks.support.result_store import Figures, Piece, ResultStore, cached_clip, removed
 from benchmarks.support.scores import TrackErrors, outcome
 from benchmarks.support.tracking import Times, timed_track
 from estimator.runs.run_reader import Run
 from estimator.synthesis.mocap import load_mocap
-from estimator.trackers.defaults import NO_CAPTURE, together
+from estimator.trackers.spec import NO_CAPTURE, together
 from estimator.tracking.registry import settings_for
 from humanoid.support.errors import InputError
-from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
+from kinemode.shot import RenderedClip
 
 MOCAP_CLIP_SEED = 2  # as `benchmarks.accuracy.mocap`
 

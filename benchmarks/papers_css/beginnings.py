@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.runs.evaluation import HIPS, mpjpe
 from estimator.runs.run_reader import Run
-from estimator.synthesis import SceneSettings, ViewSettings
+from estimator.synthesis.settings import SceneSettings, ViewSettings
 
 FOUND = 120.0  # mm
 WITHIN = 5  # frames

@@ -12,9 +12,8 @@ import numpy as np
 
 from benchmarks.papers_css.css_tables_minima import RULE, WITHIN, known_problem
 from benchmarks.papers_css.css_tables_problem import SEARCH, Problem
-from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.seek import Seeker
-from estimator.energy.descent.solution import Solution
+from estimator.energy.descent.solution import Solution, free_directions, mode_covariance
 from estimator.search.jumps import KinematicJumps
 from estimator.search.proposals import CovarianceScaledProposal, SphericalProposal
 

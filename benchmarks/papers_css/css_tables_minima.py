@@ -11,9 +11,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from benchmarks.papers_css.css_tables_problem import PAPERS, SEARCH, Problem, Regime, joint_image_problem
-from estimator.energy.descent.covariance import free_directions
 from estimator.energy.descent.seek import Seeker
-from estimator.energy.descent.solution import Solution
+from estimator.energy.descent.solution import Solution, free_directions
 from estimator.search.proposals import CovarianceScaledProposal, Proposal, SphericalProposal, WeakestDirections
 
 

@@ -11,11 +11,9 @@ import pinocchio as pin
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.seek import Seeker, SeekSettings
-from estimator.energy.descent.solution import Solution
-from estimator.energy.gravity_prior import GravityPrior
-from estimator.energy.priors import Stabilisers
+from estimator.energy.descent.solution import Solution, free_directions, mode_covariance
+from estimator.energy.priors import GravityPrior, Stabilisers
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from humanoid.kinematics.body import Body

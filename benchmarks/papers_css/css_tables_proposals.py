@@ -12,8 +12,7 @@ import pinocchio as pin
 from benchmarks.papers_css.css_tables_jumps import Pool
 from benchmarks.papers_css.css_tables_minima import PROPOSALS, Starts, proposal
 from benchmarks.papers_css.css_tables_problem import Problem
-from estimator.energy.descent.covariance import mode_covariance
-from estimator.energy.descent.solution import Solution
+from estimator.energy.descent.solution import Solution, mode_covariance
 from estimator.search.jumps import KinematicJumps
 from estimator.search.proposals import CovarianceScaledProposal, LimbProposal
 

@@ -13,12 +13,11 @@ import numpy as np
 from benchmarks.papers_css.sequences import Task, rendered, track_clip
 from benchmarks.support.result_store import Figures, ResultStore, removed
 from benchmarks.support.scores import Outcome, TrackErrors, outcome
-from estimator.trackers.capabilities import capabilities_of
-from estimator.tracking.registry import TRACKERS, changes_for, make_tracker, settings_for
-from estimator.tracking.settings import Settings
+from estimator.trackers.base import capabilities_of
+from estimator.tracking.registry import TRACKERS, Settings, changes_for, make_tracker, settings_for
 from humanoid.support.errors import InputError
-from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
+from kinemode.shot import RenderedClip
 
 CSS = "css"
 SIZES = {

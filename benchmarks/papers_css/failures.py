@@ -16,7 +16,7 @@ from benchmarks.papers_css.runs_plot import write_runs
 from benchmarks.papers_css.sequences import Motion, Task, rendered
 from benchmarks.support.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, work_folder
 from benchmarks.support.result_store import ResultStore, all_done
-from estimator.trackers.defaults import NO_CAPTURE, together
+from estimator.trackers.spec import NO_CAPTURE, together
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice

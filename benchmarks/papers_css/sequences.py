@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 import kinemode as km
-from benchmarks.papers_css.beginnings import Beginning, start_errors
-from benchmarks.papers_css.beginnings import verdict as verdict_on
+from benchmarks.papers_css.beginnings import Beginning, start_errors, verdict as verdict_on
 from benchmarks.support.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, tell, work_folder
 from benchmarks.support.result_store import cached_clip
 from benchmarks.support.scores import (
@@ -24,11 +23,11 @@ from benchmarks.support.scores import (
 )
 from benchmarks.support.tracking import Times, timed_track
 from estimator.runs.run_reader import Run
-from estimator.synthesis import SceneSettings
 from estimator.synthesis.motion_keys import motion_named
+from estimator.synthesis.settings import SceneSettings
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 
 FPS = {"arm": 25.0, "pivot": 25.0, "turn_reach": 50.0}

@@ -36,12 +36,12 @@ from estimator.data.observation import image_extent
 from estimator.synthesis.render import Renderer
 from estimator.trackers.dual_chain.faces import skin_points
 from estimator.trackers.dual_chain.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal import report
 

@@ -30,8 +30,8 @@ from benchmarks.papers_dual_chain.chains_toy import (
     seen,
 )
 from benchmarks.support.common import Json, save
+from estimator.inference.annealing import effective_count
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, step
-from estimator.inference.particles import effective_count
 from kinemode.terminal import report
 
 SEEN_FRAMES, DARK_FRAMES = 10, 15

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.inference.annealing import normalised
 from estimator.inference.chains.evidence import Evidence
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
-from estimator.inference.particles import normalised
 
 Q, R, NOISE = 0.25, 0.25, 0.5  # variances
 POINT = ("point",)

@@ -31,15 +31,14 @@ from benchmarks.support.common import (
 )
 from benchmarks.support.result_store import Figures, ResultStore, all_done, removed
 from benchmarks.support.tracking import timed_track
-from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.evaluation import procrustes
 from estimator.runs.pairs import paired
-from estimator.runs.posterior import Posterior
+from estimator.runs.posterior import Posterior, PosteriorCalibration
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from kinemode.terminal import report
-from kinemode.testing.ranks import calibration_error, coverage
+from kinemode.testing.calibration import calibration_error, coverage
 
 GONE = tuple(f"{side}_{joint}" for joint in ("elbow", "wrist", "knee", "ankle") for side in ("left", "right"))
 GAP, TIMES = 15, 2  # frames, for every keypoint

@@ -18,7 +18,7 @@ from estimator.search.point_features import PointFeatures, skin_features
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 CROSSING, FACE, LOST, SWAPPED = "hands crossing", "hand before face", "blob lost", "blobs swapped"
 EVENTS = (CROSSING, FACE, LOST, SWAPPED)

@@ -18,7 +18,7 @@ from benchmarks.support.common import Several, Work, check_known, work_folder
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.media.clip import Clip
 from estimator.data.media.picture import write_picture
-from estimator.inference.particles import systematic
+from estimator.inference.annealing import systematic
 from viz.pictures.overlay import side_by_side
 from viz.pictures.painter import BodyPainter
 from viz.pictures.pose_samples import captioned, samples_tile

@@ -17,14 +17,14 @@ from benchmarks.support.result_store import Figures, ResultStore, cached_clip
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
-from estimator.inference.particles import systematic
+from estimator.inference.annealing import systematic
 from estimator.trackers.dual_chain.tracker import DualChain, DualState
 from estimator.tracking.registry import make_tracker, settings_for
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 FPS = 25.0
 ARMS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist"))

@@ -23,8 +23,8 @@ from benchmarks.support.common import Json, Several, save, tell
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood, OutlineSettings
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.subject import load_subject

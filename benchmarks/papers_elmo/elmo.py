@@ -29,11 +29,11 @@ from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
 from estimator.runs.run_reader import Run
 from estimator.search.settings import BY_KEYPOINTS
-from estimator.trackers.defaults import together
+from estimator.trackers.spec import together
 from estimator.tracking.registry import TRACKERS
 from humanoid.subject.subject import Subject
-from humanoid.support.atomic import replacing
-from kinemode.rendering.files import RenderedClip
+from humanoid.support.files import replacing
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 
 RIVALS = ("elmo", "condensation", "psh", "icp")

@@ -12,15 +12,15 @@ from benchmarks.support.common import tell
 from benchmarks.support.mocap_person import person
 from benchmarks.support.result_store import cached_clip
 from estimator.data.cameras.camera import Camera
-from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
+from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from humanoid.kinematics.body import ROOT_Q, Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject
-from kinemode.rendering.files import RenderedClip, WantedFiles
-from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
+from kinemode.shot import FilmedMotion, RandomSources, RenderedClip, WantedFiles, write_shot
 
 JOINTS = (
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "neck", "head_top",

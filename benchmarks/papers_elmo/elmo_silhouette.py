@@ -26,7 +26,7 @@ from benchmarks.support.common import (
 from benchmarks.support.result_store import removed
 from benchmarks.support.tracking import timed_track
 from estimator.runs.run_reader import Run
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 
 HIPS = ("left_hip", "right_hip")

@@ -19,14 +19,14 @@ from estimator.data.observation import Observation
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.mode_search import Examples
-from estimator.synthesis.examples.poses import sampler_of
+from estimator.synthesis.poses import sampler_of
 from estimator.trackers.elmo.tracker import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body
 from kinemode.pictures import CueChoice, cue_choice
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 
 _SEED = 4321

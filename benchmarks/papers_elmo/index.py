@@ -15,12 +15,11 @@ from benchmarks.papers_elmo.index_curves import Curves, Made, Row
 from benchmarks.papers_elmo.index_libraries import missing
 from benchmarks.papers_elmo.index_pictures import asked, painted
 from benchmarks.papers_elmo.index_plot import TITLES, write_curves
-from benchmarks.papers_elmo.index_searches import Row as SearchRow
-from benchmarks.papers_elmo.index_searches import searched
+from benchmarks.papers_elmo.index_searches import Row as SearchRow, searched
 from benchmarks.support.common import Json, Several, save, tell
 from estimator.data.media.threads import one_thread
 from estimator.search.examples.index import ExampleIndex, load_index
-from estimator.vision.edge_histogram import edge_histogram
+from estimator.vision.person_view import edge_histogram
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.papers_elmo.elmo_clips import JOINTS
 from estimator.search.examples.index import ExampleIndex
-from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
-from estimator.synthesis.examples.poses import sampler_of
+from estimator.synthesis.pictures import Example, ExamplePainter, variants
+from estimator.synthesis.poses import sampler_of
 from humanoid.kinematics.body import Body
 
 _BODIES = 6  # of other lengths and girth than the index's

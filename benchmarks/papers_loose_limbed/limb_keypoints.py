@@ -17,7 +17,7 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_reader import Run
-from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import LimbLandmarks, landmarks_of_limbs
 from estimator.trackers.loose_limbed.part_detectors.contract import PartProposals
 from estimator.trackers.loose_limbed.part_detectors.keypoints import keypoint_proposals
 from humanoid.limbs.graph import limb_graph

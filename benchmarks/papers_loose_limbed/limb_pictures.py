@@ -9,15 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.clothing import Clothes, dressed_at_random, periodic_noise
-from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.pictures import variants
 from estimator.synthesis.plate import place_of
+from estimator.synthesis.render import Renderer
 from estimator.synthesis.retarget import retarget
-from estimator.trackers.loose_limbed.limbs.likelihood import LimbView, limb_view
-from estimator.trackers.loose_limbed.limbs.volume import common_box
-from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbView, common_box, limb_view
+from estimator.vision.cues.foreground import Background, SilhouetteSettings, foreground_mask
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import Limb, LimbGraph, limb_placements

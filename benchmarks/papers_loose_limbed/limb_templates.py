@@ -17,7 +17,7 @@ from benchmarks.support.pose_prior_clips import captured_files
 from benchmarks.training.limb_likelihood import person
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
-from estimator.synthesis.examples.limb_templates import train_templates
+from estimator.synthesis.limb_templates import train_templates
 from estimator.trackers.loose_limbed.limbs.features import PERSON
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals
 from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, TemplateSettings, template_proposals

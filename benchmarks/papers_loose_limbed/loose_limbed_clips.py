@@ -10,14 +10,16 @@ import numpy as np
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.clothing import Clothes, Garment, dressed
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.plate import place_of
+from estimator.synthesis.render import Renderer
 from estimator.synthesis.retarget import retarget
-from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.synthesis.settings import SceneSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.vision.cues.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements

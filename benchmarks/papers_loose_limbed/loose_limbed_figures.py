@@ -26,11 +26,10 @@ from estimator.inference.beliefs.propagation import Propagated
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
 from estimator.trackers.loose_limbed.limbs.window import window
 from estimator.trackers.loose_limbed.tracker import LooseLimbed
-from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import FrameByFrame
 from humanoid.limbs.limb import LimbGraph
-from viz.pictures.limb_layer import draw_beliefs
-from viz.pictures.limb_picture import draw_limbs
+from viz.pictures.limb_layer import draw_beliefs, draw_limbs
 from viz.pictures.overlay import reduced
 from viz.pictures.painter import CameraProjection, camera_view
 

@@ -9,9 +9,8 @@ import numpy as np
 from benchmarks.support.common import tell
 from benchmarks.support.pose_prior_clips import captured_files
 from benchmarks.training.limb_learning import motion, unseen_by
-from estimator.inference.annealing import Annealing, anneal
+from estimator.inference.annealing import Annealing, Particles, anneal, normalised
 from estimator.inference.clusters import mean_and_covariance
-from estimator.inference.particles import Particles, normalised
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements

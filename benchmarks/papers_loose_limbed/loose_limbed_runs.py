@@ -16,20 +16,19 @@ from benchmarks.papers_loose_limbed.loose_limbed_clips import LimbClip, Markers
 from benchmarks.papers_loose_limbed.loose_limbed_rival import AnnealedOnLimbs
 from benchmarks.support.result_store import Figures, ResultStore
 from estimator.data.observation import Observation
+from estimator.inference.annealing import normalised
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
-from estimator.inference.mixture import Mode
-from estimator.inference.mixture import mixture_of as mixture_of_modes
-from estimator.inference.particles import normalised
+from estimator.inference.mixture import Mode, mixture_of as mixture_of_modes
 from estimator.numerics.newton import CONVERGED
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
 from estimator.trackers.loose_limbed.limbs.window import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.state import LimbState
 from estimator.trackers.loose_limbed.tracker import LooseLimbed
-from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import FrameByFrame
 from humanoid.limbs.limb import limb_placements
 
 LOOSE = "loose-limbed"

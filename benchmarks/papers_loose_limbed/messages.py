@@ -18,12 +18,12 @@ from typing import Annotated
 import numpy as np
 
 from benchmarks.support.common import Several, check_known, save, tell
+from estimator.inference.annealing import effective_count
 from estimator.inference.beliefs.mixture import KernelMixture, mixture_of
 from estimator.inference.beliefs.potential import potential_of
 from estimator.inference.beliefs.products import METHODS, ProductSettings, candidates, draw_products
 from estimator.inference.beliefs.space import PLACEMENTS, Space
 from estimator.inference.clusters import mean_and_covariance
-from estimator.inference.particles import effective_count
 
 DRAWS = 200
 CASES = ((2, 600), (3, 300), (5, 181), (7, 100), (7, 600))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.formats.opensim import write_trc
-from estimator.fitting.standing import standing_pose
+from estimator.fitting.measures import standing_pose
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import ROOT_V, Body

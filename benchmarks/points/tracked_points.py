@@ -14,7 +14,7 @@ from benchmarks.support.tracking import Fitted
 from estimator.data.markers.load import load_points
 from estimator.data.observation import Observation
 from estimator.fitting.fit import Fit
-from estimator.runs.marker_residuals import MarkerResiduals, marker_residuals
+from estimator.runs.keypoint_residuals import MarkerResiduals, marker_residuals
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

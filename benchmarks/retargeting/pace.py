@@ -10,13 +10,11 @@ import numpy as np
 
 from benchmarks.retargeting.trials import RetargetTrial
 from benchmarks.support.common import tell
-from estimator.retargeting.branches import best_branch
 from estimator.retargeting.correspondence import common_correspondence
-from estimator.retargeting.following import follow
+from estimator.retargeting.following import best_branch, best_start, follow
 from estimator.retargeting.motion import mend, problem_of
 from estimator.retargeting.problem import Obstacles, RetargetSettings
 from estimator.retargeting.source import SourceMotion
-from estimator.retargeting.start import best_start
 from estimator.retargeting.streaming import MotionStream
 from estimator.retargeting.windows import improve
 from humanoid.kinematics.body import Body

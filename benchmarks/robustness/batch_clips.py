@@ -10,8 +10,7 @@ from typing import Any
 import kinemode as km
 from benchmarks.robustness.resume import differences, first_difference
 from benchmarks.support.common import tell
-from kinemode.batches.manifest import rows_of
-from kinemode.batches.row import BatchRow
+from kinemode.batches.manifest import BatchRow, rows_of
 
 FPS = 30.0
 MOTIONS = ("reach", "turn_reach", "random")

@@ -22,7 +22,7 @@ from benchmarks.support.proc import ResidentMemory, memory, spawned_workers
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
-from estimator.synthesis import ViewSettings
+from estimator.synthesis.settings import ViewSettings
 from humanoid.support.errors import InputError
 from kinemode.progress import Progress
 from kinemode.terminal import report

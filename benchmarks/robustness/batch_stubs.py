@@ -14,14 +14,13 @@ from unittest.mock import patch
 import kinemode as km
 from benchmarks.support.proc import memory
 from kinemode.batches import leader
-from kinemode.batches.digests import stamped
 from kinemode.batches.engines import ProcessEngine
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.manifest import rows_of
-from kinemode.batches.outcome import ClipOutcome, TrackedRun
+from kinemode.batches.outcome import ClipOutcome, TrackedRun, stamped
 from kinemode.batches.task import BatchTask, TaskAnswer
 from kinemode.target import made_folder
-from viz.batch.entry import DONE
+from viz.report.thumbnail import DONE
 
 WORKERS = 2
 FRAMES = 60

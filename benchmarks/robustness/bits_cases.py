@@ -15,10 +15,11 @@ import kinemode as km
 from benchmarks.accuracy.beam4cam import CAMERAS
 from benchmarks.papers_css.sequences import FPS as SEQUENCE_FPS
 from benchmarks.support.common import CUES, data_folder
-from estimator import synthesis
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
-from estimator.synthesis import DetectorSettings, ViewSettings
+from estimator.synthesis import detector
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
 from estimator.tracking.registry import TRACKERS
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
@@ -93,8 +94,8 @@ def _robot(folder: Path, frames: int | None, _: Path | None, *, name: str) -> Gi
     reach, pace, phase = (rng.uniform(*ends, body.nv) for ends in ((0.05, 0.25), (0.3, 1.0), (0.0, 2.0 * np.pi)))
     sway = reach * np.sin(2.0 * np.pi * pace * np.arange(frames)[:, None] / FPS + phase)
     q = np.array([body.clamp(body.integrate(middle, v)) for v in sway])
-    cameras = synthesis.framing_cameras(np.array([body.landmarks(body.at(each)) for each in q]))
-    tracks = synthesis.keypoints(body, q, cameras, rng, fps=FPS)
+    cameras = framing_cameras(np.array([body.landmarks(body.at(each)) for each in q]))
+    tracks = detector.keypoints(body, q, cameras, rng, fps=FPS)
     files = {camera.name: folder / f"{camera.name}.json" for camera in cameras}
     for camera, track in zip(cameras, tracks, strict=True):
         write_keypoints(files[camera.name], track)

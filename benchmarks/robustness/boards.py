@@ -15,10 +15,9 @@ import numpy as np
 
 from benchmarks.support.common import Json, save
 from estimator.data.boards.adjustment import Pose, angle_between, chained, inverse
-from estimator.data.boards.board import Board
+from estimator.data.boards.board import Board, BoardSighting
 from estimator.data.boards.lens import LensFit, fit_lens
 from estimator.data.boards.placement import R_WORLD_BOARD, place_cameras
-from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 from kinemode.terminal import report

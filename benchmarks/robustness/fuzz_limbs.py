@@ -10,8 +10,12 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED, load_potentials
-from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates, save_templates
-from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplate, LimbTemplates
+from estimator.trackers.loose_limbed.part_detectors.templates import (
+    LimbTemplate,
+    LimbTemplates,
+    load_templates,
+    save_templates,
+)
 from estimator.vision.eigen_templates import EigenSpace
 from estimator.vision.patches import CHANNELS
 from humanoid.kinematics.body import Body

@@ -17,10 +17,10 @@ from benchmarks.robustness.fuzz_hdf5 import mutated_hdf5
 from benchmarks.robustness.fuzz_limbs import use_potentials, use_templates
 from benchmarks.robustness.fuzz_mutations import mutated
 from estimator.data.cameras.camera import guessed_camera
+from estimator.data.formats.angle_files import read_motion_table
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.checked_json import read_json
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.data.formats.motion_table import read_motion_table
 from estimator.data.markers.load import load_points
 from estimator.data.media.clip import Clip
 from estimator.runs.reference_motion import Reference
@@ -30,8 +30,8 @@ from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import stored_state
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.shape.solids import solids_of

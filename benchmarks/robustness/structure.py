@@ -16,7 +16,7 @@ import kinemode as km
 from benchmarks.support.common import ROOT, Json, save, tell, work_folder
 from estimator.data.observation import Observation
 from estimator.search.cost_terms import TERMS
-from estimator.tracking.frame_by_frame import FrameByFrame
+from estimator.tracking.runner import FrameByFrame
 from kinemode.option import options_of
 from kinemode.request import TrackRequest
 

@@ -13,10 +13,10 @@ from benchmarks.speed.mode_search_scipy import Watched, scipy_search
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import CompiledSeeker
-from estimator.energy.gravity_prior import world_up
+from estimator.energy.priors import world_up
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.synthesis import scene_cameras
+from estimator.synthesis.views import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject

@@ -8,15 +8,18 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from benchmarks.speed.mode_search_duel import NOISE_PX, Start
-from estimator import synthesis
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.inference.origin import Family
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
+from estimator.synthesis import detector
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
-from estimator.trackers.capabilities import energy_of
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.trackers.base import energy_of
 from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
@@ -68,9 +71,9 @@ def subsample(starts: Sequence[Start], count: int, rng: np.random.Generator) -> 
 def _clip(body: Body, name: str, frames: int | None, rng: np.random.Generator) -> list[Observation]:
     motion = motion_named(name)
     times = np.arange(round(FPS * motion.seconds))[:frames] / FPS
-    q = synthesis.authored_motion(body, times, motion)
+    q = authored_motion(body, times, motion)
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
-    cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(azimuth=motion.azimuth))
-    tracks = synthesis.keypoints(body, q, cameras, rng, synthesis.DetectorSettings(NOISE_PX), fps=FPS)
+    cameras = framing_cameras(points, ViewSettings(azimuth=motion.azimuth))
+    tracks = detector.keypoints(body, q, cameras, rng, DetectorSettings(NOISE_PX), fps=FPS)
     camera = cameras[0]
     return assemble(body, {camera.name: tracks[0]}, {camera.name: camera}, times)

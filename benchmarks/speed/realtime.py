@@ -23,9 +23,9 @@ from estimator.search.frame_search import FrameSearch
 from estimator.trackers.base import TrackerProtocol
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood
-from estimator.vision.likelihood.reader import CueReader, ReadAhead
-from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.cues.image_likelihood import CameraLikelihood
+from estimator.vision.cues.reader import CueReader, ReadAhead
+from estimator.vision.cues.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -13,14 +13,16 @@ import numpy as np
 
 from benchmarks.robustness.bits_cases import CASES
 from benchmarks.support.common import Data, Json, Several, save, spread, tell
-from estimator import synthesis
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
 from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
 from estimator.energy.descent.solution import StepCounts
 from estimator.fitting.person import fit_person
-from estimator.trackers.capabilities import energy_of
+from estimator.synthesis import detector
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.trackers.base import energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -119,10 +121,10 @@ def crossing(folder: Path, count: int = 12) -> dict[str, Any]:
     move, share = body.difference(body.neutral, end), 0.5 - 0.5 * np.cos(np.linspace(0.0, 2.0 * np.pi, count))
     q = np.array([body.integrate(body.neutral, s * move) for s in share])
     points = np.array([body.landmarks(body.at(each)) for each in q])
-    cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(count=4))
+    cameras = framing_cameras(points, ViewSettings(count=4))
     files = {camera.name: folder / f"{camera.name}.json" for camera in cameras}
     for camera, track in zip(
-        cameras, synthesis.keypoints(body, q, cameras, rng, synthesis.DetectorSettings(1.0), fps=FPS), strict=True
+        cameras, detector.keypoints(body, q, cameras, rng, DetectorSettings(1.0), fps=FPS), strict=True
     ):
         write_keypoints(files[camera.name], track)
     write_cameras(folder / "cameras.json", cameras)

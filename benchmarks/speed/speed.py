@@ -22,8 +22,7 @@ from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.fitting.person import fit_person
-from estimator.trackers.base import TrackerProtocol
-from estimator.trackers.capabilities import energy_of
+from estimator.trackers.base import TrackerProtocol, energy_of
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody

@@ -28,7 +28,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
-from estimator.synthesis import scene_cameras
+from estimator.synthesis.views import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject

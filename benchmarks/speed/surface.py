@@ -19,14 +19,16 @@ from benchmarks.support.common import Json, Several, save
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import image_extent
 from estimator.energy.term import Term
-from estimator.synthesis import Renderer, authored_motion, scene_cameras
+from estimator.synthesis.motion import authored_motion
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.views import scene_cameras
 from estimator.vision.cues.assigned import AssignedPoints
-from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.vision.cues.flow.flow_field import FlowSettings, flow_field
-from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
-from estimator.vision.likelihood.settings import CueSettings, cue_settings
-from estimator.vision.seeing import see_points
+from estimator.vision.cues.edges import EdgeSettings, edge_map
+from estimator.vision.cues.flow_field import FlowSettings, flow_field
+from estimator.vision.cues.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageModel
+from estimator.vision.cues.settings import CueSettings, cue_settings
+from estimator.vision.view import see_points
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -19,15 +19,15 @@ from benchmarks.support.common import Json, save
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
 from estimator.search.hypothesis import AS_DETECTED
-from estimator.synthesis import DetectorSettings, ViewSettings
-from estimator.trackers.capabilities import energy_of
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.trackers.base import energy_of
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.cues.reader import CueReader
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.inputs.load import load_inputs
-from kinemode.rendering.clip import render_clip
+from kinemode.rendering import render_clip
 from kinemode.request import FileOptions
 from kinemode.terminal import report
 

@@ -19,8 +19,8 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.target import made_folder
 
 Task = TypeVar("Task")

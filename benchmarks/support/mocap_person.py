@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.synthesis import DetectorSettings
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.subject.subject import Subject
 from kinemode import demo
 

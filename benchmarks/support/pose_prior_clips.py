@@ -16,7 +16,7 @@ from benchmarks.support.tracking import timed_track
 from estimator.runs.reference_motion import Reference
 from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 
 LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
 FOLDERS = ("mocap_more", "mocap")

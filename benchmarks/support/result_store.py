@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from benchmarks.support.common import ROOT, quiet, tell
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.progress import reported
-from kinemode.rendering.files import RenderedClip
+from kinemode.shot import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal.interruption import is_interruption
 

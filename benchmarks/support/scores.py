@@ -12,6 +12,9 @@ from benchmarks.support.tracking import Times
 from estimator.data.cameras.camera import Camera
 from estimator.energy.descent.seek import SeekSettings
 from estimator.runs.evaluation import (
+    FAR,
+    FAR_PX,
+    FAR_PX_SIZE,
     HIPS,
     Reference,
     evaluate,
@@ -20,11 +23,11 @@ from estimator.runs.evaluation import (
     limit_violations,
     mpjpe,
     pa_mpjpe,
+    trajectory_errors,
 )
 from estimator.runs.pairs import paired
 from estimator.runs.run_reader import Run
-from estimator.runs.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
-from estimator.trackers.capabilities import capabilities_of
+from estimator.trackers.base import capabilities_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import FixedLag
 from kinemode.explain import run_settings
@@ -160,7 +163,7 @@ class TrackErrors:
 
     mean, worst: of the mean joint error, over the frames and in the worst one [mm], in the world: nothing is aligned.
     pixels: mean distance of the joints from the true ones in the image, in the worst frame [px].
-    lost: the first lost frame, see `estimator.runs.trajectory_errors.TrajectoryErrors`, None without any. of_limits:
+    lost: the first lost frame, see `estimator.runs.evaluation.TrajectoryErrors`, None without any. of_limits:
     the largest error of any frame in terms of the limit from which it is lost, infinite where a frame has no pose or
     none in the image. aligned, pa: mean error with the hips aligned, NaN for a body without hips, and after the best
     similarity of each frame [mm].

@@ -33,9 +33,9 @@ from benchmarks.training.credible_levels import (
     together,
 )
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
-from estimator.runs.calibration import TRAJECTORY, PosteriorCalibration
+from estimator.runs.posterior import TRAJECTORY, PosteriorCalibration
 from kinemode.terminal import report
-from kinemode.testing.ranks import calibration_error, coverage
+from kinemode.testing.calibration import calibration_error, coverage
 
 PLAIN = PosteriorCalibration(
     covariance_scale=1.0,

@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 
 from benchmarks.support.common import data_folder
-from estimator import synthesis
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.fitting.person import fit_person
-from estimator.runs.calibration import PosteriorCalibration
-from estimator.runs.posterior import Posterior
-from estimator.synthesis import DetectorSettings, ViewSettings, framing_cameras
+from estimator.runs.posterior import Posterior, PosteriorCalibration
+from estimator.synthesis import detector
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
-from estimator.trackers.capabilities import capabilities_of
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.views import framing_cameras
+from estimator.trackers.base import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -53,7 +54,7 @@ and distance [m] over which the noise is alike."""
 
 @dataclass(frozen=True)
 class Condition:
-    """cameras: how many. noise_px, outliers, missing: see `estimator.synthesis.DetectorSettings`."""
+    """cameras: how many. noise_px, outliers, missing: see `estimator.synthesis.settings.DetectorSettings`."""
 
     cameras: int
     noise_px: float
@@ -194,7 +195,7 @@ def _motion(body: Body, task: Task) -> tuple[np.ndarray, np.ndarray]:
     if task.motion.name in AUTHORED:
         keyed = motion_named(task.motion.name)
         times = np.arange(round(FPS * min(task.seconds, keyed.seconds))) / FPS
-        return synthesis.authored_motion(body, times, keyed), times
+        return authored_motion(body, times, keyed), times
     mocap = load_mocap(task.motion)
     times = np.arange(round(FPS * min(task.seconds, mocap.seconds))) / FPS
     return retarget(body, mocap, times).q, times
@@ -208,6 +209,6 @@ def _observed(
     errors: DetectorSettings,
     rng: np.random.Generator,
 ) -> list[Observation]:
-    tracks = synthesis.keypoints(body, q, cameras, rng, errors, fps=FPS)
+    tracks = detector.keypoints(body, q, cameras, rng, errors, fps=FPS)
     names = [camera.name for camera in cameras]
     return assemble(body, dict(zip(names, tracks, strict=True)), dict(zip(names, cameras, strict=True)), times)

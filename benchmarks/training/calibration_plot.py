@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.support.figure_file import new_figure, write_figure
 from benchmarks.training.credible_levels import KINDS, Levels
-from kinemode.testing.ranks import LEVELS, calibration_error, coverage
+from kinemode.testing.calibration import LEVELS, calibration_error, coverage
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}
 _COLOURS = ("#c44e52", "#1f4e79")

@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmarks.support.common import in_processes
 from benchmarks.training.calibration_clips import Tracked
-from estimator.runs.calibration import PosteriorCalibration
-from kinemode.testing.ranks import LEVELS, coverage
+from estimator.runs.posterior import PosteriorCalibration
+from kinemode.testing.calibration import LEVELS, coverage
 
 KINDS = ("dof", "landmark", "pose")
 TRIED = {

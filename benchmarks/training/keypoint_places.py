@@ -22,7 +22,7 @@ from cyclopts import Parameter
 from benchmarks.accuracy.degrees import FILMS, columns_of
 from benchmarks.support.common import Data, Json, Several, data_folder, save
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.numerics.angles import unit
+from estimator.numerics.vectors import unit
 from humanoid.subject.keypoint_places import MIRROR_Y, PLACES_FOLDER
 from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import load_subject

@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmarks.papers_loose_limbed.limb_pictures import Shown, jittered, nowhere
 from estimator.trackers.loose_limbed.limbs.features import FEATURES, SWAPPED
-from estimator.trackers.loose_limbed.limbs.gibbs import Gibbs, all_pairs, fitted
-from estimator.trackers.loose_limbed.limbs.models import LimbModels
+from estimator.trackers.loose_limbed.limbs.models import Gibbs, LimbModels, all_pairs, fitted
 from humanoid.limbs.limb import LimbGraph
 
 QUANTILES = {"edge": 5, "ridge": 5}  # levels of the filters' answers, evenly filled

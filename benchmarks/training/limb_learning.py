@@ -36,8 +36,8 @@ from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
 from humanoid.subject.subject import load_subject
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.terminal import report
 
 SUBJECT = "human34"

@@ -12,8 +12,7 @@ from estimator.inference.beliefs.learning import RelativePlacements
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
 from humanoid.kinematics.body import Body
-from humanoid.limbs.cones import Cone, cone_surface
-from humanoid.limbs.limb import LimbGraph, limb_placements
+from humanoid.limbs.limb import Cone, LimbGraph, cone_surface, limb_placements
 
 SAMPLES = 200
 STEP = 0.1  # [s] of the temporal potentials that are drawn

@@ -11,8 +11,7 @@ from scipy.special import logsumexp
 
 from benchmarks.support.pose_prior_clips import subject_of
 from benchmarks.training.captured_legs import Legs, corrected
-from estimator.energy.pose_mixture import PoseMixture
-from estimator.energy.pose_prior import joint_axes
+from estimator.energy.pose_prior import PoseMixture, joint_axes
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body

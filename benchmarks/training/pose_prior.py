@@ -27,10 +27,9 @@ from benchmarks.training.pose_learning import (
     marginal,
 )
 from estimator.energy.cost import Cost
-from estimator.energy.pose_mixture import SHIPPED, PoseMixture
-from estimator.energy.pose_prior import PosePrior
+from estimator.energy.pose_prior import SHIPPED, PoseMixture, PosePrior
 from estimator.energy.priors import Stabilisers
-from estimator.trackers.defaults import NO_CAPTURE, together
+from estimator.trackers.spec import NO_CAPTURE, together
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -28,8 +28,7 @@ from benchmarks.support.measured_people import measured_files, measured_run
 from benchmarks.support.pose_prior_clips import captured_files, subject_of
 from benchmarks.training.captured_legs import FITTED, Correction, Legs, corrected, correction
 from benchmarks.training.pose_learning import ZERO_STD, captured_motion, joints_of
-from estimator.energy.kernels.stabilisers import STABILISER_NU as NU
-from estimator.energy.kernels.stabilisers import stabiliser_log_integral
+from estimator.energy.kernels.priors import STABILISER_NU as NU, stabiliser_log_integral
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import load_subject

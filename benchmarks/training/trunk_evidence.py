@@ -22,7 +22,7 @@ from benchmarks.support.result_store import Figures, ResultStore, all_done, remo
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.standing import with_standing
 from estimator.energy.cost import Cost
-from estimator.numerics.angles import unit
+from estimator.numerics.vectors import unit
 from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel, parts_apart
 from estimator.search.hypothesis import EXCHANGED

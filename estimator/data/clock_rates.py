@@ -1,4 +1,5 @@
-"""Clocks that run at different rates: the rate of each relative to the held ones, from pieces of the motion.
+"""Clocks of several cameras: the misfit at each lag of each pair, in pieces of the clip, the lags that suit all pairs
+best, and the rates of clocks that run differently.
 
 Of each pair of cameras the clip is cut into pieces. Every piece has what speaks against each lag; the line of lags that
 suits them all best is searched among all lags and rates, as lines are in pictures (Duda and Hart, CACM 1972), so that a
@@ -16,9 +17,164 @@ import numpy as np
 from scipy.special import stdtrit
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.clip_pieces import ClipPieces
 from estimator.data.lag_lines import LagLine, fitted_line
-from estimator.data.lag_tables import best_line, lag_table
+from estimator.data.moving_rays import PairCourse, pair_courses
+
+_PIECES, _SHORTEST, _LONGEST = 16, 1.0, 4.0  # pieces of a clip as a rule, and how long they are [s]
+_FEWEST, _MOST = 5, 32
+_INSTANTS = 960  # that are compared in all
+
+
+@dataclass(frozen=True)
+class ClipPieces:
+    """Pieces of a clip: the middle of each (K,) and how long they are [s]."""
+
+    middles: np.ndarray
+    length: float
+
+    @staticmethod
+    def of(times: np.ndarray) -> ClipPieces | None:
+        """The pieces of a camera's times (N,) [s], None for a clip that is too short."""
+        span = float(times[-1] - times[0])
+        length = float(np.clip(span / _PIECES, _SHORTEST, _LONGEST))
+        count = min(_MOST, int(span / length + 1e-6))
+        if count < _FEWEST:
+            return None
+        return ClipPieces(times[0] + (np.arange(count) + 0.5) * span / count, min(length, span / count))
+
+    @property
+    def centre(self) -> float:
+        """The middle of all pieces [s]."""
+        return float(self.middles.mean())
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """The middles beside that of all pieces (K,) [s]."""
+        return np.asarray(self.middles - self.centre)
+
+    def instants(self, start: float, step: float, count: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Instants of a grid of `count` from `start`: some that lie in pieces (I,), whose piece each is (I,), and the
+        time that each stands for [s]."""
+        stride = max(1, int(self.length / step * len(self.middles) / _INSTANTS))
+        i = np.arange(0, count, stride)
+        at = start + i * step
+        piece = np.abs(at[:, None] - self.middles).argmin(axis=1)
+        inside = np.abs(at - self.middles[piece]) <= 0.5 * self.length
+        return i[inside], piece[inside], stride * step
+
+
+_FULL = 0.5  # of a piece that both cameras have to see
+
+
+def lag_table(
+    cameras: Sequence[Camera],
+    pixels: Sequence[np.ndarray],
+    times: Sequence[np.ndarray],
+    pieces: ClipPieces,
+    step: float,
+    most: int,
+) -> np.ndarray | None:
+    """Misfit at each lag of the second of two cameras, -most to most steps [s], in each piece of the first one's clip:
+    (K, 2 most + 1), NaN where a piece has too little data. None for cameras at the same place."""
+    courses = pair_courses(cameras, pixels, times, step)
+    if not courses:
+        return None
+    start = min(float(of[0]) for of in times)
+    instants = pieces.instants(start, step, courses[0].count)
+    each = [_of_pieces(courses[0], lag, instants, pieces) for lag in range(-most, most + 1)]
+    return np.stack(each, axis=1)
+
+
+def _of_pieces(
+    course: PairCourse, lag: int, instants: tuple[np.ndarray, np.ndarray, float], pieces: ClipPieces
+) -> np.ndarray:  # fmt: skip
+    """Misfit at one lag in each piece (K,)."""
+    i, piece, each = instants
+    count = len(pieces.middles)
+    partnered = (i + lag >= 0) & (i + lag < course.count)
+    i, piece = i[partnered], piece[partnered]
+    sums, weights = course.rays(lag, i)
+    seen = weights > 0.0
+    common = each * np.bincount(piece, seen.any(axis=1), count)
+    total, weight = (np.bincount(piece, values.sum(axis=1), count) for values in (sums, weights))
+    enough = common >= _FULL * pieces.length
+    return np.where(
+        enough, total / np.where(enough, weight, 1.0) + course.speeds_by(lag, i, seen, piece, count), np.nan
+    )
+
+
+def best_line(
+    table: np.ndarray, offsets: np.ndarray, step: float, longest: float, steepest: float
+) -> tuple[float, float] | None:
+    """Lag [s] and slope of the line of lags that suits all pieces best, each as much as the others; None where no piece
+    has a lag.
+
+    table: see `lag_table`. offsets (K,): moments of the pieces [s], about 0. longest [s], steepest: of the lines that
+    are tried; they end within a step of each other, and of several that are as good the least steep is taken.
+    """
+    if not np.isfinite(table).any():
+        return None
+    most = table.shape[1] // 2
+    gain = np.where(np.isfinite(table), np.nanmedian(table) - table, 0.0)
+    lags = np.arange(-min(most, round(longest / step)), min(most, round(longest / step)) + 1)
+    best, line = -np.inf, (0.0, 0.0)
+    for slope in _slopes(float(np.abs(offsets).max()), step, steepest):
+        places = lags + most + np.round(slope * offsets[:, None] / step).astype(int)
+        inside = (places >= 0) & (places <= 2 * most)
+        gains = np.where(inside, np.take_along_axis(gain, np.clip(places, 0, 2 * most), axis=1), 0.0).sum(axis=0)
+        if gains.max() > best:
+            best, line = float(gains.max()), (float(lags[gains.argmax()]) * step, float(slope))
+    return line
+
+
+def _slopes(reach: float, step: float, steepest: float) -> np.ndarray:
+    """Slopes of lines that end within a step of each other, the least steep first."""
+    count = int(np.ceil(steepest * reach / step))
+    slopes = np.linspace(-steepest, steepest, 2 * count + 1)
+    return np.asarray(slopes[np.argsort(np.abs(slopes), kind="stable")])
+
+
+@dataclass(frozen=True)
+class Lags:
+    """Misfit at each lag of P pairs of cameras a, b (P,): table (P, 2 most + 1), by the lag of b after a in instants,
+    from -most to most."""
+
+    a: np.ndarray
+    b: np.ndarray
+    table: np.ndarray
+    most: int
+
+    def of(self, lags: np.ndarray) -> float:
+        """Mean of the table for cameras delayed by lags (C,) in instants."""
+        apart = np.clip(lags[self.b] - lags[self.a], -self.most, self.most)
+        return float(self.table[np.arange(len(self.a)), apart + self.most].mean())
+
+    def best(self, count: int, still: Sequence[int] = ()) -> np.ndarray:
+        """Lags (C,) of `count` cameras with the least mean: downhill, one camera after the other, from no lags and from
+        the best lags that each camera alone has of the others. Cameras in `still` keep a lag of 0."""
+        starts = [np.zeros(count, dtype=np.int64)]
+        for c in still or range(count):
+            own = self.table.argmin(axis=1) - self.most
+            lags = np.zeros(count, dtype=np.int64)
+            lags[self.b[self.a == c]] = own[self.a == c]
+            lags[self.a[self.b == c]] = -own[self.b == c]
+            lags[list(still)] = 0
+            starts.append(lags)
+        return min((self._downhill(lags, still) for lags in starts), key=self.of)
+
+    def _downhill(self, lags: np.ndarray, still: Sequence[int]) -> np.ndarray:
+        tried = np.arange(-self.most, self.most + 1)
+        before = np.inf
+        while self.of(lags) < before:
+            before = self.of(lags)
+            for c in range(len(lags)):
+                if c in still:
+                    continue
+                options = np.repeat(lags[None], len(tried), axis=0)
+                options[:, c] = tried
+                lags = min((lags, *options), key=self.of)
+        return lags
+
 
 MOST_SLOWER = 0.01  # largest difference of clocks: 29.7 for 30
 _WITHIN = 0.95  # of that: a larger rate may be larger still

@@ -25,7 +25,7 @@ class LiftedPose(NamedTuple):
     """Landmarks in space, lifted from the only camera's picture by a network.
 
     points (L, 3) [m]: axes x right, y down, z away, as if the person were seen on the optical axis; where they begin
-    does not count. NaN where there is none. share: its weight, 0 to 1 (`estimator.data.lifted`).
+    does not count. NaN where there is none. share: its weight, 0 to 1 (`estimator.data.sequence`).
     """
 
     points: np.ndarray

@@ -1,8 +1,9 @@
-"""Observations of every instant from keypoint tracks."""
+"""Observations of every instant from keypoint tracks, and which lifted poses of a network are new measurements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,11 +11,29 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.image_cues import ImageCues
-from estimator.data.lifted import with_shares
 from estimator.data.observation import LiftedPose, Observation
 from estimator.data.standing import with_standing
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
+
+ALIKE = 0.3  # s, correlation time of such a network's errors: frames this far apart count as independent
+_TINY = 1e-6  # s
+
+
+def with_shares(observations: Iterable[Observation]) -> list[Observation]:
+    """Observations in order, of which the lifted poses of the first, and of each `ALIKE` seconds after the last that
+    counts, count in full and the others not at all."""
+    last, shared = -np.inf, []
+    for observation in observations:
+        lifted = observation.lifted
+        if lifted is None:
+            shared.append(observation)
+            continue
+        counts = observation.time - last >= ALIKE - _TINY
+        last = observation.time if counts else last
+        shared.append(replace(observation, lifted=lifted._replace(share=float(counts))))
+    return shared
+
 
 GIVEN = "landmarks"  # layout of points that a person gave, by the subject's own names
 _FEWEST_LANDMARKS = 4
@@ -121,7 +140,7 @@ Progress = Callable[[int, int], None]
 
 
 class Cues(Protocol):
-    """Source of image cues (see `estimator.vision.likelihood.reader.CueReader`)."""
+    """Source of image cues (see `estimator.vision.cues.reader.CueReader`)."""
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
         """The cues of every camera at a frame."""

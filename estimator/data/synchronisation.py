@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.clock_rates import ClockRates, clock_rates
-from estimator.data.lags import Lags
-from estimator.data.pair_courses import PairCourse, pair_courses
+from estimator.data.clock_rates import ClockRates, Lags, clock_rates
+from estimator.data.moving_rays import PairCourse, pair_courses
 
 LONGEST = 10.0  # offsets looked for [s]
 _FINEST = 1.0 / 120.0  # instants are not closer than this [s]

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.gravity_prior import up_is_assumed, world_up
 from estimator.energy.kernels.balance import balance_record, balance_values, offset_of, whitened
 from estimator.energy.kernels.records import BALANCE, Record
+from estimator.energy.priors import up_is_assumed, world_up
 from estimator.energy.recorded import RecordedTerm
-from estimator.numerics.axes import axes_across
+from estimator.numerics.vectors import axes_across
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
 from humanoid.shape.segment_masses import mass_points
 from humanoid.subject.landmarks import foot_landmarks

@@ -1,23 +1,28 @@
-"""Priors on the configuration: stabilisers, and the transition from the previous frame."""
+"""Priors on the configuration: stabilisers, the transition from the previous frame, and which way is up."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from estimator.energy.kernels.records import STABILISERS, TRANSITION, Record
-from estimator.energy.kernels.stabilisers import STABILISER_NU, stabiliser_record, stabiliser_values
-from estimator.energy.kernels.transition import (
+from estimator.data.cameras.camera import Camera
+from estimator.energy.kernels.priors import (
+    STABILISER_NU,
     diffuse,
     record_since,
+    stabiliser_record,
+    stabiliser_values,
+    tilt_record,
+    tilt_values,
     transition_joints,
     transition_record,
     transition_values,
 )
+from estimator.energy.kernels.records import STABILISERS, TILT, TRANSITION, Record
 from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.robust import POTENTIALS, robust_sum
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
@@ -136,3 +141,69 @@ class Transition(RecordedTerm):
             change = self._body.difference(self._q_previous, q)
             values[n] = robust_sum(change, self._precision, self._kind, self._nu)
         return values
+
+
+_LEVEL = 1e-12  # of a cosine
+
+
+class GravityPrior(RecordedTerm):
+    """1/2 rho(|u - up|^2 / std^2), u being the root's own up axis in the world.
+
+    A stabiliser (CSS 3.2.2) of the root's tilt; its heading stays free. |u - up| is the tilt [rad] to second order.
+
+    Parameters
+    ----------
+    body: with a free root and an up axis (`Subject.upright`).
+    up (3,): unit vector in the world.
+    weight, potential, nu: see `estimator.numerics.robust`.
+    """
+
+    name, kind, lasting = "upright", TILT, True
+
+    def __init__(
+        self, body: Body, up: np.ndarray, weight: float = 1.0, potential: str = "lorentzian", nu: float = STABILISER_NU
+    ) -> None:
+        assert body.subject.upright is not None
+        self._body = body
+        self._axis = np.array(body.subject.upright.axis)
+        self._precision = 1.0 / body.subject.upright.std**2
+        self._up, self._weight, self._kind, self._nu = (
+            np.asarray(up, dtype=float),
+            float(weight),
+            POTENTIALS[potential],
+            float(nu),
+        )
+
+    @cached_property
+    def record(self) -> Record:
+        """See `RecordedTerm`."""
+        return tilt_record(self._axis, self._up, self._precision, self._weight, self._kind, self._nu)
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        values = np.empty(len(placed.q))
+        tilt_values(
+            placed.placements, self._axis, self._up, self._precision, self._weight, self._kind, self._nu, values
+        )
+        return values
+
+
+def world_up(cameras: Sequence[Camera]) -> np.ndarray:
+    """The axis of the world, one of +-x, +-y, +-z, nearest to the cameras' mean upward direction, (3,).
+
+    Worlds have z up, or y up, or are a camera's own with y down; cameras are held more or less level. Without cameras
+    it is z: points in space are read so.
+    """
+    if not cameras:
+        return np.array([0.0, 0.0, 1.0])
+    upward = -np.sum([c.R_camera_world[1] for c in cameras], axis=0)
+    axis = np.zeros(3)
+    k = int(np.argmax(np.abs(upward)))
+    axis[k] = 1.0 if upward[k] >= 0.0 else -1.0
+    return axis
+
+
+def up_is_assumed(cameras: Sequence[Camera]) -> bool:
+    """Whether the world's up is no more than the picture's of its only camera: a guessed camera, or a file whose world
+    is the camera itself. A calibrated one is never level to the last bit."""
+    return len(cameras) == 1 and float(-cameras[0].R_camera_world[1] @ world_up(cameras)) > 1.0 - _LEVEL

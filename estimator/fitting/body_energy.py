@@ -1,4 +1,6 @@
-"""The energy of a few frames as a function of everything: poses, proportions and shape (CSS section 5)."""
+"""The energy of a few frames as a function of everything: poses, proportions and shape (CSS section 5); its descent
+and the covariance at its minimum (section 4.1).
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,82 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
-from estimator.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.energy.descent.box_step import solve_box
+from estimator.energy.descent.seek import trust_box
+from estimator.energy.descent.solution import free_directions
+from estimator.fitting.settings import DescentSettings
+from estimator.fitting.shape_parameters import ShapeParameters
+from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.vision.cues.assigned import Assignments, nothing
 from estimator.vision.cues.assigned_loads import assigned_loads
-from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
+from estimator.vision.cues.settings import CueSettings
 from estimator.vision.prediction import Contours
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.shape.surface_shape import SurfaceShape
+from humanoid.subject.subject import Subject
+
+
+class Unknowns(NamedTuple):
+    """What is fitted: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
+
+    poses: np.ndarray
+    scales: np.ndarray
+    shape: np.ndarray
+
+
+class ShapedBody:
+    """A subject with its proportions, its shape parameters and its surface of about `nodes` nodes.
+
+    subject: the given one, at scales of 1 and shape parameters of 0.
+    """
+
+    def __init__(self, subject: Subject, nodes: int) -> None:
+        self.subject = subject
+        self.proportions = ProportionedBody(subject)
+        self.shape = ShapeParameters(subject)
+        self.surface = SurfaceShape(self.proportions, nodes)
+
+    def at(self, x: Unknowns) -> Subject:
+        """The subject of some unknowns."""
+        return self.shape.subject(self.subject, x.shape).scaled(self.proportions.scales(x.scales))
+
+    def nodes_by_shape(self, shape: np.ndarray, scales: np.ndarray) -> np.ndarray:
+        """Derivatives of the nodes in the frames of their joints [m] by the shape parameters, (N, 3, S)."""
+        by_parts = self.surface.shape_derivatives(self.shape.of_parts(shape), scales)
+        return by_parts @ self.shape.derivatives(shape)[self.surface.surface.part]
+
+    # tangent steps: poses one after the other, then scales, then shape
+
+    def places(self, frames: int) -> tuple[slice, slice]:
+        """Where scales and shape stand in a step (F nv + P + S,); poses come first, one after the other."""
+        first = frames * self.proportions.base.nv
+        middle = first + len(self.proportions.names)
+        return slice(first, middle), slice(middle, middle + len(self.shape.low))
+
+    def moved(self, x: Unknowns, step: np.ndarray) -> Unknowns:
+        """Unknowns after a step (F nv + P + S,), within joint limits and hard ranges."""
+        body, (of_scales, of_shape) = self.proportions.base, self.places(len(x.poses))
+        turns = step[: of_scales.start].reshape(len(x.poses), -1)
+        poses = [body.clamp(body.integrate(q, turn)) for q, turn in zip(x.poses, turns, strict=True)]
+        scales = np.clip(x.scales + step[of_scales], self.proportions.low, self.proportions.high)
+        return Unknowns(np.array(poses), scales, np.clip(x.shape + step[of_shape], self.shape.low, self.shape.high))
+
+    def bounds(self, x: Unknowns, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of a step: joint limits, hard ranges, and for poses a trust box of `radius` (nv,)."""
+        body = self.proportions.base
+        low, high = np.tile(-radius, (len(x.poses), 1)), np.tile(radius, (len(x.poses), 1))
+        q = x.poses[:, body.bounded_q]
+        low[:, body.bounded_v] = np.maximum(low[:, body.bounded_v], body.lower[body.bounded_q] - q)
+        high[:, body.bounded_v] = np.minimum(high[:, body.bounded_v], body.upper[body.bounded_q] - q)
+        own = ((self.proportions, x.scales), (self.shape, x.shape))
+        lows = [low.ravel(), *(limits.low - values for limits, values in own)]
+        highs = [high.ravel(), *(limits.high - values for limits, values in own)]
+        return np.concatenate(lows), np.concatenate(highs)
 
 
 class Expansion(NamedTuple):
@@ -203,3 +271,83 @@ class ContourPoints:
             precision, weight, potential, nu, False, points, force, load,
         )  # fmt: skip
         return PointLoads(float(value), points, force, load)
+
+
+_ROUNDS = 30  # of the active set iteration; bounds and frames are few
+_DAMPING = Damping(least=1e-6)
+_UNSEEN = 1e-9  # curvature of directions that nothing is known of, relative to none
+
+
+def descend(
+    shaped: ShapedBody, energy: BodyEnergy, x: Unknowns, free: slice, settings: DescentSettings
+) -> tuple[Unknowns, float]:
+    """Damped Gauss-Newton within joint limits and hard ranges: where it ends, and the energy there, which never rises.
+
+    free: the part of a step (`ShapedBody.places`) that may move; the rest is held.
+    """
+    radius = trust_box(shaped.proportions.base, settings.max_turn, settings.max_slide)
+    newton = NewtonSettings(settings.iterations, _DAMPING, enough=settings.enough)
+    end = minimise(_Descent(shaped, energy, free, radius), _Point(x, energy.at(x)), newton).model
+    return end.x, end.value
+
+
+class _Point(NamedTuple):
+    """Unknowns looked at, and the energy's model there."""
+
+    x: Unknowns
+    model: Expansion
+
+    @property
+    def value(self) -> float:
+        return self.model.value
+
+
+class _Descent(Problem[_Point]):
+    """An energy of which a part of the unknowns moves; radius (nv,): half-width of the poses' trust box."""
+
+    def __init__(self, shaped: ShapedBody, energy: BodyEnergy, free: slice, radius: np.ndarray) -> None:
+        self._shaped, self._energy, self._free, self._radius = shaped, energy, free, radius
+
+    def step(self, model: _Point, damping: float) -> Step | None:
+        free, expansion = self._free, model.model
+        low, high = self._shaped.bounds(model.x, self._radius)
+        hessian, gradient = expansion.hessian[free, free], expansion.gradient[free]
+        part = bounded_step(hessian, gradient, low[free], high[free], damping, _UNSEEN)
+        if part is None:
+            return None
+        move = np.zeros(len(expansion.gradient))
+        move[free] = part
+        return move, None
+
+    def at(self, model: _Point, step: Step) -> _Point:
+        x = self._shaped.moved(model.x, step[0])
+        return _Point(x, self._energy.at(x))
+
+
+def bounded_step(
+    hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float, unseen: float = 0.0
+) -> np.ndarray | None:
+    """The step (n,) between bounds (n,) that minimises a damped model; None where none is certified.
+
+    hessian (n, n), gradient (n,). unseen: curvature added to all directions.
+    """
+    M = hessian + np.diag(damping * np.diag(hessian) + unseen)
+    step, active = np.zeros(len(gradient)), np.zeros(len(gradient), dtype=np.int8)
+    return step if solve_box(M, gradient, low, high, active, _ROUNDS, step) > 0 else None
+
+
+def covariance_at(shaped: ShapedBody, model: Expansion, x: Unknowns) -> np.ndarray:
+    """Covariance (n, n) of all unknowns together: inverse Hessian where no joint limit holds a pose, zero elsewhere.
+
+    A block of it is the covariance of what it belongs to with all the rest as uncertain as it is.
+    """
+    body = shaped.proportions.base
+    starts = np.arange(len(x.poses)) * body.nv
+    free = [
+        start + free_directions(body, q, model.gradient[start : start + body.nv])
+        for start, q in zip(starts, x.poses, strict=True)
+    ]
+    index = np.concatenate([*free, np.arange(len(x.poses) * body.nv, len(model.gradient))])
+    covariance = np.zeros_like(model.hessian)
+    covariance[np.ix_(index, index)] = np.linalg.inv(model.hessian[np.ix_(index, index)] + _UNSEEN * np.eye(len(index)))
+    return 0.5 * (covariance + covariance.T)

@@ -1,18 +1,69 @@
-"""What a fit gives."""
+"""Result of a fit; the frames of a clip that a person is fitted from, whose poses differ; and how large a person is
+whom one camera sees stand on a floor of known height.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from estimator.data.observation import Observation, PoseEstimate
-from estimator.fitting.floor_size import FloorSize
+from estimator.data.observation import Observation, PoseEstimate, image_extent
+from estimator.data.sequence import with_shares
+from estimator.energy.priors import world_up
+from estimator.fitting.settings import FitSettings
+from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
+
+_SIZES, _NU = 0.06, 4.0  # of the logarithm of people's heights about the subject's, with tails, as there are children
+_SOLE = 0.02  # m: of a sole above the floor, as shoes and the flesh have it
+_LOWEST_CAMERA = 0.3  # m above the floor: a lower camera sees distances badly
+_INDEPENDENT = 4.0  # frames at most that count as independent
+_SMALLEST, _LARGEST = 0.4, 1.4  # sizes beyond which the floor or the unit is in doubt
+
+
+class FloorSize(NamedTuple):
+    """factor: by which the person is larger than modelled, and as much farther away, with what is known of people. std:
+    its relative standard deviation. seen: the same factor by the floor alone. believed: whether people can be so."""
+
+    factor: float
+    std: float
+    seen: float
+    believed: bool
+
+
+def size_by_floor(body: Body, poses: np.ndarray, observations: Sequence[Observation], floor: float) -> FloorSize | None:
+    """By where the lowest parts of the poses (F, nq) are on their rays, and the floor's height in the world [m].
+
+    A person k times as large and as far away looks the same to a pinhole; so a camera h above the floor sees somebody h
+    over (h less the height of the soles above the floor) times as large as modelled. The median over the frames, which
+    leaves out those in the air. None where the camera is parallel, or no more than 0.3 m above the floor, and of a body
+    without a free root or flesh.
+    """
+    camera = observations[0].cameras[0]
+    up = world_up(observations[0].cameras)
+    drop = float(camera.origin_world @ up) - floor
+    if camera.parallel or not body.has_free_root or drop < _LOWEST_CAMERA:
+        return None
+    lowest = FloorDistances(body, up, floor).lowest(body.placed(poses))
+    sole = lowest[lowest < 0.9 * drop]
+    if not len(sole):
+        return None
+    logs = np.log(drop / (drop - sole))
+    seen = float(np.median(logs))
+    scatter = 1.4826 * float(np.median(np.abs(logs - seen))) / np.sqrt(min(len(logs), _INDEPENDENT))
+    variance = (_SOLE / drop) ** 2 + scatter**2 + camera.focal_std**2
+    people = _SIZES**2 + seen**2 / _NU
+    share = people / (people + variance)
+    believed = bool(_SMALLEST < np.exp(seen) < _LARGEST)
+    factor = float(np.exp(share * seen)) if believed else 1.0
+    return FloorSize(factor, float(np.sqrt(share * variance)), float(np.exp(seen)), believed)
+
 
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
@@ -183,3 +234,67 @@ def bound_note(subject: Subject) -> str:
         f"lengths rest on the bounds of what is allowed: {listed}. Angles are wrong where the person is beyond them:"
         " look whether the cameras' unit is the metre, the keypoints are of this layout, and of one person"
     )
+
+
+_FULL = 0.8  # share of a typical frame's keypoints that the frames of a later piece have
+_TINY = 1e-6  # s
+
+
+def chosen_pieces(observations: Sequence[Observation], settings: FitSettings) -> list[list[Observation]]:
+    """Pieces of usable frames in the order of time, none if no frame is usable.
+
+    A clip of no more than `FitSettings.seconds` is one piece, its frames evenly spread. Of a longer one the first piece
+    is its beginning; each other one is where the person looks least like in those before, since frames that are alike
+    leave open how a bend of the limbs is shared with their lengths.
+    """
+    usable = [o for o in observations if o.has_enough_points]
+    if not usable:
+        return []
+    if usable[-1].time - usable[0].time <= settings.seconds + _TINY:
+        return [with_shares(evenly_spread(usable, settings.frames))]
+    pieces = _pieces(usable, settings)
+    typical = np.median([o.count for o in usable])
+    others = [p for p in pieces[1:] if min(o.count for o in p) >= _FULL * typical]
+    chosen, shapes = [pieces[0]], [_shape(p) for p in others]
+    apart = [_apart(shape, _shape(pieces[0])) for shape in shapes]
+    while others and len(chosen) < settings.pieces:
+        k = int(np.argmax(apart))
+        chosen.append(others.pop(k))
+        last = shapes.pop(k)
+        apart.pop(k)
+        apart = [min(before, _apart(shape, last)) for before, shape in zip(apart, shapes, strict=True)]
+    return [with_shares(piece) for piece in sorted(chosen, key=lambda piece: piece[0].time)]
+
+
+def evenly_spread(frames: Sequence[Observation], count: int) -> list[Observation]:
+    """So many frames at most, evenly spread."""
+    if len(frames) <= count:
+        return list(frames)
+    picks = np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))
+    return [frames[int(k)] for k in picks]
+
+
+def _pieces(usable: Sequence[Observation], settings: FitSettings) -> list[list[Observation]]:
+    """The whole clip in pieces of equal length, one after the other."""
+    length = settings.seconds / settings.pieces
+    number = np.floor(np.array([o.time - usable[0].time for o in usable]) / length + _TINY).astype(int)
+    count = max(1, settings.frames // settings.pieces)
+    return [evenly_spread([usable[int(i)] for i in np.flatnonzero(number == k)], count) for k in np.unique(number)]
+
+
+def _shape(piece: Sequence[Observation]) -> np.ndarray:
+    """The keypoints (C, L, 2) of the frame in its middle about their mean, in extents of the person; NaN where
+    missing."""
+    middle = piece[len(piece) // 2]
+    known, shape = middle.known_pixels, np.full(middle.pixels.shape, np.nan)
+    for c, (pixels, confidence) in enumerate(zip(known, middle.confidence, strict=True)):
+        if np.isfinite(pixels).any():
+            shape[c] = (pixels - np.nanmean(pixels, axis=0)) / image_extent(pixels, confidence)
+    return shape
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> float:
+    """How far two shapes are apart: the median of their keypoints, so that a wrong one does not decide."""
+    apart = np.linalg.norm(a - b, axis=2)
+    known = np.isfinite(apart)
+    return float(np.median(apart[known])) if known.any() else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.data.observation import Observation
-from estimator.energy.marker_targets import marker_targets
+from estimator.energy.point_targets import marker_targets
 from estimator.search.cost_model import CostModel
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody

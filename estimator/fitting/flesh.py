@@ -10,17 +10,14 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
-from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
-from estimator.fitting.descent import covariance_at, descend
+from estimator.fitting.body_energy import BodyEnergy, Gaussian, ShapedBody, Unknowns, covariance_at, descend, seen_at
 from estimator.fitting.fit import Fit, ShapeFit
 from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
-from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.tracking.settings import Settings
-from estimator.vision.cues.edges.cue import Edges
-from estimator.vision.cues.silhouette.cue import Outline
-from estimator.vision.likelihood.registry import cues_of
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.tracking.registry import Settings
+from estimator.vision.cues.edges import Edges
+from estimator.vision.cues.settings import CueSettings, cues_of
+from estimator.vision.cues.silhouette import Outline
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

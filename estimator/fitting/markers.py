@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.fitting.fit import OTHER_SIZE, SAME_SIZE, Fit, bounded_lengths, fit_resized, unfitted
+from estimator.fitting.fit import OTHER_SIZE, SAME_SIZE, Fit, bounded_lengths, evenly_spread, fit_resized, unfitted
 from estimator.fitting.fitted_points import FittedMarkers
-from estimator.fitting.frames import evenly_spread
-from estimator.fitting.measures import MeasuresEnergy
-from estimator.fitting.standing import static_trial
+from estimator.fitting.measures import MeasuresEnergy, static_trial
 from estimator.numerics.alignment import similarity_onto
 from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.spec import mode_search
-from estimator.tracking.settings import Settings
+from estimator.tracking.registry import Settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
@@ -35,7 +33,7 @@ class MarkerFitSettings:
     energy that a step has to bring for another to follow. effective_frames: soft tissue moves with the pose, alike in
     frames that are near each other and in every cycle of a walk, so that all frames together count as this many.
     static_frames: it looks at this many of the static trial, which count as one together. standing_std [rad]: of every
-    joint there, from upright standing, of ankles at least `estimator.fitting.standing.ANKLE_STD`. bent_from
+    joint there, from upright standing, of ankles at least `estimator.fitting.measures.ANKLE_STD`. bent_from
     [rad]: farther from upright standing a joint is not taken as known.
     """
 

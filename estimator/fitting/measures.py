@@ -1,4 +1,6 @@
-"""Lengths of a body and the places of points on it together, every pose being at its own minimum."""
+"""Lengths of a body and the places of points on it together, every pose being at its own minimum; and the static trial
+of a laboratory, in which the angles of joints are about known.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +8,75 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from estimator.data.observation import Observation
 from estimator.energy.cost import QuadraticModel
 from estimator.energy.descent.compiled_seek import CompiledSeeker
-from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.seek import SeekSettings
+from estimator.energy.descent.solution import free_directions, mode_covariance
 from estimator.energy.priors import Transition
-from estimator.fitting.descent import bounded_step
+from estimator.fitting.body_energy import bounded_step
 from estimator.fitting.fit import Fit
 from estimator.fitting.fitted_points import FittedPlaces, FittedPoints
-from estimator.fitting.standing import StaticTrial, standing_pose
 from estimator.numerics.newton import Problem, Step
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_Q, ROOT_V, Body
 from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.landmarks import without_side
 from humanoid.subject.subject import Subject
+
+ANKLES = "ankle_dorsiflexion"
+ANKLE_STD = 0.1
+"""[rad] Of ankles in upright standing, at least: the centre of mass is 5 cm ahead of them, so that people lean by 3
+degrees (D. Winter, Human balance and posture control during standing and walking, Gait and Posture 3, 1995), and shoes
+lift heels."""
+
+
+class StaticTrial(NamedTuple):
+    """Frames of somebody who stands upright.
+
+    std (nv,) [m, rad]: standard deviation of each degree of freedom from `standing_pose`, infinite where nothing is
+    known of it. bent: names of the joints that plainly are not as `standing_pose` has them.
+    """
+
+    observations: Sequence[Observation]
+    std: np.ndarray
+    bent: tuple[str, ...]
+
+
+def standing_pose(body: Body, q: np.ndarray) -> np.ndarray:
+    """Configuration (nq,) of a body that stands upright where q (nq,) has its root, all joints at zero, or at the limit
+    that is nearest to zero.
+
+    These are not the rest positions (`Body.neutral`), which are the middle of everyday poses: knees and elbows are bent
+    there.
+    """
+    standing = body.clamp(pin.neutral(body.model))
+    if body.has_free_root:
+        standing[ROOT_Q] = q[ROOT_Q]
+    return standing
+
+
+def static_trial(
+    body: Body, observations: Sequence[Observation], poses: Sequence[np.ndarray], std: float, bent_from: float
+) -> StaticTrial:
+    """What a static trial tells of a body's joints.
+
+    poses (F) of (nq,): of the frames, found without knowing that somebody stands. std [rad]: of every joint,
+    ankles at least `ANKLE_STD`. bent_from [rad]: joints that are farther from zero, in the median of the frames, are
+    not taken as known, such as those of arms that are held out.
+    """
+    away = np.array([body.difference(standing_pose(body, q), q) for q in poses])
+    ankles = np.array([without_side(name) == ANKLES for name in body.v_names])
+    joints = np.where(ankles, max(std, ANKLE_STD), std)
+    bent = np.abs(np.median(away, axis=0)) > bent_from
+    if body.has_free_root:
+        joints[ROOT_V], bent[ROOT_V] = np.inf, False
+    joints[bent] = np.inf
+    return StaticTrial(observations, joints, tuple(body.v_names[v] for v in np.flatnonzero(bent)))
+
 
 _SEARCH = SeekSettings(kkt_tolerance=1e-5)  # of every pose
 _UNSEEN = 1e-9  # curvature of directions that nothing is known of

@@ -10,9 +10,8 @@ import numpy as np
 from estimator.data.floor import OFF, KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues
-from estimator.fitting.fit import Fit, stature
+from estimator.fitting.fit import Fit, size_by_floor, stature
 from estimator.fitting.flesh import fit_flesh
-from estimator.fitting.floor_size import size_by_floor
 from estimator.fitting.lengths import fit_lengths
 from estimator.fitting.settings import FitSettings
 from estimator.tracking.registry import Settings

@@ -46,7 +46,7 @@ class FitSettings:
     """How the fit is made.
 
     seconds, frames, pieces: it uses this many frames, evenly spread over pieces of the clip that are so long together
-    (`estimator.fitting.frames`). rounds: times the poses are found anew with the lengths of the round before.
+    (`estimator.fitting.fit`). rounds: times the poses are found anew with the lengths of the round before.
     iterations: Newton steps a round. effective_frames: detectors repeat their errors from frame to frame, so that all
     frames together count as this many, in every stage. flesh: of the second and third stage.
     """

@@ -9,8 +9,7 @@ import numpy as np
 
 from humanoid.subject.subject import Flesh, Subject
 from humanoid.subject.superquadric import largest_bend
-from humanoid.subject.urdf_flesh import ROUND, limb_capsule
-from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.subject.urdf_flesh import ROUND, limb_capsule, mirror_parts
 
 OF_PART = ("girth", "flatness", "taper x", "taper y")
 GIRTHS = (0.7, 1.4)  # hard range of the factor on both half-axes

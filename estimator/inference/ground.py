@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.numerics.axes import axes_across
+from estimator.numerics.vectors import axes_across
 
 _SCATTER = 0.02  # m: of points on one floor; those farther off stand on a box, or do not stand
 _NU = 2.0

@@ -1,8 +1,12 @@
-"""Vectors of three numbers, compiled: arrays or tuples. Results are tuples, which need no memory of their own."""
+"""Vectors of three numbers, compiled: arrays or tuples. Results are tuples, which need no memory of their own. Angles,
+an axis beside one, the mean of several.
+"""
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from humanoid.support.compiled import jit
 
@@ -62,3 +66,29 @@ def turn_in_place(axis, through, place, cosine, sine, v):  # type: ignore[no-unt
     v[0] = cosine * x + sine * (axis[1] * z - axis[2] * y) + along * axis[0] + place * through[0]
     v[1] = cosine * y + sine * (axis[2] * x - axis[0] * z) + along * axis[1] + place * through[1]
     v[2] = cosine * z + sine * (axis[0] * y - axis[1] * x) + along * axis[2] + place * through[2]
+
+
+def axes_across(direction: np.ndarray) -> np.ndarray:
+    """Two unit vectors (3, 2), its columns, across a unit vector (3,) and each other, right-handed with it before
+    them."""
+    first = np.array(cross(np.eye(3)[int(np.argmin(np.abs(direction)))], direction))
+    first /= np.linalg.norm(first)
+    return np.stack([first, cross(direction, first)], axis=1)
+
+
+def mean_direction(ways: np.ndarray) -> np.ndarray:
+    """Mean (3,) of the directions of ways (T, 3), shorter than 1 the more they differ; those that are missing (NaN) or
+    nowhere are left out, and without any others it is 0."""
+    length = np.linalg.norm(ways, axis=1)
+    known = length > 0.0
+    return np.asarray((ways[known] / length[known, None]).mean(axis=0)) if known.any() else np.zeros(3)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., n) of length 1; of next to none, none."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Between vectors (..., n), (...) [rad]."""
+    return np.asarray(np.arccos(np.clip((unit(a) * unit(b)).sum(axis=-1), -1.0, 1.0)))

@@ -1,15 +1,22 @@
-"""Which feet of a motion that is followed stand, when, and on what floor."""
+"""Which feet of a motion that is followed stand, when, and on what floor: found, or from a csv that `kinemode contact
+--out` writes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from estimator.inference.foot_contact import stances_of, standing_probability
+from estimator.data.formats.number_table import TIMES, read_number_table
+from estimator.inference.contacts import stances_of, standing_probability
 from estimator.inference.ground import STEP, Ground, fitted_ground
 from estimator.retargeting.source import SourceMotion
+from estimator.retargeting.stances import SIDES_PARTS
 from humanoid.subject.landmarks import without_side
+from humanoid.support.errors import InputError
 
 _UP = np.array([0.0, 0.0, 1.0])
 _SOLE = {"heel": ("heel", "ankle"), "big_toe": ("big_toe", "small_toe")}  # part of a sole: landmarks that tell of it
@@ -52,7 +59,7 @@ class SourceContacts:
 
 def source_contacts(source: SourceMotion, floor: float | None = None, *, feet_alone: bool = False) -> SourceContacts:
     """Told by how fast points of the feet are and how high above a level floor, which is found with them: see
-    `estimator.inference.foot_contact`.
+    `estimator.inference.contacts`.
 
     Heels, or ankles where there are none, and toes stand each for themselves; all may be in the air. What is faster
     than 0.35 m/s, or over 6 cm above the floor, as a raised foot, does not stand, and a stance whose places are spread
@@ -204,3 +211,44 @@ def _thigh(source: SourceMotion) -> float:
     ]
     known = np.concatenate([length[np.isfinite(length)] for length in lengths]) if lengths else np.zeros(0)
     return float(np.median(known)) if len(known) else _THIGH
+
+
+_STANDS, _SECONDS = " stands", "time [s]"
+_GIVEN = 0.5
+
+
+def load_standing(path: str | Path, source: SourceMotion) -> dict[str, np.ndarray]:
+    """Whether each point of the soles stands (T,) bool, by its name, at a source's frames: as in the file's row that is
+    nearest in time.
+
+    The file has a column of times [s] and one or more as "left_heel stands", or "left_heel", of probabilities or 0 and
+    1.
+
+    Raises
+    ------
+    InputError: it cannot be read, has no such columns, or ends before the source does.
+    """
+    path = Path(path)
+    table = read_number_table(path)
+    table.check()
+    time = next((name for name in table.names if name in (_SECONDS, *TIMES)), None)
+    columns = {name.removesuffix(_STANDS): k for k, name in enumerate(table.names)}
+    known = [name for name in SIDES_PARTS if name in columns]
+    if time is None or not known or not table.rows:
+        remedy = f"a column {_SECONDS} and some of {', '.join(SIDES_PARTS)}"
+        raise InputError(path, "has no contacts", place=table.place, remedy=remedy)
+    values, at = table.values, table.values[:, table.names.index(time)]
+    if not (np.diff(at) > 0.0).all() or at[0] > source.times[0] + _GIVEN or at[-1] < source.times[-1] - _GIVEN:
+        problem = f"its times go from {at[0]:g} to {at[-1]:g} s, the source's from {source.times[0]:g}"
+        raise InputError(path, f"{problem} to {source.times[-1]:g}", remedy="contacts of the same motion, in order")
+    nearest = np.abs(source.times[:, None] - at).argmin(axis=1)
+    return {name: values[nearest, columns[name]] > _GIVEN for name in known}
+
+
+def with_standing(contacts: SourceContacts, given: Mapping[str, np.ndarray]) -> SourceContacts:
+    """Contacts with what a user knows of some points in place of what was found."""
+    standing = contacts.standing.copy()
+    for k, name in enumerate(contacts.names):
+        if name in given:
+            standing[:, k] = given[name]
+    return replace(contacts, standing=standing)

@@ -1,11 +1,31 @@
-"""Which limbs and points of a body follow which of a source."""
+"""Which limbs and points of a body follow which of a source.
+
+Correspondences as TOML files.
+
+    [match]
+    scale = 0.8                    # lengths of the subject over the source's; told by legs or places unless given
+    [limbs]                        # directions: landmarks, or several whose middle counts
+    left_thigh = {from = "left_hip", to = "left_knee", weight = 1.0}
+    trunk = {from = ["left_hip", "right_hip"], to = ["left_shoulder", "right_shoulder"]}
+    left_forearm = {from = "l_elbow", to = "l_hand", source_from = "left_elbow", source_to = "left_wrist"}
+    [places]                       # landmarks that are led to where one of the source is
+    panda_hand = {source = "right_wrist", about = "panda_joint2", source_about = "right_shoulder"}
+
+`source_from` and `source_to` are needed where the source calls a landmark differently. With `about` and `source_about`
+a place is led relative to them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import json
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from humanoid.support.errors import InputError, shown
+from humanoid.support.files import read_toml
 
 _SIDES = ("left", "right")
 _SEGMENTS = {
@@ -121,3 +141,113 @@ def _check(match: Correspondence, place: str, wanted: Sequence[str], known: Sequ
         if name not in known:
             remedy = f"{whose} has {', '.join(sorted(known))}"
             raise InputError(match.source, f"{whose} has no landmark {shown(name)}", place=place, remedy=remedy)
+
+
+_LIMB = ("from", "to", "source_from", "source_to", "weight")
+_PLACE = ("source", "about", "source_about", "weight")
+_TABLES = {"match": ("scale",), "limbs": _LIMB, "places": _PLACE}
+_PERSON = (
+    "left_hip", "left_knee", "left_ankle", "left_heel", "left_big_toe", "left_shoulder", "left_elbow", "left_wrist",
+    "head_top",
+)  # fmt: skip
+
+
+def load_match(path: str | Path) -> Correspondence:
+    """Read a correspondence.
+
+    Raises
+    ------
+    InputError: the file cannot be read, is not TOML, or has an entry that is unknown or cannot be.
+    """
+    path = Path(path)
+    content = read_toml(path, remedy='entries look like left_thigh = {from = "left_hip", to = "left_knee"}')
+    for table, entries in content.items():
+        if table not in _TABLES or not isinstance(entries, dict):
+            raise InputError(path, "unknown table", place=shown(table), remedy=f"one of [{'], ['.join(_TABLES)}]")
+    head = _entries(path, "[match]", content.get("match", {}), _TABLES["match"])
+    scale = None if "scale" not in head else _number(path, "[match] scale", head["scale"])
+    limbs = tuple(_limb(path, name, entry) for name, entry in content.get("limbs", {}).items())
+    places = tuple(_place(path, name, entry) for name, entry in content.get("places", {}).items())
+    if not limbs and not places:
+        raise InputError(path, "has no limbs and no places", remedy="--match SUBJECT begins a file")
+    return Correspondence(limbs, places, scale, str(path))
+
+
+def _limb(path: Path, name: str, entry: Any) -> MatchedLimb:
+    where = f"[limbs] {shown(name)}"
+    entries = _entries(path, where, entry, _LIMB)
+    first, last = (_landmarks(path, where, entries, key) for key in ("from", "to"))
+    of_source = [
+        _landmarks(path, where, entries, key) if key in entries else own
+        for key, own in (("source_from", first), ("source_to", last))
+    ]
+    return MatchedLimb(name, of_source[0], of_source[1], first, last, _weight(path, where, entries))
+
+
+def _place(path: Path, name: str, entry: Any) -> MatchedPlace:
+    where = f"[places] {shown(name)}"
+    entries = _entries(path, where, entry, _PLACE)
+    texts = {key: entries[key] for key in ("source", "about", "source_about") if key in entries}
+    for key, value in texts.items():
+        if not isinstance(value, str):
+            raise InputError(path, f"{key} is {shown(str(value))}", place=where, remedy="the name of a landmark")
+    if "source" not in texts or ("about" in texts) != ("source_about" in texts):
+        remedy = 'source = "right_wrist", and both of about and source_about, or none'
+        raise InputError(path, "is incomplete", place=where, remedy=remedy)
+    return MatchedPlace(
+        name, texts["source"], texts.get("about"), texts.get("source_about"), _weight(path, where, entries)
+    )
+
+
+def _entries(path: Path, where: str, entry: Any, known: Sequence[str]) -> Mapping[str, Any]:
+    if not isinstance(entry, dict):
+        raise InputError(path, "is not a table", place=where, remedy=f"entries are {', '.join(known)}")
+    for key in entry:
+        if key not in known:
+            raise InputError(path, f"unknown entry {shown(key)}", place=where, remedy=f"one of {', '.join(known)}")
+    return entry
+
+
+def _landmarks(path: Path, where: str, entries: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    value = entries.get(key)
+    names = (value,) if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or not names or not all(isinstance(name, str) for name in names):
+        raise InputError(path, f"{key} is no landmark", place=where, remedy=f'{key} = "left_hip", or several in []')
+    return tuple(names)
+
+
+def _weight(path: Path, where: str, entries: Mapping[str, Any]) -> float:
+    return _number(path, f"{where} weight", entries.get("weight", 1.0))
+
+
+def _number(path: Path, where: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or value <= 0.0:
+        raise InputError(path, f"is {shown(str(value))}", place=where, remedy="a number above 0")
+    return float(value)
+
+
+def match_start(subject: str, landmarks: Collection[str]) -> str:
+    """The text of a correspondence to begin with, for a subject with some landmarks, to be looked through: limbs whose
+    names are a person's count, everything else stands in comments."""
+    limbs = person_limbs(landmarks)
+    used = {name for limb in limbs for name in (*limb.subject_from, *limb.subject_to)}
+    others = [name for name in landmarks if name not in used]
+    lines = [
+        f"# What of {subject} follows what of a source, begun by `kinemode retarget --match`: look through it.",
+        "",
+        "# [match]",
+        "# scale = 1.0  # lengths of the subject over those of the source, found from its legs or places unless given",
+        "",
+        "[limbs]  # directions that are alike; weight is relative to the others",
+    ]
+    for limb in limbs:
+        ends = f"from = {_quoted(limb.subject_from)}, to = {_quoted(limb.subject_to)}"
+        lines.append(f"{limb.name} = {{{ends}, weight = {limb.weight:g}}}")
+    lines += ["", "[places]  # landmarks that are led to where one of the source is"]
+    lines += [f'# {json.dumps(name)} = {{source = "?"}}' for name in others]
+    lines += ["", f"# Sources of people have {', '.join(_PERSON)}, and the same of the right side."]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(names: tuple[str, ...]) -> str:
+    return json.dumps(names[0] if len(names) == 1 else list(names))

@@ -14,7 +14,7 @@ from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import METRES, checked_unit, upright_world
 from estimator.data.formats.point_arrays import checked_points, checked_rate, number_array
 from estimator.data.repeats import measured_points
-from estimator.numerics.axes import mean_direction
+from estimator.numerics.vectors import mean_direction
 from estimator.retargeting.joint_orders import (
     ORDERS,
     SMPL,

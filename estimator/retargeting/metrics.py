@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.inference.foot_contact import stances_of
-from estimator.inference.foot_points import FootPoints
+from estimator.inference.contacts import FootPoints, stances_of
 from estimator.inference.ground import Ground
 from estimator.retargeting.contacts import SourceContacts
 from estimator.retargeting.correspondence import MatchedLimb
 from estimator.retargeting.likeness import LIMBS, likeness_of
-from estimator.retargeting.parts import parts_of
+from estimator.retargeting.problem import parts_of
 from estimator.retargeting.source import SourceMotion
 from estimator.runs.contact import Contact
 from estimator.runs.run_reader import Run

@@ -1,20 +1,111 @@
-"""The energy of a body in one frame of a motion, and what it has to keep to there."""
+"""The energy of a body in one frame of a motion, its constraints, the parts kept apart among them, and the constrained
+step.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from estimator.retargeting.parts import kept_distances, parts_of
+from estimator.numerics.quadratic_program import UNBOUNDED, QuadraticProgram, solve
 from estimator.retargeting.stances import HEEL, TOE, FootStances
-from estimator.retargeting.step import StepRows
 from estimator.retargeting.targets import Targets
 from humanoid.collision.floor import FloorDistances
+from humanoid.collision.self_collision import LinkPair, SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, SHORTEST_STEP, Body, PosedBody, points_in_world
 from humanoid.support.settings import CheckedSettings, setting
+
+TRUST = 0.4
+"""[rad or m] A frame's step: what stands may be far from where the body is, and rows are linear."""
+STANDING = 1e7  # energy by m^2 of a foot that cannot be where it stands
+SHORT = 1e8  # energy by m^2 of parts that cannot be as far from each other, or the floor, as they have to
+_ACCURACY, _ITERATIONS = 1e-6, 60
+
+
+class StepRows(NamedTuple):
+    """What a step dx has to meet: equal dx = to, equal (m, nv) and to (m,), and above dx >= least, (k, nv) and (k,)."""
+
+    equal: np.ndarray
+    to: np.ndarray
+    above: np.ndarray
+    least: np.ndarray
+
+
+def constrained_step(
+    hessian: np.ndarray, gradient: np.ndarray, box: np.ndarray, rows: StepRows
+) -> tuple[np.ndarray, bool]:
+    """The step (n,) that minimises 1/2 dx'H dx + g'dx, within its box (2, n) to the last bit, and whether it meets the
+    rows.
+
+    Where nothing does, what stands counts as an energy; where that does not help either, all of `above` may fall short
+    by as little as there can be.
+    """
+    program = QuadraticProgram(hessian, gradient, *rows, np.full(len(rows.least), UNBOUNDED), *box)
+    answer = solve(program, _ACCURACY, _ITERATIONS)
+    met = answer.solved
+    if not met:
+        program = program.softened(STANDING)
+        answer = solve(program, _ACCURACY, _ITERATIONS)
+    if not answer.solved:
+        answer = solve(_falling_short(program), _ACCURACY, _ITERATIONS)
+    x = answer.x[: len(gradient)] if answer.solved else np.zeros(len(gradient))
+    return np.clip(x, box[0], box[1]), met
+
+
+def _falling_short(program: QuadraticProgram) -> QuadraticProgram:
+    """With rows x + s >= least, s as small as can be: a variable more. There are no equations."""
+    n = len(program.gradient)
+    hessian = np.zeros((n + 1, n + 1))
+    hessian[:n, :n], hessian[n, n] = program.hessian, SHORT
+    return program._replace(
+        hessian=hessian, gradient=np.append(program.gradient, 0.0), equal=np.zeros((0, n + 1)),
+        rows=np.column_stack([program.rows, np.ones(len(program.least))]),
+        low=np.append(program.low, 0.0), high=np.append(program.high, np.inf),
+    )  # fmt: skip
+
+
+def parts_of(body: Body, margin: float) -> SelfCollision:
+    """The pairs of parts that are looked at; margin [m]: below which a pair counts as near.
+
+    Left out are pairs that overlap by anything at `body.neutral`, and pairs that one joint parts: a part is all links
+    that are fixed to each other, and hulls of what turns in a socket overlap where its limits let it turn.
+    """
+    parts = SelfCollision(body, margin=margin)
+    overlapping = parts.near(body.at(body.neutral), 0.0)
+    left_out = {parts.pairs[k] for k in overlapping.pair} | set(_neighbours(body.model, parts))
+    return SelfCollision(body, margin=margin, exclude=sorted(left_out)) if left_out else parts
+
+
+def kept_distances(body: Body, parts: SelfCollision, clearance: float) -> np.ndarray:
+    """Distance [m] (pairs,) that each pair is to keep: the clearance, or what it has at rest where that is less."""
+    apart = np.full(len(parts.pairs), clearance)
+    near = parts.near(body.at(body.neutral), clearance)
+    apart[near.pair] = near.distance
+    return apart
+
+
+def _neighbours(model: pin.Model, parts: SelfCollision) -> Iterator[LinkPair]:
+    """Pairs of links whose joints are next to each other once joints without solids are contracted away."""
+    joint = {solid.link: solid.joint for solid in parts.solids}
+    above = {j: _joint_above(model, j, set(joint.values())) for j in joint.values()}
+    for a, b in parts.pairs:
+        if joint[a] == above[joint[b]] or joint[b] == above[joint[a]]:
+            yield a, b
+
+
+def _joint_above(model: pin.Model, joint: int, with_solids: set[int]) -> int | None:
+    """The nearest joint that carries solids on the way to the root."""
+    while joint > 0:
+        joint = int(model.parents[joint])
+        if joint in with_solids:
+            return joint
+    return None
+
 
 KEPT = 0.001
 """[m] within which a stance, a clearance or the floor counts as kept to."""

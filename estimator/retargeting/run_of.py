@@ -15,8 +15,7 @@ from estimator.retargeting.source import SourceMotion
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_reader import Run
-from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.statuses import HARD, TRACKED
+from estimator.trackers.frame_result import HARD, TRACKED, FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

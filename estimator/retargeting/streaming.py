@@ -9,12 +9,11 @@ import numpy as np
 
 from estimator.retargeting.contacts import source_contacts
 from estimator.retargeting.correspondence import Correspondence
-from estimator.retargeting.following import follow_frame
+from estimator.retargeting.following import best_start, follow_frame
 from estimator.retargeting.motion import stands_of
 from estimator.retargeting.problem import MotionProblem, Obstacles, RetargetSettings
 from estimator.retargeting.source import SourceMotion, filled
 from estimator.retargeting.stances import LIFT, FootStances, stances_at
-from estimator.retargeting.start import best_start
 from estimator.retargeting.targets import Targets, targets_of
 from humanoid.kinematics.body import SHORTEST_STEP, Body, points_in_world
 from humanoid.support.errors import InputError

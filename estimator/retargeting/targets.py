@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.retargeting.correspondence import Correspondence, MatchedPlace
-from estimator.retargeting.feet import Foot, feet_of, foot_rotation
 from estimator.retargeting.source import SourceMotion
+from estimator.retargeting.stances import Foot, feet_of, foot_rotation
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

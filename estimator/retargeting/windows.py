@@ -9,8 +9,7 @@ from scipy import sparse
 
 from estimator.numerics.quadratic_program import UNBOUNDED, QuadraticProgram, solve
 from estimator.retargeting.following import FollowedFrames
-from estimator.retargeting.problem import MotionProblem
-from estimator.retargeting.step import STANDING
+from estimator.retargeting.problem import STANDING, MotionProblem
 
 _ACCURACY, _ITERATIONS = 1e-5, 40
 _MISSED = 2e-5  # rad: by which the solver may miss a velocity's bound

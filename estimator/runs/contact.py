@@ -12,15 +12,12 @@ import numpy as np
 
 from estimator.data.floor import KnownFloor
 from estimator.inference.belt import Belt
-from estimator.inference.foot_contact import foot_contact, stances_of
-from estimator.inference.foot_points import FootPoints
+from estimator.inference.contacts import FootPoints, HandPoints, believed_floor, feet_on_floor, foot_contact, stances_of
 from estimator.inference.ground import Ground
-from estimator.inference.hand_points import HandPoints
 from estimator.runs.events import SIDES, Event, Side
 from estimator.runs.run_reader import Run
-from estimator.tracking.smoothing.known_floor import believed_floor, feet_on_floor
 from humanoid.subject.landmarks import foot_parts
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from humanoid.support.summary import Facts, Summarised
 
 _UP = np.array([0.0, 0.0, 1.0])

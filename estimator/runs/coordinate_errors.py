@@ -12,7 +12,7 @@ from estimator.data.formats.opensim import Coordinates
 from estimator.runs.coordinates import joint_entries, opensim_names
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates, is_measured
 from estimator.runs.joint_angle import ONE_NUMBER, joint_value
-from estimator.runs.marker_reference import listed
+from estimator.runs.pairs import listed
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

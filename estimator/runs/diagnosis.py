@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.numerics.typical import typical_distance
-from estimator.runs.keypoint_residuals import KeypointResiduals, associations_of, keypoint_residuals
-from estimator.runs.marker_residuals import marker_residuals
+from estimator.numerics.robust import typical_distance
+from estimator.runs.keypoint_residuals import KeypointResiduals, associations_of, keypoint_residuals, marker_residuals
 from estimator.runs.run_reader import Run
 from estimator.search.cost_settings import CostSettings
 from estimator.search.hypothesis import EXCHANGED
-from estimator.trackers.statuses import TRACKED
+from estimator.trackers.frame_result import TRACKED
 
 MOST = 0.5
 """Share of the frames above which a joint rests on a limit, or the sides are exchanged, in most of them. On good runs,

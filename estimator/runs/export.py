@@ -24,17 +24,17 @@ from estimator.data.formats.osim import write_osim
 from estimator.runs.bvh_skeleton import bvh_motion
 from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
-from estimator.runs.even_times import EvenMotion, even_motion
+from estimator.runs.filtering import EvenMotion, even_motion
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
-from estimator.runs.joint_table import joint_columns, std_columns
+from estimator.runs.joint_angle import joint_columns, std_columns
 from estimator.runs.opensim_model import opensim_model
 from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run, landmarks_along
 from estimator.runs.trainer_motion import write_motion_csv, write_motion_npz
 from estimator.runs.unobserved import unobserved_note
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from humanoid.support.plugins import Registry
 
 Writer = Callable[[Run, Path, str], None]

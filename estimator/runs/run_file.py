@@ -15,14 +15,13 @@ import numpy as np
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
 from estimator.runs import run_store
-from estimator.runs.run_arrays import frame_arrays
+from estimator.runs.run_arrays import frame_arrays, smoothed_parts
 from estimator.runs.run_header import RunHeader, with_findings
 from estimator.runs.run_reader import Run
-from estimator.runs.smoothed_arrays import smoothed_parts
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing import Smoothed
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 
 
 class RunWriter:

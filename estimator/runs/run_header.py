@@ -39,7 +39,7 @@ class RunHeader:
     depth pictures.
     R_upright_given (3, 3): rotation of the world of the given cameras, so that z points up in the run's world; None
     where it was not turned. contradicted: rows of tracked frames that the findings contradict. floor: the known floor,
-    see `estimator.data.floor`; None where it is found from the feet. points: paths of the files of points in space, in
+    see `estimator.inference.ground`; None where it is found from the feet. points: files of points in space, in
     place of cameras, or of the motion that was followed; none where cameras see the body. request: what was
     asked for, as words of the command line by flag; None in runs that do not store it.
     """

@@ -17,28 +17,27 @@ from estimator.data.standing import HIP_SPAN, with_standing
 from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
-from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.coordinates import joint_entries
 from estimator.runs.filtering import Filtering, filtered
-from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
-from estimator.runs.joint_table import data_frame
-from estimator.runs.posterior import Posterior, tempered
+from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, data_frame, joint_angle, joint_entry, joint_value
+from estimator.runs.marginals import LEVEL, Spread, checked_level, spread_of
+from estimator.runs.posterior import Posterior, PosteriorCalibration, tempered
 from estimator.runs.run_arrays import (
     check_frame,
     check_observation,
+    check_smoothed,
     extra_of,
+    floor_in,
     frame_result,
+    joined,
+    smoothed_in,
     symmetric,
 )
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
-from estimator.runs.smoothed_arrays import check_smoothed, floor_in, joined, smoothed_in
-from estimator.runs.spread import LEVEL, Spread, checked_level, spread_of
 from estimator.runs.unobserved import unseen_in, unseen_landmarks
 from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
-from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
-from estimator.trackers.paths import backtrack
-from estimator.trackers.statuses import HARD, TRACKED
+from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult, backtrack
 from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text

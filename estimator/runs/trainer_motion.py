@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.data.formats.opensim import frame_rate
 from estimator.runs.coordinates import JointEntry, joint_entries
-from estimator.runs.even_times import even_motion
+from estimator.runs.filtering import even_motion
 from estimator.runs.joint_angle import joint_value
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body

@@ -19,11 +19,10 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.standing import HeldPoints, StandingTie, standing_ties
 from estimator.energy.term import Term
 from estimator.search.cost_settings import CostSettings
-from estimator.search.cost_terms import terms_of
-from estimator.search.term_source import PER_CAMERAS, PER_FRAME, TermContext
-from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import CueSettings, cue_settings
-from humanoid.collision.hands import stiff_hands
+from estimator.search.cost_terms import PER_CAMERAS, PER_FRAME, TermContext, terms_of
+from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
+from estimator.vision.cues.settings import CueSettings, cue_settings
+from humanoid.collision.floor import stiff_hands
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator.energy.marker_targets import MarkerNoise
+from estimator.energy.point_targets import MarkerNoise
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_terms import term_settings
 from humanoid.support.settings import setting

@@ -1,31 +1,65 @@
-"""The terms of a frame's energy by kind, but for the keypoints' and for the transition, which belongs to a hypothesis
-and its past."""
+"""Kinds of terms in every frame's energy, except keypoints and the transition, which belongs to a hypothesis and its
+past.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.energy.balance import Balance, BalanceSettings, balance_terms
-from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
-from estimator.energy.level_feet import LevelFeet, Soles
 from estimator.energy.lifted import LiftedDirections, lifted_directions
-from estimator.energy.marker_targets import NAME as MARKERS
-from estimator.energy.marker_targets import marker_targets
-from estimator.energy.point_targets import PointTargets
-from estimator.energy.pose_mixture import load_mixture, shipped_mixture
-from estimator.energy.pose_prior import PosePrior, misfit
-from estimator.energy.priors import Stabilisers
-from estimator.energy.standing import LEAST
+from estimator.energy.point_targets import NAME as MARKERS, PointTargets, marker_targets
+from estimator.energy.pose_prior import PosePrior, load_mixture, misfit, shipped_mixture
+from estimator.energy.priors import GravityPrior, Stabilisers, world_up
+from estimator.energy.standing import LEAST, LevelFeet, Soles
 from estimator.energy.term import Term
-from estimator.search.term_source import PER_BODY, PER_CAMERAS, PER_FRAME, TermContext, TermSource
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.plugins import Registry
 
 if TYPE_CHECKING:
     from estimator.search.cost_settings import CostSettings
+
+
+@dataclass(frozen=True)
+class TermContext:
+    """The context for which terms are made.
+
+    cost: all weights of the energy. self_collision: distances between body parts, None where they may overlap. cameras:
+    those that observe the body, None where none is known. observation: the frame's, None for terms of every frame.
+    """
+
+    body: Body
+    cost: CostSettings
+    self_collision: SelfCollision | None = None
+    cameras: tuple[Camera, ...] | None = None
+    observation: Observation | None = None
+
+
+PER_BODY, PER_CAMERAS, PER_FRAME = "body", "cameras", "frame"
+
+
+@dataclass(frozen=True)
+class TermSource:
+    """A kind of term; `register` makes it part of every frame's energy.
+
+    name: as in the settings' table `[cost.terms.NAME]`. make: its terms for a context and its settings, none where it
+    does not apply. settings: a frozen dataclass with the defaults, described in its docstring; None for none.
+    made: how often its terms are made: once for a body (`PER_BODY`), for the cameras of a clip (`PER_CAMERAS`), or for
+        what is observed in each frame (`PER_FRAME`).
+    """
+
+    name: str
+    make: Callable[[TermContext, Any], Iterable[Term]]
+    settings: Any = None
+    made: str = PER_BODY
 
 
 def without_prior(body: Body, settings: CostSettings) -> str | None:

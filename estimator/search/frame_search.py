@@ -10,9 +10,8 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.contact import separate
-from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
-from estimator.energy.descent.solution import Solution, StepCounts
+from estimator.energy.descent.solution import Solution, StepCounts, mode_covariance
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.term import Term
 from estimator.inference.mixture import Mode
@@ -22,7 +21,7 @@ from estimator.search.hypothesis import Association, Candidate, Hypothesis, Refi
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.vision.cues.base import PastPose
-from estimator.vision.likelihood.image_likelihood import Followed, ImageLikelihood
+from estimator.vision.cues.image_likelihood import Followed, ImageLikelihood
 
 
 class FrameProblem(NamedTuple):

@@ -12,13 +12,12 @@ from estimator.data.observation import Observation
 from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
-from estimator.search.examples.lookup import Lookup
-from estimator.search.examples.votes import turned_away
+from estimator.search.examples.lookup import Lookup, turned_away
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.vision.cues.depth.cue import Depth
-from estimator.vision.cues.silhouette.cue import Outline
+from estimator.vision.cues.depth import Depth
+from estimator.vision.cues.silhouette import Outline
 from humanoid.kinematics.body import Body
 
 

@@ -13,14 +13,12 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.descent.solution import StepCounts
 from estimator.energy.reprojection import Reprojection
-from estimator.inference.merge import best_distinct, body_size
-from estimator.inference.mixture import Mixture, mixture_of
+from estimator.inference.mixture import Mixture, best_distinct, body_size, mixture_of
 from estimator.search.cost_model import CostModel
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
 from estimator.search.examples.limbs import LimbBank
-from estimator.search.examples.lookup import Lookup, check_elevation, either_way, lookups
+from estimator.search.examples.lookup import Lookup, Votes, check_elevation, either_way, lookups, turned_away
 from estimator.search.examples.person_seen import CUES, PersonEvidence, persons
-from estimator.search.examples.votes import Votes, turned_away
 from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.hypothesis import AS_DETECTED, EXCHANGED, Association, Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
@@ -36,7 +34,7 @@ from estimator.search.jumps.readings import (
 )
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes
-from estimator.vision.likelihood.image_likelihood import ImageLikelihood
+from estimator.vision.cues.image_likelihood import ImageLikelihood
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import Surface

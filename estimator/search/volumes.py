@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.energy.cost import Cost, QuadraticModel
-from estimator.energy.descent.covariance import MAX_STD, free_mask
+from estimator.energy.descent.solution import MAX_STD, free_mask
 from estimator.search.proposals import log_density_at_centre
 from humanoid.kinematics.body import Body
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.data.formats.motion_table import OF_EXPORTS, MotionTable
+from estimator.data.formats.angle_files import OF_EXPORTS, MotionTable
 from estimator.runs.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
-from humanoid.support.errors import InputError, shown
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest, shown
 
 _UNITS = {"_rad": 1.0, "_deg": np.pi / 180.0, "_m": 1.0, "_cm": 0.01, "_mm": 1e-3}
 _BEYOND = 1e-3  # rad or m by which a limit may be passed: what rounding in a file can do

@@ -23,11 +23,12 @@ from estimator.synthesis.plate import (
     fine_pixels,
     painted_plate,
     quad_faces,
+    screens,
     shifted,
+    swinging_boards,
 )
 from estimator.synthesis.raster import paint, paint_cloth, paint_index
 from estimator.synthesis.scene import joined
-from estimator.synthesis.screens import screens, swinging_boards
 from estimator.synthesis.settings import SceneSettings
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.shape.surface import surface_of

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from humanoid.kinematics.body import Body
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]
 _PILLAR = -1.2  # x of the pillar; rails and wall are 5 and 10 cm behind it [m]

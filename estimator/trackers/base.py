@@ -1,18 +1,23 @@
-"""The interface of trackers: `init` makes a state, `step` takes it to the next frame.
-
-Optional capabilities are in `estimator.trackers.capabilities`.
+"""The interface of trackers: `init` makes a state, `step` takes it to the next frame. What else a tracker can do it
+declares in one record, its attribute `capabilities`; without it, it has none, and is complete all the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.search.examples.person_seen import CUES, can_look_up
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import BY_INDEX
 from estimator.trackers.frame_result import FrameResult
+from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 
 
 class State(Protocol):
@@ -67,3 +72,63 @@ class TrackerProtocol(Protocol[S]):
         ValueError: an array is missing or has impossible values.
         """
         ...
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """All are off by default.
+
+    energy: the search whose energy the hypotheses have, for each frame. `estimator.tracking.smoothing` couples these
+        energies, and `explain` splits them into terms.
+    needed_cues: it needs at least one of these image cues.
+    frames_ahead, frames_behind: how many frames after and before the current one it is given, fewer at the ends of a
+        clip: `init` then takes (rng, observation, following), `step` (rng, state, observation, following, before), the
+        last only if it uses earlier frames. Both are tuples of observations in order, with their image cues.
+    seen_as: a frame as the tracker used it, given its result, where it may have used more than the observation.
+    pictures: its own diagnostic images of a frame observed with cues, by camera number and in the pixels of the cues.
+    """
+
+    energy: ModeSearch | None = None
+    needed_cues: tuple[str, ...] = ()
+    frames_ahead: int = 0
+    frames_behind: int = 0
+    seen_as: Callable[[Observation, FrameResult], Observation] | None = None
+    pictures: Callable[[Observation, FrameResult], Mapping[int, CuePicture]] | None = None
+
+
+def capabilities_of(tracker: TrackerProtocol[Any]) -> Capabilities:
+    """Optional capabilities of a tracker."""
+    said: Capabilities = getattr(tracker, "capabilities", Capabilities())
+    return said
+
+
+def energy_of(tracker: TrackerProtocol[Any], name: str) -> ModeSearch:
+    """The search whose energy the hypotheses of a tracker of some name have; raises InputError where they have none."""
+    energy = capabilities_of(tracker).energy
+    if energy is None:
+        raise InputError("tracker", f"the hypotheses of {name} have no energy", remedy="choose another tracker")
+    return energy
+
+
+class Initialisation:
+    """The initialisation of trackers that find their first pose by `estimator.search.first_pose.start_modes` (see
+    `TrackerProtocol`): from keypoints, or from an index, depending on
+    `ModeSearchSettings.start`."""
+
+    search: ModeSearch
+
+    @property
+    def needs_keypoints(self) -> bool:
+        """Whether it begins by keypoints."""
+        return self.search.settings.start != BY_INDEX
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """The hypotheses have the energy of the search; without keypoints poses are looked up by cues."""
+        return Capabilities(energy=self.search, needed_cues=() if self.needs_keypoints else CUES)
+
+    def can_start(self, observation: Observation) -> bool:
+        """Whether a frame has enough keypoints, or shows the person where poses are looked up."""
+        if self.needs_keypoints:
+            return observation.has_enough_points
+        return can_look_up(observation, self.search.evidence)

@@ -1,9 +1,9 @@
-"""A tracker's result for one frame, as passed on to run files, exports and pictures."""
+"""A tracker's result for one frame, its status, and the most likely way through the hypotheses of all frames."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +26,7 @@ class FrameResult:
     """K hypotheses for one frame, best first.
 
     index: number of the frame in the clip. time: seconds since the clip's start.
-    status: see `estimator.trackers.statuses`; before the first usable frame an "unobserved" one has no hypotheses.
+    status: see `estimator.trackers.frame_result`; before the first usable frame an "unobserved" one has no hypotheses.
     q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
@@ -92,3 +92,50 @@ def _read_only(value: np.ndarray) -> np.ndarray:
         array = array.copy()
         array.flags.writeable = False
     return array
+
+
+TRACKED, HARD = "tracked", "hard"
+STATUS_MEANINGS = {
+    TRACKED: "the best pose explains at least half of what was seen",
+    HARD: "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
+    " faster than any body, its search ended early, or the findings speak against it: look at these frames with"
+    " `kinemode explain`, and at their keypoints",
+    "unobserved": "too few keypoints and no pictures: poses are extrapolated from the frame before; give keypoints"
+    " there, or pictures (--cues)",
+}
+"""Meanings of a frame's statuses, and what to do: one line each, wherever a status is printed."""
+
+
+def backtrack(parent: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Index (T,) of the hypothesis each frame has on the path that ends in the best one of the last frame.
+
+    Parameters
+    ----------
+    parent (T, K): index of each hypothesis' parent in the frame before, -1 if none: the path then continues from the
+        best hypothesis of the frame before.
+    weight (T, K): weights, NaN where there is no hypothesis.
+
+    -1 for a frame without hypotheses. Source: Sminchisescu and Triggs 2003 (CSS), footnote 2, keeping one path.
+    """
+    count = len(parent)
+    path = np.full(count, -1, dtype=np.int64)
+    filled = np.where(np.isnan(weight), -np.inf, weight)
+    wanted = -1
+    for t in range(count - 1, -1, -1):
+        some = filled.shape[1] > 0 and np.isfinite(filled[t]).any()
+        if some and (wanted < 0 or not np.isfinite(filled[t, wanted])):
+            wanted = int(np.argmax(filled[t]))
+        path[t] = wanted if some else -1
+        wanted = int(parent[t, wanted]) if some else -1
+    return path
+
+
+def backtrack_results(results: Sequence[FrameResult]) -> np.ndarray:
+    """`backtrack` over a list of frame results, (T,)."""
+    most = max((len(r.weight) for r in results), default=0)
+    parent = np.full((len(results), most), -1, dtype=np.int64)
+    weight = np.full((len(results), most), np.nan)
+    for t, result in enumerate(results):
+        parent[t, : len(result.parent)] = result.parent
+        weight[t, : len(result.weight)] = result.weight
+    return backtrack(parent, weight)

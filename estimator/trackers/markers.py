@@ -17,9 +17,8 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
-from estimator.trackers.defaults import NO_CAPTURE, together
+from estimator.trackers.base import Initialisation
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -28,7 +27,7 @@ from estimator.trackers.mixture_state import (
     predict_unobserved,
     search_counts,
 )
-from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.trackers.spec import NO_CAPTURE, ONLY_TO_BEGIN, Spec, by_search, together
 from humanoid.support.settings import setting
 
 _LEAST = 1e-300  # weight of a parent

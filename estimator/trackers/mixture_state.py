@@ -20,7 +20,7 @@ from estimator.data.formats.checked_arrays import (
 )
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import StepCounts
-from estimator.energy.marker_targets import marker_distances
+from estimator.energy.point_targets import marker_distances
 from estimator.inference.mixture import MODE_FIELDS, Mixture, mode_arrays, modes_of
 from estimator.inference.origin import Family, Origins
 from estimator.numerics.newton import ITERATIONS

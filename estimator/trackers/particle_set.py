@@ -1,30 +1,63 @@
-"""Shared code of the particle trackers: the energy of a frame at any pose, the first particle set, and its
-hypotheses."""
+"""Shared code of the particle trackers: their state, the energy of a frame at any pose, the first set and its
+hypotheses.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_weights, length_of
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.solution import SAMPLED
 from estimator.energy.term import Term
+from estimator.inference.annealing import Particles
 from estimator.inference.clusters import clusters, mean_and_covariance
-from estimator.inference.merge import body_size
-from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.mixture import Mixture, Mode, body_size, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
-from estimator.inference.particles import Particles
 from estimator.search.first_pose import start_modes
 from estimator.search.hypothesis import AS_DETECTED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import classify_frame, predict_unobserved
-from estimator.trackers.particle_state import ParticleState
+from estimator.trackers.mixture_state import MixtureState, classify_frame, predict_unobserved
 from estimator.vision.cues.base import PastPose
 from humanoid.kinematics.body import Body, PlacedBodies
-from humanoid.support.unused import unused_where
+from humanoid.support.settings import unused_where
+
+_FIELDS = {
+    "particle_states": Field("f", ("N", "S")),
+    "particle_weights": Field("f", ("N",)),
+    "particle_owner": Field("i", ("N",)),
+}
+
+
+@dataclass(frozen=True)
+class ParticleState:
+    """A particle set, the hypotheses it was summarised by, and the time [s] they belong to."""
+
+    mixture: Mixture
+    time: float
+    particles: Particles
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        return MixtureState(self.mixture, self.time).arrays() | self.particles.arrays()
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, width: int) -> ParticleState:
+        """Rebuild a state from `arrays`. width: S, how many numbers a particle has. Raises DamageError for invalid
+        arrays."""
+        summary = MixtureState.from_arrays(arrays, body, minima=False)
+        check_arrays(arrays, _FIELDS, {"N": length_of(arrays, "particle_weights"), "S": width})
+        particles = Particles.from_arrays(arrays)
+        check_weights(particles.weights, "particle_weights")
+        if not ((particles.owner >= -1) & (particles.owner < len(summary.mixture.weights))).all():
+            raise DamageError("particle_owner is not a hypothesis")
+        return ParticleState(summary.mixture, summary.time, particles)
+
 
 DYNAMICS_ALONE = (
     unused_where("search.follow", "no search begins where its parent was"),

@@ -1,4 +1,4 @@
-"""Description of a tracker by its name, before one is made."""
+"""Description of a tracker by its name, before one is made, and its changes to the common settings."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from estimator.search.cost_settings import CostSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
 from estimator.trackers.base import TrackerProtocol
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.vision.cues.settings import CueSettings
 from humanoid.kinematics.body import Body
-from humanoid.support.unused import UnusedRule, unused_where
+from humanoid.support.settings import UnusedRule, unused_where
 
 
 class TrackerSettings(Protocol):
-    """Settings from which a tracker is made, see `estimator.tracking.settings.Settings`."""
+    """Settings from which a tracker is made, see `estimator.tracking.registry.Settings`."""
 
     @property
     def cost(self) -> CostSettings:
@@ -61,7 +61,7 @@ class Spec:
     unused: rules of which settings have no effect on it.
     keeps_limits, looks_up, may_look_up: by its own settings: whether poses stay within the joint limits; whether it
     needs an index of examples after the first frame; whether it uses one that is given. Its other capabilities are
-    declared by the tracker itself (`estimator.trackers.capabilities.Capabilities`).
+    declared by the tracker itself (`estimator.trackers.base.Capabilities`).
     """
 
     name: str
@@ -96,3 +96,55 @@ def by_search(
 ) -> Callable[[Body, TrackerSettings], TrackerProtocol]:
     """The `Spec.make` of a tracker that is made from a search for modes and its own settings."""
     return lambda body, settings: recipe(mode_search(body, settings), settings.own)
+
+
+NEARLY_GAUSSIAN = 1e4
+"""nu, in squared standard deviations, of a cue's potential that is to be Gaussian."""
+EDGES_NEARLY_GAUSSIAN = 200.0
+"""The same of edges. They are looked for within six standard deviations, where this is Gaussian to 9 %; and nu / 2 is
+what a missing edge costs, which must not drown all else."""
+
+ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False}}
+"""The trackers of the papers do not look back."""
+AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
+"""The trackers of the papers use keypoints unchanged."""
+NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
+"""They do not ask whether feet stand."""
+NOT_BALANCED: dict[str, Any] = {"cost": {"terms": {"balance": {"weight": 0.0}}}}
+"""Nor whether the person would fall over."""
+ONE_READING: dict[str, Any] = {"search": {"readings": False}}
+"""They keep no room for the other reading of a trunk."""
+ALL_AS_QUICK: dict[str, Any] = {"cost": {"quickness": False}}
+"""To them all joints are as quick."""
+NOT_LIFTED: dict[str, Any] = {"cost": {"lifted_weight": 0.0}}
+"""Nor what another network makes of the picture."""
+NO_CAPTURE: dict[str, Any] = {"cost": {"pose_prior_weight": 0.0}}
+"""They use no captured poses."""
+LEAST_SQUARES: dict[str, Any] = {
+    "cost": {
+        "potential": "gaussian",
+        "transition_potential": "gaussian",
+    },
+    "cues": {
+        "edges": {"nu": EDGES_NEARLY_GAUSSIAN},
+        "silhouette": {"nu": NEARLY_GAUSSIAN},
+        "flow": {"nu": NEARLY_GAUSSIAN},
+    },
+}
+"""No observation ever loses its pull."""
+OVERLAPPING: dict[str, Any] = {"cost": {"interpenetration_weight": 0.0}}
+"""Parts need not keep apart."""
+
+
+def together(*changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested changes in one; they do not change the same setting."""
+    made: dict[str, Any] = {}
+    for change in changes:
+        for name, value in change.items():
+            made[name] = together(made.get(name, {}), value) if isinstance(value, Mapping) else value
+    return made
+
+
+FROM_A_PAPER = together(
+    ONLY_FILTERS, AS_DETECTED, NO_CAPTURE, NOTHING_STANDS, NOT_BALANCED, ONE_READING, ALL_AS_QUICK, NOT_LIFTED
+)

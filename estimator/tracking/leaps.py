@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.data.formats.checked_arrays import Field, check_arrays
-from estimator.inference.merge import body_size
+from estimator.inference.mixture import body_size
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_PLACE_V, ROOT_TURN_Q, Body
 from humanoid.support.errors import first_of

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from humanoid.support.errors import InputError, shown
-from humanoid.support.near_names import near_names
+from humanoid.support.errors import InputError, near_names, shown
 from humanoid.support.settings import LARGEST, Valid, declared, every_setting, is_group, members, with_members
 
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}

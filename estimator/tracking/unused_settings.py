@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from estimator.search.settings import BY_KEYPOINTS
-from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
+from estimator.tracking.registry import DEFAULT, TRACKERS, Settings, settings_for
 from estimator.tracking.setting_changes import refused
-from estimator.tracking.settings import Settings
-from estimator.vision.likelihood.settings import unused_rules
+from estimator.vision.cues.settings import unused_rules
 from humanoid.support.errors import InputError
-from humanoid.support.settings import every_setting
-from humanoid.support.unused import ONE_CAMERA, PICTURES, UnusedRule, unused_where, unused_without
+from humanoid.support.settings import ONE_CAMERA, PICTURES, UnusedRule, every_setting, unused_where, unused_without
 
 FIT_GROUPS = ("cost", "search", "cues")
 """The groups that a fit of the subject uses, with any tracker; the fit itself tracks with the default one."""

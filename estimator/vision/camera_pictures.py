@@ -13,7 +13,7 @@ from estimator.data.media.clip import Clip
 from estimator.data.media.depth_folder import DepthFolder
 from estimator.data.media.picture import read_picture
 from estimator.data.media.threads import one_thread
-from estimator.vision.known_person import KnownPerson
+from estimator.vision.person_region import KnownPerson
 from estimator.vision.resolution import scaled_camera
 from humanoid.support.errors import InputError
 

@@ -1,18 +1,78 @@
-"""Heights of the parts of a body above a floor: signed distance and gradient of each, in closed form or by coal."""
+"""Obstacles of a body: its own parts, or a floor, with signed distance and gradient of each part in closed form or by
+coal.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from humanoid.collision import witness
-from humanoid.collision.clearance import Distances
-from humanoid.collision.hands import stiff_hands
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import ConvexSolid, solids_of
 from humanoid.support.compiled import jit
+
+
+class SignedDistances(Protocol):
+    """distance (M,) [m], negative in overlap; gradient (M, nv): its derivative in the tangent space [m per unit of
+    v]."""
+
+    @property
+    def distance(self) -> np.ndarray:
+        """See `SignedDistances`."""
+        ...
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """See `SignedDistances`."""
+        ...
+
+
+class Clearance(Protocol):
+    """Something with signed distances from a body."""
+
+    def near(self, posed: PosedBody, margin: float | None = None) -> SignedDistances:
+        """All that are below a margin [m], by default its own."""
+        ...
+
+    def penetration(self, posed: PosedBody) -> float:
+        """The deepest overlap [m], 0 if none."""
+        ...
+
+
+class Distances(NamedTuple):
+    """See `SignedDistances`."""
+
+    distance: np.ndarray
+    gradient: np.ndarray
+
+
+class Clearances:
+    """Several of them as one."""
+
+    def __init__(self, parts: Sequence[Clearance]) -> None:
+        self._parts = tuple(parts)
+
+    def near(self, posed: PosedBody, margin: float | None = None) -> Distances:
+        """See `Clearance`."""
+        near = [part.near(posed, margin) for part in self._parts]
+        return Distances(np.concatenate([n.distance for n in near]), np.concatenate([n.gradient for n in near]))
+
+    def penetration(self, posed: PosedBody) -> float:
+        """See `Clearance`."""
+        return max((part.penetration(posed) for part in self._parts), default=0.0)
+
+
+def stiff_hands(body: Body) -> tuple[str, ...]:
+    """Links that carry a wrist and do not move about it."""
+    frames = body.model.frames
+    wrists = {landmark.link for landmark in body.subject.landmarks if landmark.name.endswith("_wrist")}
+    own = {link: frames[body.model.getFrameId(link, pin.FrameType.BODY)].parentFrame for link in wrists}
+    return tuple(sorted(link for link, joint in own.items() if frames[joint].type == pin.FrameType.FIXED_JOINT))
 
 
 class RoundPieces(NamedTuple):

@@ -24,12 +24,11 @@ import pinocchio as pin
 
 from humanoid.kinematics.body import Body
 from humanoid.limbs.bodies import Bodies
-from humanoid.limbs.cones import Cone
+from humanoid.limbs.limb import Cone
 from humanoid.limbs.merging import Group, topmost_first
 from humanoid.subject.urdf_document import PLAUSIBLE
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, nearest, shown
 from humanoid.support.files import read_toml
-from humanoid.support.near_names import nearest
 
 _THINNEST = 1e-4  # m
 _KINDS = {

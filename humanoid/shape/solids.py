@@ -4,12 +4,14 @@ Flesh is for the eye, solids are for distances, so a superquadric stands for som
 (`Flesh.solid`): a limb for the capsule of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free, any
 other part for the ellipsoid of its solid's half-axes. Exponents, taper and bend do not count. Parts with
 clearance="off" have no solid.
+
+Heights of a body's points above the sole under them.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -224,3 +226,22 @@ def _capsule_along(points: np.ndarray, mean: np.ndarray, axis: np.ndarray) -> tu
     high, low = float((along - reach).max()), float((along + reach).min())
     centre = mean + middle + axis * (high + low) / 2.0
     return centre, axis * max(high - low, 0.0) / 2.0, radius
+
+
+def heights_above_soles(body: Body, landmarks: Sequence[int], up: np.ndarray | None = None) -> np.ndarray:
+    """Heights (P,) [m] of landmarks (P,) above the lowest point of what their own joint moves, where the foot is level:
+    with all joints at zero, along the root's upright axis, or another unit vector up (3,). 0 where that joint has no
+    solids, or the upright axis is unknown."""
+    upright, heights = body.subject.upright, np.zeros(len(landmarks))
+    if up is None:
+        if upright is None:
+            return heights
+        up = np.array(upright.axis)
+    posed, solids = body.at(pin.neutral(body.model)), solids_of(body)
+    for k, index in enumerate(landmarks):
+        joint = body.landmark_joint[index]
+        up_joint = posed.placements[joint, :9].reshape(3, 3) @ up  # stored column by column: the transpose
+        depths = [farthest(solid, -up_joint) for solid in solids if solid.joint == joint]
+        if depths:
+            heights[k] = max(depths) + body.landmark_local[index] @ up_joint
+    return heights

@@ -15,8 +15,7 @@ from humanoid.shape.surface import Surface, flesh_surface, spread_nodes
 from humanoid.subject.subject import Flesh
 from humanoid.subject.urdf_document import read_document
 from humanoid.subject.urdf_elements import segments
-from humanoid.subject.urdf_flesh import stretch_matrix
-from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.subject.urdf_flesh import mirror_parts, stretch_matrix
 from humanoid.support.errors import InputError
 
 

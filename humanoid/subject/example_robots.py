@@ -7,8 +7,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from humanoid.support.errors import InputError
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest
 
 PREFIX = "example-robot-data:"
 LANDMARK_FOLDER = Path(__file__).parent / "landmark_files"

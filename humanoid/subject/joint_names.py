@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import pinocchio as pin
 
-from humanoid.support.errors import InputError
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest
 
 ROOT = "root"
 ROOT_POSITION = ("root_x", "root_y", "root_z")

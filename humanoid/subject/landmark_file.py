@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from humanoid.subject.urdf_document import Document, elements
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, nearest, shown
 from humanoid.support.files import read_toml
-from humanoid.support.near_names import nearest
 
 SUFFIX = ".landmarks.toml"
 # table -> tag, attribute that takes the key, entries with their kind (a number, a list of numbers, a text, names)

@@ -22,9 +22,8 @@ from typing import Any
 from humanoid.subject.landmarks import mirror_index, without_side
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_elements import LEAST_STD, Marker
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, nearest, shown
 from humanoid.support.files import read_toml
-from humanoid.support.near_names import nearest
 
 LANDMARKS = "landmarks"
 _FOLDER = Path(__file__).parent / "marker_sets"

@@ -15,19 +15,15 @@ import pinocchio as pin
 from humanoid.subject import example_robots, urdf_elements
 from humanoid.subject.joint_names import ROOT_VELOCITY
 from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
-from humanoid.subject.mimic_model import with_mimics
-from humanoid.subject.mimic_settling import settle_mimics
+from humanoid.subject.mimic import settle_mimics, with_mimics
 from humanoid.subject.urdf_check import check_urdf, check_with_yourdfpy, natural_base
 from humanoid.subject.urdf_document import Document, elements, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Marker, Proportion, Stabiliser, UprightElement, Zero
-from humanoid.subject.urdf_flesh import Flesh, numbers_text
+from humanoid.subject.urdf_flesh import Flesh, numbers_text, reshape
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
-from humanoid.subject.urdf_reshape import reshape
-from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError, misplaced
-from humanoid.support.files import read_bytes
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, misplaced, nearest
+from humanoid.support.files import read_bytes, replacing
 from humanoid.support.quiet import quiet
 from humanoid.support.summary import Facts, Summarised
 

@@ -8,8 +8,7 @@ import xml.etree.ElementTree as ET
 
 from humanoid.subject.urdf_document import PLAUSIBLE, Document, elements
 from humanoid.subject.urdf_mimic import check_mimic
-from humanoid.support.errors import InputError
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
 JOINT_TYPES = (*MOVABLE, "fixed")

@@ -15,8 +15,7 @@ import pinocchio as pin
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_mimic import read_mimics
-from humanoid.support.errors import InputError, shown
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import InputError, nearest, shown
 
 Meshes = Literal["ignore", "require"]
 NO_LANDMARKS = "no landmarks are given: the origin of every moving link is one"

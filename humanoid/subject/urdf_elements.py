@@ -20,7 +20,7 @@ A proportion scales the origin of its joint, and of the joints named in `symmetr
 the parent link with it.
 
 What Pinocchio gets is the URDF without these and without what it would act on differently or does not need: materials,
-simulator and transmission elements, <mimic> (`humanoid.subject.mimic_model` ties the joints afterwards). Missing effort
+simulator and transmission elements, <mimic> (`humanoid.subject.mimic` ties the joints afterwards). Missing effort
 and velocity limits, which a kinematic model does not use, are filled in for its parser.
 """
 
@@ -40,8 +40,7 @@ from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements, read_document
 from humanoid.subject.urdf_flesh import FLESH_ATTRIBUTES, Flesh, numbers_text, read_flesh, stretched, write_flesh
 from humanoid.subject.urdf_mimic import Mimic, mimic_of, read_mimics
-from humanoid.support.errors import InputError
-from humanoid.support.near_names import near_names, nearest
+from humanoid.support.errors import InputError, near_names, nearest
 
 T = TypeVar("T")
 

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 from humanoid.subject.urdf_document import Document, elements
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import nearest
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Numba's own cache watches only the file of the function it compiles, though what the function takes from other files,
 constants and other kernels, is compiled into it. So code is kept in a folder named by a digest of the function's file
-and of all that it imports (see `compiled_sources` and `compiled_folder`).
+and of all that it imports (see `compiled_cache`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from numba.core import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
-from humanoid.support.compiled_folder import cache_roots, source_folder
-from humanoid.support.compiled_sources import sources_digest
+from humanoid.support.compiled_cache import cache_roots, source_folder, sources_digest
 from humanoid.support.locks import locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -12,9 +12,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode.annotation.clicks import corrected_from, inside_only, load_clicks, no_clicks
-from kinemode.annotation.landmark_guide import landmark_guide
 from kinemode.annotation.server import AnnotationServer
-from kinemode.annotation.session import Annotation
+from kinemode.annotation.session import Annotation, landmark_guide
 from kinemode.notices import InputWarning
 from kinemode.terminal.program import command
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator.data.formats.checked_json import mapping, shaped
-from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.data.formats.keypoints_layouts import read_layout
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, read_layout
 from estimator.data.sequence import common_landmarks
 from estimator.data.timing import length_notes
 from humanoid.support.errors import InputError

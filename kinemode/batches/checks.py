@@ -9,7 +9,7 @@ from typing import Any
 
 from humanoid.support.errors import InputError, shown
 from kinemode.batches.columns import CLIPS, OF_A_ROW, PERSON, PERSON_ID, SUBJECT, column_of, columns
-from kinemode.batches.faults import FaultList
+from kinemode.batches.tables import FaultList
 from kinemode.batches.values import RowValues, is_built_in
 from kinemode.checks import CHECKS, MARKERS
 from kinemode.option import options_of

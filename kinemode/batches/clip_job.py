@@ -18,16 +18,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from estimator.runs.run_reader import Run
-from estimator.trackers.statuses import HARD, TRACKED
-from humanoid.support.atomic import replacing
+from estimator.trackers.frame_result import HARD, TRACKED
 from humanoid.support.errors import InputError, shortened
+from humanoid.support.files import replacing
 from humanoid.support.locks import locked
-from kinemode.batches.digests import FileStamp, stamped
-from kinemode.batches.outcome import FILE, ClipOutcome, TrackedRun
+from kinemode.batches.outcome import FILE, ClipOutcome, FileStamp, TrackedRun, stamped
 from kinemode.batches.task import LOCK, TOKEN, BatchTask, TaskAnswer, check_versions, own_folder, versions
 from kinemode.notices import InputWarning
 from kinemode.target import made_folder
-from viz.batch.entry import DONE, FAILED
+from viz.report.thumbnail import DONE, FAILED
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
@@ -184,7 +183,7 @@ def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]
     """The facts and files of a run, and messages on what could not be made."""
     import kinemode as km
     from kinemode.batches.clip_job import run_facts
-    from viz.batch.thumbnail import write_thumbnail
+    from viz.report.thumbnail import write_thumbnail
 
     faults: list[str] = []
     stem = run.file.with_suffix("")

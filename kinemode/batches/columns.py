@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal
 
 import cyclopts
 
-from humanoid.support.errors import shown
-from humanoid.support.near_names import nearest
+from humanoid.support.errors import nearest, shown
 from kinemode.checks import is_word
 from kinemode.flags import Files, SubjectOption, flag_types
 from kinemode.option import Option, options_of

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.batches.layouts import recordings_in
+from kinemode.batches.manifest import LONGEST_NAME, fitting_name
 from kinemode.batches.recordings import VIDEOS, ClipFiles, Listing
-from kinemode.batches.row import LONGEST_NAME, fitting_name
 from kinemode.target import check_absent, check_folder
 
 _ORDER = ("name", "clips", "cameras", "keypoints", "detect", "person", "height", "phone", "sync")

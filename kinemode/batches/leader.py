@@ -11,18 +11,18 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shortened
+from humanoid.support.files import replacing
 from humanoid.support.locks import held
 from kinemode.batches.clip_job import work
 from kinemode.batches.engines import Engine
+from kinemode.batches.manifest import BatchRow
 from kinemode.batches.outcome import ClipOutcome
-from kinemode.batches.row import BatchRow
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, own_folder, versions
 from kinemode.compilation import are_made, made_kernels
 from kinemode.progress import Reporter, unreported
 from kinemode.target import check_absent, made_folder
-from viz.batch.entry import DONE, FAILED
+from viz.report.thumbnail import DONE, FAILED
 
 TABLE, PAGE = SHOWN = ("summary.csv", "index.html")
 """What is shown of all clips."""

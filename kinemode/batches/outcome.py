@@ -1,16 +1,87 @@
-"""What became of a clip of a batch, as it is kept in its folder."""
+"""What became of a clip of a batch, as it is kept in its folder, with digests of what it depends on."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from humanoid.support.atomic import replacing
-from kinemode.batches.digests import FileStamp
+from humanoid.support.files import content_digest, replacing
+
+
+class FileStamp(NamedTuple):
+    """A file as it was: size [bytes], when it was changed [ns], SHA-256 of its bytes."""
+
+    size: int
+    changed: int
+    digest: str
+
+
+def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any]) -> str:
+    """Of what a row has, names of files included, not what is in them."""
+    given = json.dumps([subject, list(clips), dict(options)], sort_keys=True)
+    return hashlib.sha256(given.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def input_files(*given: Any) -> list[Path]:
+    """The files that texts name, in lists and mappings too, alone or as NAME=PATH; of a folder all that are in it."""
+    return sorted({file for text in _texts(given) for file in _files(text)})
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts(list(value.values()))
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _texts(part)
+
+
+def _files(text: str) -> Iterator[Path]:
+    path = text if os.path.exists(text) else text.partition("=")[2]
+    if not os.path.isabs(path):  # a word like any other: paths of rows are absolute
+        return
+    if os.path.isfile(path):
+        yield Path(path)
+    for folder, _, names in os.walk(path):
+        yield from (Path(folder, name) for name in names)
+
+
+def stamped(files: Sequence[Path]) -> dict[str, FileStamp]:
+    """Every file's stamp; one that is not there has none."""
+    return {str(file): stamp for file in files if (stamp := _stamp(file)) is not None}
+
+
+def _stamp(file: Path) -> FileStamp | None:
+    try:
+        with file.open("rb") as content:
+            state = os.fstat(content.fileno())
+            return FileStamp(state.st_size, state.st_mtime_ns, content_digest(content))
+    except OSError:
+        return None
+
+
+def unchanged(files: Sequence[Path], stamps: Mapping[str, FileStamp]) -> bool:
+    """Whether files are what they were; only those whose time or size is another are read."""
+    return {str(file) for file in files} == set(stamps) and all(_same(file, stamps[str(file)]) for file in files)
+
+
+def _same(file: Path, stamp: FileStamp) -> bool:
+    try:
+        state = file.stat()
+    except OSError:
+        return False
+    if (state.st_size, state.st_mtime_ns) == stamp[:2]:
+        return True
+    now = _stamp(file) if state.st_size == stamp.size else None
+    return now is not None and now.digest == stamp.digest
+
 
 FILE = "outcome.json"
 
@@ -18,7 +89,7 @@ FILE = "outcome.json"
 @dataclass(frozen=True)
 class TrackedRun:
     """A run of a clip, of which there are several where everybody is tracked; paths relative to the batch's folder, ""
-    of what there is not. The figures are those of `viz.batch.entry.BatchEntry`."""
+    of what there is not. The figures are those of `viz.report.thumbnail.BatchEntry`."""
 
     name: str
     run: str
@@ -39,8 +110,8 @@ class TrackedRun:
 class ClipOutcome:
     """What became of a clip.
 
-    status: done or failed, see `viz.batch.entry`. message: why it failed. runs: of one that was tracked. options,
-    inputs: what it depends on, see `kinemode.batches.digests`; reference: what it was compared with. seconds: of
+    status: done or failed, see `viz.report.thumbnail`. message: why it failed. runs: of one that was tracked. options,
+    inputs: what it depends on, see `kinemode.batches.outcome`; reference: what it was compared with. seconds: of
     wall-clock time; processor_seconds: of processor time, programs that it started included. notes: what was assumed.
     """
 

@@ -8,13 +8,13 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode.batches.leader import PAGE, TABLE
+from kinemode.batches.manifest import BatchRow
 from kinemode.batches.outcome import ClipOutcome
-from kinemode.batches.row import BatchRow
-from viz.batch.entry import WAITING, BatchEntry, known, look_ranks
-from viz.batch.page import write_batch_page
+from viz.report.batch_page import write_batch_page
+from viz.report.thumbnail import WAITING, BatchEntry, known, look_ranks
 
 _SELDOM = 3.0  # s between two pages at least
 _SHARE = 0.02  # of the time, that is spent with writing them

@@ -9,15 +9,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
-from kinemode.batches.digests import input_files, options_digest, unchanged
-from kinemode.batches.outcome import ClipOutcome
-from kinemode.batches.row import BatchRow, fitting_name
+from humanoid.support.files import unwritable
+from kinemode.batches.manifest import BatchRow, fitting_name
+from kinemode.batches.outcome import ClipOutcome, input_files, options_digest, unchanged
 from kinemode.option import options_of
 from kinemode.request import BY_INDEX, FitRequest
 from kinemode.target import made_folder
-from viz.batch.entry import DONE
+from viz.report.thumbnail import DONE
 
 TOKEN = ".batch"
 """The file in the folder of a batch by whose content a worker knows that it sees the same folder as the leader."""

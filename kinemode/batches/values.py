@@ -12,8 +12,7 @@ from typing import Any
 
 from humanoid.support.errors import InputError
 from kinemode.batches.columns import CLIPS, SUBJECT, Column, cell_value, columns, existing
-from kinemode.batches.faults import FaultList
-from kinemode.batches.tables import TableRow
+from kinemode.batches.tables import FaultList, TableRow
 from kinemode.request import USUAL_SUBJECT
 
 _BARE = re.compile(r"[\w:-]+")

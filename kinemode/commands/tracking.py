@@ -59,7 +59,7 @@ def compare(**given: Any) -> None:
     import kinemode as km
 
     compared = km.compare(**given, progress=km.reported)
-    from kinemode.comparison.report import print_comparison
+    from kinemode.comparison import print_comparison
 
     print_comparison(compared)
 
@@ -117,7 +117,7 @@ def retarget(*, metrics: Path | None = None, **given: Any) -> None:
         print(given["out"])
         return
     run = km.retarget(**given, progress=km.reported)
-    from kinemode.motion_figures import motion_figures, write_figures
+    from kinemode.reporting import motion_figures, write_figures
     from kinemode.terminal import report
 
     figures = motion_figures(run)

@@ -11,11 +11,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT
+from estimator.data.formats.keypoints_reading import LAYOUT_BY_COUNT
 from estimator.data.media.clip import Clip
 from humanoid.subject.landmarks import FORMATS
-from humanoid.support.atomic import replacing, unwritable
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing, unwritable
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People, Seen
 from kinemode.detection.process import DetectorProcess

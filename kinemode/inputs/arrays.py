@@ -31,7 +31,7 @@ class Spool:
     """Makes files of the clips and keypoints that are given as arrays; what is given as files stays as it is.
 
     clips: also arrays (T, H, W, 3) uint8 BGR, or iterators of pictures (H, W, 3). keypoints: also arrays (T, K, 2) or
-    (T, K, 3), see `estimator.data.formats.keypoints_in_memory`, which has `layout` too. Both alone or in a mapping by
+    (T, K, 3), see `estimator.data.formats.keypoints`, which has `layout` too. Both alone or in a mapping by
     camera.
 
     Attributes
@@ -85,8 +85,7 @@ class Spool:
     def _points(self, argument: str, name: str, given: Any) -> Path | None:
         if not is_array(given):
             return None
-        from estimator.data.formats.keypoints import write_keypoints
-        from estimator.data.formats.keypoints_in_memory import keypoint_track
+        from estimator.data.formats.keypoints import keypoint_track, write_keypoints
 
         track = keypoint_track(given, self._layout, argument=argument)
         path = self._place(argument, f"{name}.json")

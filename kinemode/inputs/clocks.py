@@ -13,8 +13,7 @@ from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.media.clip import DEFAULT_FPS, Clip, ClipReport
 from estimator.data.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import offsets as offsets_of
-from kinemode.inputs.declared import rates as rates_of
+from kinemode.inputs.declared import offsets as offsets_of, rates as rates_of
 from kinemode.named import by_name
 from kinemode.request import OFF, FileOptions
 

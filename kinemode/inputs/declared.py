@@ -1,4 +1,6 @@
-"""What a user gives where files do not have it, read: sizes, rates, offsets, the floor, and which part is meant."""
+"""What a user gives where files do not have it: sizes, rates, offsets, the floor, which part of a clip, which
+person.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from estimator.data.floor import OFF, KnownFloor
 from humanoid.support.errors import InputError
-from kinemode.named import by_name, named_values, value_of
+from kinemode.named import by_name, named_pairs, named_values, value_of
 from kinemode.option import options_of
 from kinemode.request import ALL, AUTO, FileOptions
 
 if TYPE_CHECKING:
     from estimator.vision.resolution import Size
     from kinemode.request import Offsets, Persons, Rates, Sizes
+
 
 _SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
@@ -91,3 +94,29 @@ def _seconds(value: Any) -> float:
     if not math.isfinite(seconds):
         raise ValueError
     return seconds
+
+
+def persons_of(given: Persons, names: Iterable[str]) -> dict[str, str]:
+    """The person of each camera, "auto" where none is given; see `named_values` for what may be given and raised."""
+    names = list(names)
+    if any(person == ALL for _, person in named_pairs(given)):
+        problem = "all is everybody in all cameras, each tracked into a run of their own"
+        raise InputError("--person", problem, remedy="of `kinemode track` only, and nothing beside it")
+    needed = "auto, an id of the keypoint file, or CAMERA=ID"
+    return dict.fromkeys(names, AUTO) | named_values(given, names, "--person", _person, needed)
+
+
+def plain(given: Persons) -> str | int | dict[str, str]:
+    """The same as a value that JSON knows: one for all, or by camera."""
+    if isinstance(given, (str, int)) and "=" not in str(given):
+        return given
+    pairs = named_pairs(given)
+    if len(pairs) == 1 and pairs[0][0] is None:
+        return str(pairs[0][1])
+    return {name or "": str(person) for name, person in pairs}
+
+
+def _person(value: str | int) -> str:
+    if value == "":
+        raise ValueError
+    return str(value)

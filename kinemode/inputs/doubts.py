@@ -9,8 +9,8 @@ import numpy as np
 from estimator.data.agreement import SUSPICIOUS, Agreement, Pair, agreement, likely_order, pairs_of
 from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import seen_points
+from estimator.data.clock_rates import Lags
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.lags import Lags
 from estimator.data.observation import Observation
 from estimator.vision.resolution import Size
 from humanoid.kinematics.body import Body

@@ -14,8 +14,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.floor import OFF, KnownFloor
-from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
-from estimator.data.formats.keypoints_layouts import formats_read
+from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, formats_read, load_people
 from estimator.data.media.clip import Clip
 from estimator.data.media.depth_folder import DepthFolder
 from estimator.data.observation import Observation
@@ -28,13 +27,21 @@ from estimator.vision.resolution import Size
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
-from kinemode.inputs.cameras import KnownCameras, as_detected, in_one_size, lens_note
+from kinemode.inputs.cameras import (
+    BY_PERSON,
+    KnownCameras,
+    as_detected,
+    check_by_cameras,
+    in_one_size,
+    lens_note,
+    rig_by_person,
+    rig_notes,
+    with_offsets,
+)
 from kinemode.inputs.clocks import clocks_of, notes_on_time
-from kinemode.inputs.declared import known_floor, noises, part, sizes
+from kinemode.inputs.declared import known_floor, noises, part, persons_of, sizes
 from kinemode.inputs.doubts import checked_agreement
 from kinemode.inputs.lens import before_subject
-from kinemode.inputs.persons import persons_of
-from kinemode.inputs.rigs import BY_PERSON, check_by_cameras, rig_by_person, rig_notes, with_offsets
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.inputs.upright import turned, upright_turn
 from kinemode.named import chosen_names, matched, named_pairs, named_paths
@@ -55,7 +62,7 @@ class Inputs:
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
     notes: what the user should know of the input.
-    masks, backgrounds (C): of each camera where they are given, see `estimator.vision.likelihood.reader.CueReader`.
+    masks, backgrounds (C): of each camera where they are given, see `estimator.vision.cues.reader.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None. R_upright_given (3, 3): how the world of the given cameras was turned, so that z

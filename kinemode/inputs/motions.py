@@ -14,8 +14,8 @@ from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import METRES, checked_unit
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.load import load_points
-from estimator.retargeting.hypotheses import SourceHypotheses
 from estimator.retargeting.joint_arrays import ARRAYS, has_joints, load_joints
+from estimator.retargeting.motion import SourceHypotheses
 from estimator.retargeting.source import SourceMotion
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import landmark_name

@@ -9,8 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from humanoid.support.errors import InputError, shown
-from humanoid.support.near_names import near_names
+from humanoid.support.errors import InputError, near_names, shown
 
 _TABLE = Path(__file__).with_name("phone_lenses.json")
 

@@ -13,8 +13,8 @@ from estimator.data.markers.swaps import mirrored_swaps
 from estimator.data.markers.track import MarkerTrack
 from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body
-from humanoid.subject.marker_matching import chosen_set, matching_set
 from humanoid.subject.marker_set import MarkerSet, marker_set
+from humanoid.subject.marker_start import chosen_set, matching_set
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, first_of
 from kinemode.inputs.declared import known_floor, part, rates

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.people_choice import crowded
+from estimator.data.formats.people_tracks import crowded
 from estimator.data.sequence import common_landmarks
 from estimator.data.synchronisation import LONGEST, SURE_MARGIN, Synchrony, synchronised
 from estimator.data.timing import SAME_RATE, CameraClock

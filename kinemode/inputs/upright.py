@@ -11,7 +11,7 @@ from estimator.data.cameras.camera import UPS, Camera, axis_of, in_world, neares
 from estimator.data.cameras.epipolar import seen_points
 from estimator.data.observation import Observation
 from estimator.data.people.up_direction import UpDirection, up_direction
-from estimator.numerics.angles import angle_between
+from estimator.numerics.vectors import angle_between
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 

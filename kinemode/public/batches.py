@@ -16,7 +16,7 @@ from kinemode.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.progress import Reporter, unreported
 from kinemode.public.arguments import check_arguments, check_as
-from viz.batch.entry import DONE
+from viz.report.thumbnail import DONE
 
 
 @dataclass(frozen=True)

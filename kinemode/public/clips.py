@@ -13,9 +13,9 @@ from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.target import check_folder
 
 if TYPE_CHECKING:
-    from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
+    from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
     from humanoid.subject.subject import Subject
-    from kinemode.rendering.files import RenderedClip
+    from kinemode.shot import RenderedClip
 
 
 def render(
@@ -74,7 +74,7 @@ def render(
     check_as("videos", masks=masks, depths=depths)
     if Path(motion).suffix.lower() in (".bvh", ".csv", ".npz"):
         check_exists(motion)
-    from kinemode.rendering.clip import render_clip
+    from kinemode.rendering import render_clip
 
     return render_clip(
         folder, motion, subject=subject, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,

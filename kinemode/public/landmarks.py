@@ -42,7 +42,7 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     from humanoid.shape import landmark_start as beginning
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.subject.urdf_edit import NO_LANDMARKS
-    from humanoid.support.atomic import replacing
+    from humanoid.support.files import replacing
 
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     if not isinstance(subject, Subject):
@@ -94,7 +94,7 @@ def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLi
     from estimator.data.markers.load import point_names
     from humanoid.subject.marker_start import marker_start as beginning
     from humanoid.subject.subject import load_subject
-    from humanoid.support.atomic import replacing
+    from humanoid.support.files import replacing
 
     model = load_subject("human34").model
     links = [frame.name for frame in model.frames if frame.type.name == "BODY" and not frame.name.endswith("_link")]

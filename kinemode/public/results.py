@@ -235,7 +235,7 @@ def export(
 def contact(run: RunLike, *, hands: bool = False, plot: PathLike | None = None) -> Contact:
     """When the feet of a run's drawn trajectory stand, heels and toes apart, and on what floor.
 
-    From how fast and how high they are in the world, z up; see `estimator.inference.foot_contact` for the method. A
+    From how fast and how high they are in the world, z up; see `estimator.inference.contacts` for the method. A
     probability for each point and frame, the floor with its uncertainty, stances with how far the point slides, and
     when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide is reported as it is. On a
     treadmill, which is found by the velocity that both feet share, feet that move with the belt stand, and `belt` has
@@ -274,7 +274,7 @@ def gait(run: RunLike) -> Gait:
     A foot strikes when it begins to stand, see `contact`. It leaves the ground when its toes are farthest behind the
     pelvis (Zeni et al., Gait & Posture 27(4), 2008) if the other foot stands, when it ceases to stand if not, as in
     running. Where keypoints have no feet, so that contact is not to be trusted, both events are by the pelvis, and
-    `method` is "pelvis" rather than "contact". World z is up. See `estimator.runs.strides.Stride` for what a stride
+    `method` is "pelvis" rather than "contact". World z is up. See `estimator.runs.gait.Stride` for what a stride
     has. Where nobody walks there are no strides, and `remark` has the reason. On a treadmill lengths and speeds are
     along the belt, whose speed is `belt`.
 

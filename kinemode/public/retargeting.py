@@ -122,8 +122,7 @@ class Retargeter:
             check_as("time", floor=floor)
         if look_ahead < 0.0:
             raise InputError("look_ahead", f"is {look_ahead:g}", remedy="0 seconds or more")
-        from estimator.retargeting.correspondence import check_correspondence, common_correspondence
-        from estimator.retargeting.match_file import load_match
+        from estimator.retargeting.correspondence import check_correspondence, common_correspondence, load_match
         from estimator.retargeting.problem import RetargetSettings
         from estimator.retargeting.streaming import MotionStream
         from humanoid.kinematics.body import Body

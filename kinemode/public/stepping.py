@@ -45,7 +45,7 @@ class Tracker:
     What comes out is what `kinemode.track` has in its run before smoothing (`run.mode_q`, `run.mode_weight`), to the
     last bit, if the subject, the settings, the seed and `jitter` are the same and the run measured no noise of its
     cameras, as fits to several cameras do (`run.observation(0).noise`): both treat a frame by
-    `estimator.tracking.frame_by_frame`. The subject is taken as it is: `kinemode.fit` fits it to a person beforehand.
+    `estimator.tracking.runner`. The subject is taken as it is: `kinemode.fit` fits it to a person beforehand.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from estimator.fitting.fit import Fit
     from estimator.runs.run_reader import Run
     from humanoid.subject.subject import Subject
-    from kinemode.comparison.compare import Comparison
+    from kinemode.comparison import Comparison
     from kinemode.named import PathLike
     from kinemode.request import SubjectLike
 
@@ -95,7 +95,7 @@ def compare(request: CompareRequest) -> Comparison:
     """
     with reading(request, Path(request.out) / "compare") as (files, _):
         loaded = loaded_subject(request.subject)
-        from kinemode.comparison.compare import compare_trackers
+        from kinemode.comparison import compare_trackers
 
         return compare_trackers(loaded, files, request)
 

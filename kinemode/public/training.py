@@ -122,8 +122,8 @@ def train_templates(
     from threadpoolctl import threadpool_limits
 
     from estimator.data.formats.cameras import load_cameras
-    from estimator.synthesis.examples import limb_templates
-    from estimator.trackers.loose_limbed.part_detectors.template_file import save_templates
+    from estimator.synthesis import limb_templates
+    from estimator.trackers.loose_limbed.part_detectors.templates import save_templates
 
     known = cameras if isinstance(cameras, Mapping) else load_cameras(cameras)
     named = [name for name in limbs.split(",") if name] if isinstance(limbs, str) else list(limbs)

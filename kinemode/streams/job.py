@@ -19,8 +19,8 @@ from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from estimator.vision.resolution import Size, fitted_track
 from humanoid.subject.subject import Subject
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from kinemode import __version__
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import People, Seen

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.formats.keypoints_in_memory import Layout, keypoint_points, keypoint_track, named_layout
+from estimator.data.formats.keypoints import KeypointTrack, Layout, keypoint_points, keypoint_track, named_layout
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble, keypoint_jitter
 from estimator.data.standing import StandingPoints
@@ -24,7 +23,7 @@ REMEMBERED = 150  # frames in which the trembling of keypoints is measured
 class Observer:
     """Makes the observations of a stream, in order.
 
-    layout: see `estimator.data.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or
+    layout: see `estimator.data.formats.keypoints`. jitter [px]: how much keypoints tremble, of each camera or
     of all (`Observation.jitter`); None measures it in the last frames, `REMEMBERED` at most.
     """
 

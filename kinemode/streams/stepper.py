@@ -18,14 +18,13 @@ from estimator.data.floor import OFF, KnownFloor
 from estimator.data.formats.cameras import declared_floor
 from estimator.data.media.clip import DEFAULT_FPS, Clip, ClipReport
 from estimator.data.observation import Observation
-from estimator.trackers.capabilities import energy_of
+from estimator.trackers.base import energy_of
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import FrameByFrame
 from estimator.tracking.smoothing import FixedLag
-from estimator.vision.likelihood.reader import CueReader
-from estimator.vision.likelihood.registry import CUES
-from estimator.vision.likelihood.settings import CueSettings
+from estimator.vision.cues.reader import CueReader
+from estimator.vision.cues.settings import CUES, CueSettings
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.subject.keypoint_places import with_layout_places
 from humanoid.subject.subject import Subject

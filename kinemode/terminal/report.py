@@ -21,7 +21,7 @@ from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.pairs import CENTRED
 from estimator.runs.run_reader import Run
 from estimator.tracking.registry import TRACKERS
-from estimator.vision.likelihood.registry import CUES
+from estimator.vision.cues.settings import CUES
 from humanoid.subject.subject import subject_names
 from kinemode.explain import Explanation
 from kinemode.findings import findings, status_counts, status_lines

@@ -3,10 +3,9 @@
 Each raises `ContractError`, an AssertionError, at the first promise that is broken, and names it, with numbers.
 """
 
-from kinemode.testing.calibration import SimulatedClip, check_calibration, simulated_clips
+from kinemode.testing.calibration import RankStatistics, SimulatedClip, check_calibration, simulated_clips
 from kinemode.testing.cues import check_cue
 from kinemode.testing.laws import ContractError, slope
-from kinemode.testing.ranks import RankStatistics
 from kinemode.testing.terms import check_term
 from kinemode.testing.trackers import check_tracker
 

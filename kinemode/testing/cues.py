@@ -14,7 +14,7 @@ from estimator.data.observation import image_extent
 from estimator.energy.term import Term
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
-from estimator.vision.likelihood.image_likelihood import ImageModel
+from estimator.vision.cues.image_likelihood import ImageModel
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.testing.laws import differing, require

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.data.boards.board import BoardSighting
 from estimator.data.boards.calibrate import BoardCalibration, BoardView
-from estimator.data.boards.shots import BoardSighting
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from viz.pictures.plot import COLOURS
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from viz.palette import ON_PAPER, web
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from viz import palette
 from viz.pictures.limb_layer import LimbLayer, limb_layer
 from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
 from viz.pictures.source_layer import SourceLayer
-from viz.scene import Scene
+from viz.scene import Scene, pictured_scene
 from viz.solids.body_solids import side_of
-from viz.viewpoint import pictured_scene
 
 LONGEST = 960  # longer side of a camera's picture in the overlay [px]
 OPACITY = 0.62

@@ -15,8 +15,7 @@ from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, reduced, side_by_side
 from viz.pictures.painter import BodyPainter, ImageProjection, OrthographicView, camera_view
-from viz.scene import evenly
-from viz.viewpoint import pictured_scene
+from viz.scene import evenly, pictured_scene
 
 _METRES = 1.6  # shown from the side, across the narrower dimension
 _FAINT = 0.35  # of a single sample; those that agree add up

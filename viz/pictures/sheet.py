@@ -12,8 +12,7 @@ from estimator.runs.run_reader import Run
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, drawn
 from viz.pictures.painter import BodyPainter, CameraProjection, OrthographicView, camera_view
-from viz.scene import Scene, evenly
-from viz.viewpoint import pictured_scene
+from viz.scene import Scene, evenly, pictured_scene
 
 FRAMES = 6
 TILE = (300, 380)  # width, height of one picture [px]

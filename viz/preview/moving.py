@@ -22,8 +22,7 @@ from estimator.data.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 from viz.local_server import LocalHandler, LocalServer
 from viz.preview.cameras import data_address
-from viz.preview.curves import joint_curves
-from viz.preview.page import motion, node_names, page
+from viz.preview.page import joint_curves, motion, node_names, page
 from viz.scene import Scene
 from viz.solids.body_solids import body_solids
 from viz.solids.solid import merged

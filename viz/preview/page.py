@@ -2,10 +2,13 @@
 
 What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and
 pictures as in `viz.preview.cameras`.
+
+Content of the page's panel of curves: every joint angle over time, its interval, and the hypotheses' angles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,20 +19,57 @@ import numpy as np
 import pinocchio as pin
 from meshcat.animation import Animation, AnimationClip
 
+from estimator.runs.coordinates import JointEntry, joint_entries
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
-from humanoid.support.atomic import replacing
+from humanoid.support.files import replacing
 from viz import palette
 from viz.pictures.painter import BodyPainter
-from viz.preview.beside import add_source
+from viz.preview.beside import add_floor, add_source, add_stances
 from viz.preview.cameras import add_camera
-from viz.preview.curves import joint_curves
 from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh
-from viz.preview.standing import add_floor, add_stances
 from viz.scene import Scene, as_scene, evenly
 from viz.solids.body_solids import body_solids
-from viz.solids.solid import DrawnMesh, merged, sides_among
+from viz.solids.solid import DrawnMesh, merged, side_of, sides_among
 from viz.source_figure import LEGEND, heading
+
+_UNITS = {"turn": ("°", float(np.degrees(1.0))), "slide": ("mm", 1e3)}
+
+
+def joint_curves(scene: Scene, rows: Sequence[int]) -> list[dict[str, Any]]:
+    """For each joint that one number places, in the body's order: name, side, unit (degrees or millimetres), value (T),
+    low and high (T), the ends of the 90 % interval, None without them; modes (T, K); limits (2).
+
+    Numbers are rounded to tenths, and None where there is none.
+    """
+    return [
+        _curve(scene, list(rows), entry)
+        for entry in joint_entries(scene.body)
+        if entry.kind in _UNITS and not entry.follows
+    ]
+
+
+def _curve(scene: Scene, rows: list[int], entry: JointEntry) -> dict[str, Any]:
+    unit, factor = _UNITS[entry.kind]
+    model, at = scene.body.model, entry.start
+    limits = np.array([model.lowerPositionLimit[at], model.upperPositionLimit[at]])
+    curve = {
+        "name": entry.name,
+        "side": side_of(entry.name),
+        "unit": unit,
+        "value": _numbers(factor * scene.q[rows, at]),
+        "modes": [_numbers(factor * row) for row in scene.mode_q[rows, :, at]],
+        "limits": _numbers(factor * limits),
+    }
+    if scene.interval is None:
+        return curve | {"low": None, "high": None}
+    low, high = factor * scene.interval[rows, :, at].T
+    return curve | {"low": _numbers(low), "high": _numbers(high)}
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [round(float(x), 1) if np.isfinite(x) else None for x in values]
+
 
 KEY_FRAMES = 600
 _NOTHING = 0.005  # a weight below would be written as 0 %

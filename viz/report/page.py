@@ -13,13 +13,12 @@ from estimator.runs.contact import contact_of_run
 from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_reader import Run
-from estimator.trackers.statuses import HARD, STATUS_MEANINGS
-from humanoid.support.atomic import replacing
+from estimator.trackers.frame_result import HARD, STATUS_MEANINGS
+from humanoid.support.files import replacing
 from viz.page_style import page_style, text
 from viz.pictures.overlay import Progress
 from viz.report import pictures
-from viz.report.facts import Facts, Figure
-from viz.report.pictures import COLOURS, angle_figures, contact_figure
+from viz.report.pictures import COLOURS, Facts, Figure, angle_figures, contact_figure
 from viz.report.tables import (
     assumed_part,
     cameras_table,
@@ -30,8 +29,7 @@ from viz.report.tables import (
     ranges_table,
     repeat_part,
 )  # fmt: skip
-from viz.scene import Scene
-from viz.viewpoint import pictured_scene
+from viz.scene import Scene, pictured_scene
 
 _TRACKED_RANGES = (
     "The least and the greatest value of each joint, and the range between them; beside each the interval in which it"

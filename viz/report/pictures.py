@@ -1,11 +1,11 @@
-"""The film, the stills and the joint curves of a report, small enough to stand in its page."""
+"""The film, the stills, the joint curves and the facts of a report, small enough to stand in its page."""
 
 from __future__ import annotations
 
 import io
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,16 +20,53 @@ from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_reader import Run
 from viz.palette import ON_PAPER, web
 from viz.pictures.contact_plot import contact_drawing
-from viz.pictures.joint_panels import JointPanel, panels_of
-from viz.pictures.joint_plot import draw_panel
+from viz.pictures.joint_plot import JointPanel, draw_panel, panels_of
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
-from viz.pictures.rig_plan import ABOVE, RigPlan, draw_rig, name_cameras, path_of
-from viz.report.facts import Figure
+from viz.pictures.rig_picture import ABOVE, RigPlan, draw_rig, name_cameras, path_of
 from viz.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+    from estimator.runs.keypoint_residuals import KeypointResiduals, MarkerResiduals
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture of the page. title: what it shows. data: the file's content. kind: its media type."""
+
+    title: str
+    data: bytes
+    kind: str = "image/svg+xml"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Facts reported beside the motion.
+
+    findings: what contradicts the subject or the input. assumed: what was not measured, a sentence each. lengths: name
+    and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
+    motion: name and value of each figure of a motion that was made from another, none of one that was tracked.
+    errors: distance of each camera's keypoints from the body, by the camera's name [px]. keypoints, markers: measured
+    distances of both from the body, None for a run without. settings: name, value and default of those that differ.
+    files: each file's role in the run, its path, and its digest or why there is none. versions: of programs, name and
+    number.
+    """
+
+    findings: Sequence[str] = ()
+    assumed: Sequence[str] = ()
+    lengths: Sequence[tuple[str, float]] = ()
+    command: str = ""
+    blanks: str = ""
+    motion: Sequence[tuple[str, str]] = ()
+    errors: Mapping[str, float] = field(default_factory=dict)
+    settings: Sequence[tuple[str, str, str]] = ()
+    keypoints: KeypointResiduals | None = None
+    markers: MarkerResiduals | None = None
+    files: Sequence[tuple[str, str, str]] = ()
+    versions: Sequence[tuple[str, str]] = ()
+
 
 FILM_BYTES = 8_000_000
 """A film takes at most about so much; in the page a third more."""

@@ -9,11 +9,10 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.runs.gait import METHODS, Gait
-from estimator.runs.keypoint_residuals import KeypointResiduals
-from estimator.runs.marker_residuals import MarkerResiduals
+from estimator.runs.keypoint_residuals import KeypointResiduals, MarkerResiduals
 from estimator.runs.ranges import RangeOfMotion
 from viz.page_style import text
-from viz.report.facts import Facts
+from viz.report.pictures import Facts
 
 _SIGN = "\N{MINUS SIGN}"
 _UNKNOWN = "\N{EN DASH}"

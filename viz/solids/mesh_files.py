@@ -13,7 +13,7 @@ import numpy as np
 from humanoid.shape.collada_check import collada_unit
 from humanoid.support.errors import InputError
 from viz.palette import Rgb
-from viz.solids.triangles import Triangles, merged_vertices
+from viz.solids.decimation import Triangles, merged_vertices
 
 if TYPE_CHECKING:
     import trimesh

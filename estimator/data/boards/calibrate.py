@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.data.boards.board import Board
+from estimator.data.boards.board import Board, BoardSighting, Shots
 from estimator.data.boards.lens import FEWEST_VIEWS, UNSURE, BoardPose, LensFit, fit_lens
 from estimator.data.boards.placement import place_cameras
-from estimator.data.boards.shots import BoardSighting, Shots
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 from humanoid.support.errors import InputError

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.data.boards.board import Board
-from estimator.data.boards.shots import BoardSighting
+from estimator.data.boards.board import Board, BoardSighting
 from estimator.data.cameras.camera import Camera, guessed_camera
 from humanoid.support.errors import InputError
 

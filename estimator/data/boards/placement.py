@@ -21,9 +21,8 @@ from estimator.data.boards.adjustment import (
     corner_residuals,
     inverse,
 )
-from estimator.data.boards.board import Board
+from estimator.data.boards.board import Board, BoardSighting
 from estimator.data.boards.lens import BoardPose, LensFit
-from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera
 from humanoid.support.errors import InputError
 

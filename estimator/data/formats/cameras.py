@@ -19,9 +19,8 @@ from estimator.data.formats.cameras_opencv import OPENCV_JSON, OPENCV_XML, OPENC
 from estimator.data.formats.cameras_panoptic import PANOPTIC
 from estimator.data.formats.cameras_qualisys import QUALISYS
 from estimator.data.formats.cameras_toml import TOML
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, shown
-from humanoid.support.files import read_bytes
+from humanoid.support.files import read_bytes, replacing
 from humanoid.support.plugins import Registry
 
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(

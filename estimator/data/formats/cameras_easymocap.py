@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.camera_format import CameraFile, CameraFormat, in_metres, rotation_matrix
 from estimator.data.formats.cameras_json import camera_from_json
 from estimator.data.formats.cameras_opencv import opencv_matrix
-from estimator.data.formats.cameras_units import in_metres, rotation_matrix
 from estimator.data.formats.checked_config import parsed_yaml
 from humanoid.support.errors import InputError
 from humanoid.support.files import read_bytes

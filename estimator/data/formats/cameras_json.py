@@ -24,8 +24,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.cameras.lens import COUNTS
-from estimator.data.formats.camera_format import CameraFile, CameraFormat
-from estimator.data.formats.cameras_units import UNITS, in_metres
+from estimator.data.formats.camera_format import UNITS, CameraFile, CameraFormat, in_metres
 from estimator.data.formats.checked_json import (
     LARGEST,
     check_members,

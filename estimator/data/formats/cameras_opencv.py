@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.camera_format import CameraFile, CameraFormat, check_apart, in_metres, rotation_matrix
 from estimator.data.formats.cameras_json import camera_from_json
-from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
 from estimator.data.formats.checked_json import numbers
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.support.errors import InputError, shown

@@ -9,9 +9,8 @@ x_camera = R x_world + t; the world's y axis points down. (H. Joo et al., "Panop
 from __future__ import annotations
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.camera_format import CameraFile, CameraFormat, in_metres
 from estimator.data.formats.cameras_json import camera_from_json
-from estimator.data.formats.cameras_units import in_metres
 from estimator.data.formats.checked_json import mapping, numbers, sequence
 
 _CALLED = {"image_size": "resolution", "distortion": "distCoef"}

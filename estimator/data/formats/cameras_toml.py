@@ -23,9 +23,8 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.camera_format import CameraFile, CameraFormat, check_apart, in_metres, rotation_matrix
 from estimator.data.formats.cameras_json import camera_from_json
-from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
 from estimator.data.formats.checked_config import parsed_toml
 from estimator.data.formats.checked_json import check_members
 from humanoid.support.errors import InputError

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from humanoid.support.errors import InputError, shown
+from humanoid.support.errors import InputError, near_names, nearest, shown
 from humanoid.support.files import read_bytes
-from humanoid.support.near_names import near_names, nearest
 
 LARGEST = 1e7  # no length [m], pixel or coefficient comes near it
 BEYOND = "has a number that is not finite, or at least 1e7 in size"

@@ -1,4 +1,4 @@
-"""2D keypoints of one person in one camera, from the files of any common detector."""
+"""2D keypoints of one person in one camera, from files of any common detector or from arrays of a program."""
 
 from __future__ import annotations
 
@@ -10,12 +10,85 @@ from typing import Any
 
 import numpy as np
 
-from estimator.data.formats.keypoints_layouts import read_layout
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading
-from estimator.data.formats.people_choice import AUTO, jump_note, select
-from humanoid.support.atomic import replacing
+from estimator.data.formats.hdf5 import is_hdf5
+from estimator.data.formats.keypoints_coco import COCO
+from estimator.data.formats.keypoints_deeplabcut import DEEPLABCUT, DEEPLABCUT_H5
+from estimator.data.formats.keypoints_mmpose import MMPOSE, RTMLIB
+from estimator.data.formats.keypoints_npy import ARRAYS
+from estimator.data.formats.keypoints_openpose import ALPHAPOSE, OPENPOSE
+from estimator.data.formats.keypoints_own import OWN
+from estimator.data.formats.keypoints_reading import (
+    LAYOUT_BY_COUNT,
+    KeypointFile,
+    KeypointFormat,
+    Notes,
+    Person,
+    Reading,
+    cleaned,
+)
+from estimator.data.formats.keypoints_sleap import SLEAP, refuse_hdf5
+from estimator.data.formats.keypoints_ultralytics import ULTRALYTICS
+from estimator.data.formats.people_tracks import AUTO, jump_note, select
+from humanoid.subject.landmarks import FORMATS, landmark_name
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
+from humanoid.support.plugins import Registry
+
+KEYPOINT_FORMATS: Registry[KeypointFormat] = Registry(
+    "keypoint format",
+    (ALPHAPOSE, OPENPOSE, MMPOSE, OWN, RTMLIB, COCO, ULTRALYTICS, DEEPLABCUT, DEEPLABCUT_H5, SLEAP, ARRAYS),
+)
+"""Formats that are read, by name; those registered last are tried first."""
+register = KEYPOINT_FORMATS.register
+
+_BEGINNINGS = {
+    ".csv": "DeepLabCut's csv does, with 'scorer,'",
+    **dict.fromkeys((".npy", ".npz"), "NumPy's files do"),
+    **dict.fromkeys((".h5", ".hdf5", ".slp"), "HDF5 files do"),
+}
+
+
+def read_layout(path: Path, layout: str) -> Reading:
+    """Read a keypoint file or folder of any registered format.
+
+    Raises InputError where it is missing, no format recognises it, or `layout` is neither "auto" nor a key of
+    `humanoid.subject.landmarks.FORMATS`.
+    """
+    if layout != "auto" and layout not in FORMATS:
+        raise InputError(path, f"no layout {layout!r}", remedy=f"one of auto, {', '.join(FORMATS)}")
+    if not path.exists():
+        raise InputError(path, "no such file or folder")
+    file, reading = KeypointFile(path), Reading(path, layout)
+    _format_of(file).read(file, reading)
+    return reading
+
+
+def formats_read() -> str:
+    """The error for a file of no known format."""
+    return "read are " + ", ".join(KEYPOINT_FORMATS)
+
+
+def _format_of(file: KeypointFile) -> KeypointFormat:
+    """The format that recognises a file; raises InputError where none does."""
+    known = [*reversed(list(KEYPOINT_FORMATS.values()))]
+    by_start = next((f for f in known if not f.of_json and f.recognises(file)), None)
+    if by_start is not None:
+        return by_start
+    _refuse_others(file)
+    by_content = next((f for f in known if f.of_json and f.recognises(file)), None)
+    if by_content is None:
+        raise InputError(file.path, "is not a keypoint file of a known layout", remedy=formats_read())
+    return by_content
+
+
+def _refuse_others(file: KeypointFile) -> None:
+    """Raise InputError for a file that is not JSON, by its ending and first bytes."""
+    if is_hdf5(file.start):
+        refuse_hdf5(file.path)
+    begins = _BEGINNINGS.get(file.ending)
+    if begins is not None and not file.is_folder:
+        raise InputError(file.path, f"does not begin as {begins}", remedy=formats_read())
+
 
 _LONGEST_GAP = 1000  # frames that may be missing for each present one
 
@@ -198,3 +271,74 @@ def _refuse_normalised(frames: Mapping[int, Sequence[Person]], path: Path) -> No
 
 def _small(person: Person) -> bool:
     return float(np.nanmax(np.abs(person.points[:, :2]))) <= 2.0
+
+
+BY_VALUES = "auto"
+Layout = str | Sequence[str]
+"""Names of keypoints: a key of `humanoid.subject.landmarks.FORMATS`, a name for each of them, or "auto", which finds
+the format from their number."""
+
+
+def keypoint_track(
+    values: Any, layout: Layout = BY_VALUES, *, fps: float | None = None, argument: str = "keypoints"
+) -> KeypointTrack:
+    """A track from an array (T, K, 2) of x, y [px], or (T, K, 3) with confidences from 0 to 1.
+
+    A point is missing where both coordinates are NaN, or its confidence is 0. argument: the array's name in errors.
+
+    Raises
+    ------
+    InputError: an array of another shape, or that is not of numbers; a layout that is unknown or has another number of
+    keypoints; impossible coordinates.
+    """
+    points = keypoint_points(values, 3, "(T, K, 2) or (T, K, 3)", argument)
+    name, names = named_layout(layout, points.shape[1], argument)
+    notes = Notes()
+    clean = np.array([cleaned(p, notes, argument, f"frame {i}") for i, p in enumerate(points)]).reshape(points.shape)
+    pixels, confidence = np.ascontiguousarray(clean[..., :2]), np.ascontiguousarray(clean[..., 2])
+    return KeypointTrack(name, names, pixels, confidence, None, fps, notes.texts, argument)
+
+
+def keypoint_points(values: Any, axes: int, shape: str, argument: str) -> np.ndarray:
+    """x, y and confidence (..., K, 3) from an array of some axes, the last of which has two or three numbers; a copy.
+
+    Raises InputError, telling the `shape` that is taken, for any other.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(argument, "is not an array of numbers", remedy=f"give one of shape {shape}") from None
+    if array.ndim != axes or array.shape[-1] not in (2, 3) or 0 in array.shape[-2:]:
+        raise InputError(argument, f"has the shape {array.shape}", remedy=f"{shape} is needed")
+    if array.shape[-1] == 2:
+        seen = np.isfinite(array).any(axis=-1, keepdims=True).astype(np.float64)
+        array = np.concatenate([array, seen], axis=-1)
+    return array
+
+
+def named_layout(layout: Layout, count: int | None, argument: str = "keypoints") -> tuple[str, tuple[str | None, ...]]:
+    """The name of a layout and the landmark of each of its keypoints, None where none corresponds.
+
+    count: how many there are; None where that is not known yet, with a layout that is not "auto". Raises InputError
+    for a layout that is unknown or has another number of them.
+    """
+    if not isinstance(layout, str):
+        names: tuple[str | None, ...] = tuple(landmark_name(name) or name for name in layout)
+        name = "named"
+    elif layout == BY_VALUES:
+        if count is None or 3 * count not in LAYOUT_BY_COUNT:
+            raise InputError(argument, f"{count} keypoints fit no layout", remedy=f"layout: {_known()}")
+        name = LAYOUT_BY_COUNT[3 * count]
+        names = FORMATS[name]
+    elif layout in FORMATS:
+        name, names = layout, FORMATS[layout]
+    else:
+        raise InputError("layout", f"there is no {layout!r}", remedy=_known())
+    if count not in (None, len(names)):
+        problem = f"has {count} keypoints, the layout {name} {len(names)}"
+        raise InputError(argument, problem, remedy=f"layout: {_known()}")
+    return name, names
+
+
+def _known() -> str:
+    return "a list of names, or one of " + ", ".join(f"{name} ({len(names)})" for name, names in FORMATS.items())

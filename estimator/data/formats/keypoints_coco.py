@@ -14,10 +14,17 @@ import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
 from estimator.data.formats.checked_json import mapping, member, number_between, numbers, sequence
-from estimator.data.formats.keypoint_format import KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks
-from estimator.data.formats.keypoints_people import Person, cleaned
-from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names, frame_of_pictures, person_id
+from estimator.data.formats.keypoints_reading import (
+    MOST_FRAMES,
+    KeypointFormat,
+    Person,
+    Reading,
+    checked_names,
+    cleaned,
+    frame_of_pictures,
+    person_id,
+)
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError, shown
 

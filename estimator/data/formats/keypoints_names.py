@@ -13,8 +13,7 @@ from typing import NamedTuple
 from estimator.data.formats.checked_json import mapping, read_json, read_text
 from estimator.data.formats.keypoints_reading import Reading, as_landmarks, checked_names
 from humanoid.subject.landmarks import FORMATS, landmark_name
-from humanoid.support.errors import InputError, first_of, shown
-from humanoid.support.near_names import near_names
+from humanoid.support.errors import InputError, first_of, near_names, shown
 
 _KNOWN = {name for names in FORMATS.values() for name in names if name is not None}
 _ENDINGS = (".names.json", ".names.txt")

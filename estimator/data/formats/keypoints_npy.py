@@ -14,10 +14,16 @@ import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
 from estimator.data.formats.checked_json import LARGEST, check_members, number_between
-from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks, naming_beside, places_of_names
-from estimator.data.formats.keypoints_people import Person, cleaned
-from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names
+from estimator.data.formats.keypoints_reading import (
+    MOST_FRAMES,
+    KeypointFile,
+    KeypointFormat,
+    Person,
+    Reading,
+    checked_names,
+    cleaned,
+)
 from estimator.data.formats.npz import read_npy, read_npz
 from estimator.data.media.clip import FPS_RANGE
 from humanoid.support.errors import InputError

@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.formats.checked_json import mapping, member, read_json, sequence
-from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading, frame_numbers
+from estimator.data.formats.keypoints_reading import KeypointFile, KeypointFormat, Person, Reading, frame_numbers
 from estimator.data.media.clip import listed
 from humanoid.support.errors import InputError
 

@@ -17,9 +17,7 @@ import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
 from estimator.data.formats.checked_json import check_members, mapping, member, number_between, sequence, shaped
-from estimator.data.formats.keypoint_format import KeypointFormat
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.keypoints_reading import Reading, as_landmarks
+from estimator.data.formats.keypoints_reading import KeypointFormat, Person, Reading, as_landmarks
 from estimator.data.media.clip import FPS_RANGE
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError

@@ -1,17 +1,92 @@
-"""Content of a keypoint file, gathered while it is read: people by frame number, and its other data."""
+"""Formats of keypoint files: how they are recognised, and the people and other data gathered while one is read."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from estimator.data.formats.checked_json import numbers
-from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
+import numpy as np
+
+from estimator.data.formats.checked_json import BEYOND, LARGEST, WITHIN, numbers, read_json
 from humanoid.subject.landmarks import FORMATS, landmark_name
 from humanoid.support.errors import InputError, shown
+
+LAYOUT_BY_COUNT = {3 * len(names): layout for layout, names in reversed(FORMATS.items())}
+
+
+@dataclass(frozen=True)
+class Person:
+    """One detection of a person: points (J, 3) with x, y [px], NaN where missing, and confidence, 0 where missing.
+
+    world (J, 3): the same points in space [m], see `estimator.data.formats.keypoints_own`; None where a file has none.
+    """
+
+    points: np.ndarray
+    id: str | None = None
+    world: np.ndarray | None = None
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the points' bounding box [px], 0 for fewer than two."""
+        xy = self.points[self.points[:, 2] > 0.0, :2]
+        return float(np.hypot(*(xy.max(axis=0) - xy.min(axis=0)))) if len(xy) > 1 else 0.0
+
+    @cached_property
+    def weight(self) -> float:
+        """Size times mean confidence."""
+        return self.size * float(self.points[:, 2].mean())
+
+
+@dataclass
+class Notes:
+    """Number of corrections while reading."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def add(self, what: str, count: int) -> None:
+        """Count `count` further cases of `what`."""
+        if count:
+            self.counts[what] = self.counts.get(what, 0) + count
+
+    def say(self, what: str) -> None:
+        """Add the note `what` once."""
+        self.counts.setdefault(what, 0)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """One line for each kind."""
+        return tuple(f"{what} ({count} times)" if count else what for what, count in self.counts.items())
+
+
+def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) -> np.ndarray:
+    """Points (J, 3) with missing ones as NaN and confidence 0, confidences in [0, 1].
+
+    A point is missing where its confidence is 0 (OpenPose writes 0, 0, 0) or where both coordinates are NaN.
+    """
+    points = points.copy()
+    xy, confidence = points[:, :2], points[:, 2]
+    if (
+        np.abs(points).max(initial=0.0) < LARGEST
+        and confidence.min(initial=1.0) > 0.0
+        and confidence.max(initial=0.0) <= 1.0
+    ):
+        return points  # nothing to correct, as with most people of a crowd
+    missing = np.isnan(xy).all(axis=1)
+    points[missing, 2] = 0.0
+    wrong = ~missing & ~(np.abs(points) < LARGEST).all(axis=1)
+    if wrong.any():
+        bad = int(np.flatnonzero(wrong)[0])
+        raise InputError(source, BEYOND, place=f"{place}, keypoint {bad}", remedy=WITHIN)
+    notes.add("confidence above 1 taken as 1", int((confidence > 1.0).sum()))
+    notes.add("negative confidence taken as 0: a missing point", int((confidence < 0.0).sum()))
+    confidence[:] = np.clip(confidence, 0.0, 1.0)
+    xy[confidence == 0.0] = np.nan
+    return points
+
 
 MOST_FRAMES = 2_000_000
 _LARGEST_ID = 1e15  # a float is exact up to there
@@ -122,3 +197,50 @@ def checked_names(value: Any, source: str | Path, place: str) -> tuple[str, ...]
 def as_landmarks(names: Sequence[str]) -> tuple[str, ...]:
     """The landmark for each name; an unknown name stays, as a robot's subject may have it."""
     return tuple(landmark_name(name) or name for name in names)
+
+
+@dataclass(frozen=True)
+class KeypointFile:
+    """A file or folder that should hold keypoints."""
+
+    path: Path
+
+    @cached_property
+    def is_folder(self) -> bool:
+        """Whether it is one."""
+        return self.path.is_dir()
+
+    @cached_property
+    def start(self) -> bytes:
+        """Its first bytes, empty for a folder and for an unreadable file, for which the reader of JSON gives the
+        reason."""
+        try:
+            with self.path.open("rb") as file:
+                return file.read(64)
+        except (OSError, ValueError):
+            return b""
+
+    @property
+    def ending(self) -> str:
+        """Ending of its name, in lower case, with the dot."""
+        return self.path.suffix.lower()
+
+    @cached_property
+    def json(self) -> Any:
+        """Its content as JSON, None for a folder; raises InputError where it is not JSON."""
+        return None if self.is_folder else read_json(self.path)
+
+
+@dataclass(frozen=True)
+class KeypointFormat:
+    """A format of keypoint files; register it with `estimator.data.formats.keypoints.register`.
+
+    name: as errors list it. recognises: whether a file is of this format, by its content; those registered last are
+    tried first. read: fills a `Reading` of the file with the people of every frame; raises InputError naming frame and
+    person. of_json: whether its files are JSON; formats of other files are tried before any file is read as JSON.
+    """
+
+    name: str
+    recognises: Callable[[KeypointFile], bool]
+    read: Callable[[KeypointFile, Reading], None]
+    of_json: bool = True

@@ -15,10 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.data.formats.hdf5 import array, is_hdf5, members, numeric, opened, text, texts
-from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks
-from estimator.data.formats.keypoints_people import Person, cleaned
-from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names
+from estimator.data.formats.keypoints_reading import (
+    MOST_FRAMES,
+    KeypointFile,
+    KeypointFormat,
+    Person,
+    Reading,
+    checked_names,
+    cleaned,
+)
 from humanoid.support.errors import InputError
 
 if TYPE_CHECKING:

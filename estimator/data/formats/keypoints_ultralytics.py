@@ -23,10 +23,16 @@ from typing import Any
 import numpy as np
 
 from estimator.data.formats.checked_json import decoded, mapping, member, numbers, parsed_json, read_json, sequence
-from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks, naming_beside
-from estimator.data.formats.keypoints_people import Person, cleaned
-from estimator.data.formats.keypoints_reading import Reading, frame_of_pictures, person_id
+from estimator.data.formats.keypoints_reading import (
+    KeypointFile,
+    KeypointFormat,
+    Person,
+    Reading,
+    cleaned,
+    frame_of_pictures,
+    person_id,
+)
 from estimator.data.media.clip import listed
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError, shown

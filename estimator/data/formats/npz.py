@@ -12,8 +12,8 @@ import numpy as np
 
 from estimator.data.formats.checked_json import mapping
 from estimator.data.formats.packing import valid_text
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 
 _MOST_BYTES = 400_000_000  # of all arrays together, unpacked: hours of landmarks
 

@@ -11,8 +11,7 @@ import numpy as np
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.angle_files import AngleFile, read_angle_csv, read_opensim_angles
 from estimator.data.formats.c3d import read_c3d
-from estimator.data.formats.marker_names import output_kind, outputs_note
-from estimator.data.formats.markers import check_spread, named_points
+from estimator.data.formats.markers import check_spread, named_points, output_kind, outputs_note
 from estimator.data.formats.npz import read_npz
 from estimator.data.formats.opensim import Coordinates, MarkerFile, frame_rate, read_trc
 from estimator.data.formats.point_arrays import checked_points, checked_rate, name_list, number_array, rising_times

@@ -9,8 +9,14 @@ import numpy as np
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.checked_json import LARGEST
-from estimator.data.formats.marker_names import check_names, is_unnamed, of_one_person, output_kind, outputs_note
-from estimator.data.formats.markers import check_spread
+from estimator.data.formats.markers import (
+    check_names,
+    check_spread,
+    is_unnamed,
+    of_one_person,
+    output_kind,
+    outputs_note,
+)
 from estimator.data.formats.opensim import checked_unit, frame_rate, metres_in
 from estimator.data.formats.point_arrays import checked_rate
 from estimator.data.markers.merging import merged
@@ -33,7 +39,7 @@ def load_points(
     """Points from a TRC, C3D, npz, npy or csv file, or from several files of the same instants.
 
     npz: `points` (T, M, 3), `names` (M), `time` (T) or `fps`, and optionally `unit` and `up`; or a run's export. csv:
-    see `estimator.data.markers.table`; npy: `estimator.data.markers.array`. The person's prefix is removed from names
+    and npy: see `estimator.data.markers.readers`. The person's prefix is removed from names
     (`ann:LKNE`). Unnamed points (`*12`, `U12`, `unlabeled`) and outputs of a gait model (`LKneeAngles`) are left out,
     and a point at exactly zero is missing, as many programs write it; with notes.
 

@@ -1,7 +1,16 @@
-"""Points over time from files of every kind, with what each declares about them."""
+"""Points over time from files of every kind, with what each declares about them.
+
+An array alone is a .npy of (frames, points, 3), as FreeMoCap writes them: MediaPipe's body in its order, 33 points
+(`mediapipe_body_3d_xyz.npy`), or 553 with both hands and the face after it (`mediaPipeSkel_3d_body_hands_face.npy`), in
+millimetres, without names, unit or times.
+
+A csv has three columns for every point, `NAME_x`, `NAME_y`, `NAME_z`, and one of time [s] or of frames, or neither;
+units follow the names (`NAME_x_mm`) or are in a line `# unit=mm` above them, as `# up=z`.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -9,13 +18,128 @@ import numpy as np
 
 from estimator.data.cameras.camera import UPS
 from estimator.data.formats.c3d import read_c3d
-from estimator.data.formats.npz import read_npz
+from estimator.data.formats.keypoints_names import naming_beside, places_of_names
+from estimator.data.formats.npz import read_npy, read_npz
+from estimator.data.formats.number_table import TIMES, NumberTable, read_number_table
 from estimator.data.formats.opensim import METRES, read_trc, unit_of
 from estimator.data.formats.point_arrays import name_list, number_array
-from estimator.data.markers.array import read_point_array
-from estimator.data.markers.table import read_point_table
 from estimator.data.markers.track import PointFile
-from humanoid.support.errors import InputError, shown
+from humanoid.subject.landmarks import FORMATS
+from humanoid.support.errors import InputError, first_of, shown
+
+_FRAMES = ("frame", "frames", "frame#")
+_COLUMN = re.compile(
+    r"(?P<name>.*[^_.:\s])[_.:\s](?P<axis>[xyz])(?:[_\s]*[\[(]?(?P<unit>mm|cm|m|(?:milli|centi)?met(?:er|re)s?)[\])]?)?",
+    re.IGNORECASE,
+)
+_COMMENT = re.compile(r"#\s*(?P<key>units?|up)\s*[=:]\s*(?P<value>\S+)\s*", re.IGNORECASE)
+
+
+def read_point_table(path: Path) -> PointFile:
+    """Read a csv with the columns NAME_x, NAME_y, NAME_z of every point (or NAME.x, NAME:X), and one of time [s]
+    ("time_s", "time", "t", "seconds"), of frames ("frame") or of neither.
+
+    Cells may be empty. Lines `# unit=mm` and `# up=z` above the names, and units behind them (NAME_x_mm), are used.
+    Without times they are NaN, as is the rate, which is not given.
+
+    Raises
+    ------
+    InputError: with the line; no table, points that lack an axis, or no points.
+    """
+    table = read_number_table(path)
+    table.check()
+    lower = [name.lower() for name in table.names]
+    clock = next((i for names in (TIMES, _FRAMES) for i, name in enumerate(lower) if name in names), None)
+    columns, unit, other = _columns(table)
+    values = table.values
+    points = np.stack([values[:, list(places)] for places in columns.values()], axis=1)
+    said = _comments(table)
+    if unit and said.get("unit", unit) != unit:
+        raise InputError(path, f"columns are in {unit}, a comment declares {shown(said['unit'])}", place=table.place)
+    counted = clock is None or lower[clock] in _FRAMES
+    notes = (f"{path.name}: columns left out: {first_of(other, 8)}",) if other else ()
+    time = np.full(len(points), np.nan) if counted else values[:, clock]
+    if counted and clock is not None and not _even(values[:, clock]):
+        problem = "the frames are not numbers one after the other"
+        raise InputError(path, problem, place=f"column {table.names[clock]}", remedy="give a column of time instead")
+    return PointFile(path, tuple(columns), points, time, unit or said.get("unit", ""), said.get("up"), notes=notes)
+
+
+def _even(frames: np.ndarray) -> bool:
+    return bool(np.isfinite(frames).all() and (np.diff(frames) == 1.0).all())
+
+
+def _columns(table: NumberTable) -> tuple[dict[str, tuple[int, int, int]], str, list[str]]:
+    """The columns x, y and z of every point, the unit in their names, and the columns that are of no point."""
+    places: dict[str, dict[str, int]] = {}
+    units: set[str] = set()
+    other: list[str] = []
+    for i, column in enumerate(table.names):
+        part = _COLUMN.fullmatch(column)
+        if part is None:
+            other += [column] if column.lower() not in (*TIMES, *_FRAMES) else []
+            continue
+        of_point, axis = places.setdefault(part["name"].strip(), {}), part["axis"].lower()
+        if axis in of_point:
+            problem = f"has two columns {axis} of the point {shown(part['name'])}"
+            raise InputError(table.path, problem, place=table.place, remedy="rename or drop one")
+        of_point[axis] = i
+        units |= {unit_of(part["unit"])} if part["unit"] else set()
+    if not places:
+        raise InputError(table.path, "has no points", place=table.place, remedy="columns NAME_x, NAME_y and NAME_z")
+    for name, axes in places.items():
+        missing = [axis for axis in "xyz" if axis not in axes]
+        if missing:
+            raise InputError(table.path, f"the point {shown(name)} has no column {missing[0]}", place=table.place)
+    if len(units) > 1:
+        problem = f"has columns in {' and '.join(sorted(units))}"
+        raise InputError(table.path, problem, place=table.place, remedy="write them in one unit")
+    return {name: (axes["x"], axes["y"], axes["z"]) for name, axes in places.items()}, next(iter(units), ""), other
+
+
+def _comments(table: NumberTable) -> dict[str, str]:
+    """unit and up, where the lines above the names have them."""
+    parts = [part for comment in table.comments if (part := _COMMENT.fullmatch(comment))]
+    said = {part["key"].lower().removesuffix("s"): part["value"].lower() for part in parts}
+    said |= {"unit": unit_of(said["unit"])} if "unit" in said else {}
+    if said.get("up", "z") not in UPS:
+        problem = f"{shown(said['up'])} is not an axis"
+        raise InputError(table.path, problem, place="comment up", remedy=f"one of {', '.join(UPS)}")
+    return said
+
+
+_BODY = FORMATS["mediapipe33"]
+_COUNTS = (len(_BODY), 553)  # of the body, and with 21 points of each hand and 478 of the face after it
+
+
+def read_point_array(path: Path) -> PointFile:
+    """Read an array of points (T, M, 3). Their names are those beside the file (`walk.names.txt`, see
+    `estimator.data.formats.keypoints_names`), else MediaPipe's of 33 or 553 points; the others are left out, with a
+    note.
+
+    Raises
+    ------
+    InputError: no array of numbers of this shape, or of another count of points without names beside it.
+    """
+    points = number_array(read_npy(path), path, "")
+    if points.ndim != 3 or points.shape[2] != 3:
+        raise InputError(path, f"has the shape {points.shape}", remedy="(frames, points, 3) is needed")
+    count = points.shape[1]
+    naming = naming_beside(path)
+    if naming.names is not None and len(naming.names) != count:
+        raise InputError(naming.source or path, f"has {len(naming.names)} names, the points are {count}")
+    if naming.names is None and count not in _COUNTS:
+        counts = " or ".join(map(str, _COUNTS))
+        remedy = f"{counts} are MediaPipe's, as FreeMoCap writes them; name others in {places_of_names(path)}"
+        raise InputError(path, f"has {count} points without names", remedy=remedy)
+    time = np.full(len(points), np.nan)
+    if naming.names is not None:
+        return PointFile(path, naming.names, points, time)
+    known = {name: i for i, name in enumerate(_BODY) if name is not None}
+    others = f", {count - len(known)} that are not landmarks of the body left out"
+    notes = (f"{path.name}: {count} points without names are read as MediaPipe's{others}",)
+    return PointFile(path, tuple(known), points[:, list(known.values())], time, notes=notes)
+
 
 UNIT_OPTION = "--unit"
 """By which a user gives the unit of length of a file."""

@@ -19,8 +19,8 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 
 _THREADS = "2"  # not the machine's number: an encoded film depends on it
 _LARGEST_DENOMINATOR = 1001  # of a frame rate: 30000/1001

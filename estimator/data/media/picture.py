@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
 from humanoid.support.quiet import captured_output
 
 WRITTEN = (".png", ".jpg", ".jpeg", ".bmp")

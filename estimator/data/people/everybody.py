@@ -13,12 +13,18 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.people_choice import AUTO, ids_of, jump_note, largest_first, select
-from estimator.data.people.across_cameras import camera_detections, instants_of, track_of_rows
+from estimator.data.formats.people_tracks import AUTO, ids_of, jump_note, largest_first, select
+from estimator.data.people.across_cameras import (
+    camera_detections,
+    instants_of,
+    left_out,
+    no_common_person,
+    seen_by_one,
+    track_of_rows,
+)
 from estimator.data.people.agreement import pair_affinities, piece_affinities
 from estimator.data.people.changes import cut_where_people_change
 from estimator.data.people.choice_of_subject import continues, group_everybody, seen_together
-from estimator.data.people.notes import left_out, no_common_person, seen_by_one
 from estimator.data.people.pieces import Table, table_of
 from humanoid.support.errors import InputError
 

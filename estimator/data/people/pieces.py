@@ -9,9 +9,8 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import Rays
-from estimator.data.formats.keypoints_people import Person
-from estimator.data.formats.people_choice import largest_first
-from estimator.data.formats.people_tracks import PersonTrack
+from estimator.data.formats.keypoints_reading import Person
+from estimator.data.formats.people_tracks import PersonTrack, largest_first
 
 SURE, LIKELY, NAMED = 5.0, 1.0, 1.0
 """Evidence for two pieces of a track that follow each other being one person, in frames of perfect agreement: where no

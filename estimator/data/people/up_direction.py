@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.numerics.angles import angle_between, unit
-from estimator.numerics.axes import axes_across
+from estimator.numerics.vectors import angle_between, axes_across, unit
 
 _NEEDED = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder"))
 _HEAD_AND_TRUNK = (

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.clock_rates import Lags
 from estimator.data.formats.keypoints import KeypointTrack
-from estimator.data.lags import Lags
 from estimator.data.media.threads import one_thread
 from estimator.data.moving_rays import MovingRays, speed_disagreement
 from estimator.data.people.up_direction import up_direction
@@ -21,8 +21,8 @@ from estimator.data.rigs.search import RigFit, RigViews, fitted_rig
 from estimator.data.rigs.steadiness import CameraMove, camera_move, strange_cameras
 from estimator.data.rigs.views import JointView
 from estimator.data.synchronisation import LONGEST, PEAK, SURE_MARGIN, synchronised
-from estimator.numerics.angles import angle_between
-from estimator.numerics.typical import typical_distance
+from estimator.numerics.robust import typical_distance
+from estimator.numerics.vectors import angle_between
 from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

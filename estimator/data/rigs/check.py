@@ -18,7 +18,7 @@ from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.search import RigFit, RigViews, fitted_rig, rig_near
 from estimator.data.rigs.steadiness import RigPart, changed_camera
 from estimator.data.rigs.views import common_instants
-from estimator.numerics.typical import typical_distance
+from estimator.numerics.robust import typical_distance
 from humanoid.kinematics.body import Body
 
 _LENGTHS_STD = 0.2  # of the logarithms: people are of all sizes, and the cameras tell the metres

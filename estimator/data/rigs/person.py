@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.data.rigs.bundle import BIAS, RigRays, RigState, robust_cost, robust_weights
+from estimator.data.rigs.bundle import BIAS, RigRays, RigState, bent, by_place, by_radial, robust_cost, robust_weights
 from estimator.data.rigs.lengths import SegmentLengths
-from estimator.data.rigs.lens import bent, by_place, by_radial
 from humanoid.kinematics.proportions import ProportionedBody
 
 _MARKS = 0.03  # m: how far from a landmark a detector marks it, in its link

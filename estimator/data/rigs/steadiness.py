@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from estimator.data.rigs.bundle import RigRays, RigState, adjusted
 from estimator.data.rigs.first import meeting_share, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
-from estimator.data.rigs.readings import exchanged, with_exchanged
-from estimator.data.rigs.search import RigFit, RigViews
+from estimator.data.rigs.search import RigFit, RigViews, exchanged, with_exchanged
 from estimator.data.rigs.views import read
 
 _BETTER = 1.1  # times that rays fit better where cameras may stand otherwise in a part: it is 1.05 where they stood

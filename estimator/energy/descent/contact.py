@@ -13,7 +13,7 @@ from estimator.energy.cost import Cost, QuadraticModel
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import SEPARATED, Solution, StepCounts
 from estimator.numerics.newton import CONVERGED, Damping, NewtonSettings, Problem, Step, minimise
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.floor import Clearance
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting
 

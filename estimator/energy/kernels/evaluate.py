@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.energy.kernels.above_floor import recorded_floor
 from estimator.energy.kernels.balance import recorded_balance
 from estimator.energy.kernels.keypoints import load_keypoints
 from estimator.energy.kernels.mixture import recorded_mixture
 from estimator.energy.kernels.points import bend, gather
+from estimator.energy.kernels.priors import recorded_stabilisers, recorded_tilt, recorded_transition, recorded_trunk
 from estimator.energy.kernels.records import (
     BALANCE,
     FLOOR,
@@ -21,13 +21,9 @@ from estimator.energy.kernels.records import (
     TRANSITION,
     TRUNK,
 )
-from estimator.energy.kernels.repulsion import recorded_repulsion
+from estimator.energy.kernels.repulsion import recorded_floor, recorded_repulsion
 from estimator.energy.kernels.soles import recorded_soles
-from estimator.energy.kernels.stabilisers import recorded_stabilisers
 from estimator.energy.kernels.targets import load_targets
-from estimator.energy.kernels.tilt import recorded_tilt
-from estimator.energy.kernels.transition import recorded_transition
-from estimator.energy.kernels.trunk_side import recorded_trunk
 from humanoid.support.compiled import jit
 
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from estimator.energy.kernels.priors import STABILISER_NU as NU
 from estimator.energy.kernels.records import MIXTURE, Record, record_of
-from estimator.energy.kernels.stabilisers import STABILISER_NU as NU
 from humanoid.support.compiled import jit
 
 _NEGLIGIBLE = 1e-12  # a component's share of a pose below which it neither pulls nor bends

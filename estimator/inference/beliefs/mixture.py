@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from estimator.inference.annealing import systematic
 from estimator.inference.beliefs.shapes import Shapes, shapes_of
 from estimator.inference.beliefs.space import TURNS_VOLUME, Space
 from estimator.inference.clusters import mean_and_covariance
-from estimator.inference.particles import systematic
 from estimator.numerics.rotations import difference, half_sine_ratio
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.annealing import annealing_power
+from estimator.inference.annealing import annealing_power, effective_count, normalised, systematic
 from estimator.inference.beliefs.labels import Stacked
 from estimator.inference.beliefs.mixture import Density, KernelMixture, mixture_of
-from estimator.inference.particles import effective_count, normalised, systematic
 from humanoid.support.errors import InputError
 from humanoid.support.settings import CheckedSettings, setting
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.inference.annealing import normalised
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Node
 from estimator.inference.beliefs.mixture import KernelMixture
 from estimator.inference.beliefs.products import ProductSamples, ProductSettings, draw_products, likelihoods
-from estimator.inference.particles import normalised
 
 
 class Split(NamedTuple):

@@ -11,10 +11,8 @@ import pinocchio as pin
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
 from estimator.data.formats.npz import read_headed, write_headed
-from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import KEY_BITS, TABLES, HashTables, Neighbours
-from estimator.vision.edge_histogram import bin_count
-from estimator.vision.person_view import ViewFrame
+from estimator.search.examples.hashing import KEY_BITS, TABLES, Bits, HashTables, Neighbours
+from estimator.vision.person_view import ViewFrame, bin_count
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.errors import InputError
 

@@ -11,8 +11,8 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.numerics.closest import closest
 from estimator.search.jumps.anatomy import TwoSegmentLimb
-from estimator.vision.cues.depth.cue import Depth
-from estimator.vision.cues.depth.matching import spread_over
+from estimator.vision.cues.depth import Depth
+from estimator.vision.cues.depth_reading import spread_over
 from humanoid.kinematics.body import Body, PlacedBodies, directions_in_world, points_in_world, points_of_each
 from humanoid.shape.surface import Surface
 from humanoid.support.compiled import jit

@@ -12,9 +12,9 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.media.threads import one_thread
 from estimator.data.observation import Observation
-from estimator.energy.gravity_prior import world_up
-from estimator.vision.cues.depth.cue import Depth, PersonPoints
-from estimator.vision.cues.silhouette.cue import Outline
+from estimator.energy.priors import world_up
+from estimator.vision.cues.depth import Depth, PersonPoints
+from estimator.vision.cues.silhouette import Outline
 from estimator.vision.person_view import ViewFrame, described
 
 CUES = (Depth.name, Outline.name)

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.inference.merge import body_size
-from estimator.search.jumps.lines import axes_of, meeting_point
+from estimator.inference.mixture import body_size
+from estimator.search.jumps.subproblems import axes_of, meeting_point
 from humanoid.kinematics.body import Body
 from humanoid.support.per_object import per_object
 

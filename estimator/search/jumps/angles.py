@@ -11,8 +11,7 @@ import numpy as np
 
 from estimator.numerics.vectors import cross, dot, plus, rotated, times
 from estimator.search.jumps.descent import best_turns, placed
-from estimator.search.jumps.lines import depths
-from estimator.search.jumps.subproblems import ball_turns, hinge_turns
+from estimator.search.jumps.subproblems import ball_turns, depths, hinge_turns
 from humanoid.support.compiled import jit
 
 

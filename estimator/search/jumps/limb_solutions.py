@@ -1,4 +1,6 @@
-"""The solutions of one limb's inverse kinematics on its rays: the depths its two segments can have."""
+"""The solutions of one limb's inverse kinematics on the lines of sight of its landmarks: the depths its two segments
+can have.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,49 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.cameras.camera import Camera
 from estimator.numerics.vectors import dot, plus
 from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.angles import limb_alternatives
-from estimator.search.jumps.lines import axes_of
-from estimator.search.jumps.pose_on_rays import PoseOnRays
+from estimator.search.jumps.subproblems import axes_of
 from humanoid.kinematics.body import Body
 from humanoid.support.compiled import jit
+
+
+class PoseOnRays(NamedTuple):
+    """A pose and the rays its landmarks are to stay on.
+
+    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eyes (L, 3) [m]: a
+    point of each ray, the optical centre unless the camera is parallel; rays (L, 3): unit vectors along them, away from
+    the camera, of the first pose.
+    """
+
+    q: np.ndarray
+    points: np.ndarray
+    spatial_jacobian: np.ndarray
+    eyes: np.ndarray
+    rays: np.ndarray
+
+
+def pose_on_rays(body: Body, q: np.ndarray, camera: Camera) -> PoseOnRays:
+    """q (nq,) and the rays of the camera on which its landmarks are."""
+    posed = body.at(q)
+    points = body.landmarks(posed)
+    return PoseOnRays(q, points, body.dof_jacobian(posed), *camera.sight_lines(points))
+
+
+def moved_to(body: Body, on_rays: PoseOnRays, q: np.ndarray) -> PoseOnRays:
+    """Another pose (nq,) that is to be on the same rays."""
+    posed = body.at(q)
+    return on_rays._replace(q=q, points=body.landmarks(posed), spatial_jacobian=body.dof_jacobian(posed))
+
+
+def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """q (nq,) with some degrees of freedom (m,) turned by `turns` (m,) [rad], limits kept."""
+    step = np.zeros(body.nv)
+    step[dofs] = turns
+    return body.integrate(q, step)
+
 
 REACHED = 0.06  # m; near enough to be refined by the mode search
 ROUGHLY = 0.25  # m; where a limb that takes another's place may start its search from

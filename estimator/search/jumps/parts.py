@@ -9,9 +9,16 @@ from estimator.numerics.alignment import rotation_onto
 from estimator.numerics.vectors import cross, furthest
 from estimator.search.jumps.anatomy import Anatomy, RigidPart, TwoSegmentLimb
 from estimator.search.jumps.angles import part_turns
-from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, LimbSolution, limb_solutions
-from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
-from estimator.search.jumps.pose_on_rays import PoseOnRays, moved_to, turned
+from estimator.search.jumps.limb_solutions import (
+    REACHED,
+    ROUGHLY,
+    LimbSolution,
+    PoseOnRays,
+    limb_solutions,
+    moved_to,
+    turned,
+)
+from estimator.search.jumps.subproblems import axes_of, meeting_point, other_depths
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
 from humanoid.support.compiled import jit
 

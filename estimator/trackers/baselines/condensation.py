@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.inference.particles import Particles, bootstrap_step, effective_count
+from estimator.inference.annealing import Particles, bootstrap_step, effective_count
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.defaults import FROM_A_PAPER
+from estimator.trackers.base import Initialisation
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import classify_frame
-from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
-from estimator.trackers.particle_state import ParticleState
-from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.trackers.particle_set import (
+    DYNAMICS_ALONE,
+    FrameEnergy,
+    ParticleState,
+    Summary,
+    first_particle_set,
+    summarised,
+    unseen,
+)
+from estimator.trackers.spec import FROM_A_PAPER, ONLY_TO_BEGIN, Spec, by_search
 from humanoid.support.settings import setting
 
 

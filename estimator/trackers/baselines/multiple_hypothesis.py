@@ -21,10 +21,9 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.base import Initialisation
 from estimator.trackers.baselines.single_mode import without_limits
-from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -32,9 +31,8 @@ from estimator.trackers.mixture_state import (
     predict_unobserved,
     search_counts,
 )
-from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from humanoid.support.settings import setting
-from humanoid.support.unused import unused_where
+from estimator.trackers.spec import FROM_A_PAPER, LEAST_SQUARES, ONLY_TO_BEGIN, OVERLAPPING, Spec, by_search, together
+from humanoid.support.settings import setting, unused_where
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, NO_CAPTURE, ONLY_FILTERS, OVERLAPPING, together
+from estimator.trackers.base import Initialisation
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     CarriesMixture,
     MixtureState,
@@ -26,9 +25,19 @@ from estimator.trackers.mixture_state import (
     predict_unobserved,
     search_counts,
 )
-from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.trackers.spec import (
+    AS_DETECTED,
+    LEAST_SQUARES,
+    NO_CAPTURE,
+    ONLY_FILTERS,
+    ONLY_TO_BEGIN,
+    OVERLAPPING,
+    Spec,
+    by_search,
+    together,
+)
 from humanoid.kinematics.body import Body
-from humanoid.support.unused import unused_where
+from humanoid.support.settings import unused_where
 
 
 @dataclass(frozen=True)

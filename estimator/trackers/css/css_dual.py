@@ -9,7 +9,7 @@ from estimator.trackers.css.points_beside import BesideSettings, PointsBeside
 from estimator.trackers.css.settings import UNUSED, CssSettings
 from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.trackers.spec import Spec, by_search
-from humanoid.support.unused import unused_where
+from humanoid.support.settings import unused_where
 
 _GROUP = "css_dual"
 

@@ -18,8 +18,7 @@ from estimator.inference.chains.kalman import PointChain, PointSettings
 from estimator.inference.mixture import Mixture
 from estimator.search.mode_search import ModeSearch
 from estimator.search.point_features import PointFeatures
-from estimator.trackers.base import State, TrackerProtocol
-from estimator.trackers.capabilities import Capabilities, capabilities_of
+from estimator.trackers.base import Capabilities, State, TrackerProtocol, capabilities_of
 from estimator.trackers.css.each_point import Normals, messages_each, updated_each
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.settings import CheckedSettings, setting
@@ -144,7 +143,7 @@ class PointsBeside:
         return self._with_new_keypoints(replace(after, inner=inner), observation), result
 
     def seen_as(self, observation: Observation, result: FrameResult) -> Observation:
-        """See `estimator.trackers.capabilities.Capabilities.seen_as`."""
+        """See `estimator.trackers.base.Capabilities.seen_as`."""
         if "kept_std" not in result.extra:
             return observation
         return _with(observation, result.extra["kept_pixels"], result.extra["kept_std"])

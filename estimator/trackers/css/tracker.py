@@ -12,8 +12,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import StepCounts
-from estimator.inference.merge import bhattacharyya
-from estimator.inference.mixture import Mixture, mixture_of
+from estimator.inference.mixture import Mixture, bhattacharyya, mixture_of
 from estimator.inference.origin import Family
 from estimator.search.cost_model import detected_share
 from estimator.search.examples.person_seen import can_look_up
@@ -22,12 +21,10 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
-from estimator.trackers.css.budget import Source, allocated
+from estimator.trackers.base import Initialisation
 from estimator.trackers.css.frame_proposals import Proposals
-from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings
-from estimator.trackers.defaults import FROM_A_PAPER
+from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings, Source, allocated
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import (
     ENOUGH,
     CarriesMixture,
@@ -37,7 +34,7 @@ from estimator.trackers.mixture_state import (
     predict_unobserved,
     search_counts,
 )
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import FROM_A_PAPER, Spec, by_search
 
 _OTHERS = (Family.START, Family.EXAMPLE, Family.LIMBS, Family.PARTICLES)
 _FAMILIES = tuple(family for family in Family if family not in _OTHERS)

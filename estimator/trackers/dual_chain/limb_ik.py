@@ -25,8 +25,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.numerics.vectors import rotated
 from estimator.search.jumps.anatomy import TwoSegmentLimb
-from estimator.search.jumps.lines import axes_of, meeting_point
-from estimator.search.jumps.subproblems import turn_between
+from estimator.search.jumps.subproblems import axes_of, meeting_point, turn_between
 from estimator.trackers.dual_chain.limb_ik_kernels import forward_each, solve_each
 from estimator.trackers.dual_chain.limb_ik_lines import aim_back, aimed, in_world, lines_in, log_line_volumes
 from humanoid.kinematics.body import Body, PlacedBodies

@@ -1,7 +1,7 @@
 """Fit of many poses at once to a picture: outlines of limbs against edges, and the silhouette. Values alone.
 
 Weights of particles: some ten thousand poses a second, where the energy that searches descend
-(`estimator.vision.likelihood.image_likelihood`) makes a few hundred. Limbs are tapered cones (`humanoid.limbs`).
+(`estimator.vision.cues.image_likelihood`) makes a few hundred. Limbs are tapered cones (`humanoid.limbs`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator.data.image_cues import ImageCues
 from estimator.trackers.dual_chain.outline_kernels import outline_values
-from estimator.vision.cues.edges.edge_map import EdgeMap
-from estimator.vision.cues.silhouette.foreground import Silhouette
+from estimator.vision.cues.edges import EdgeMap
+from estimator.vision.cues.foreground import Silhouette
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed
 from humanoid.support.settings import CheckedSettings, setting

@@ -15,17 +15,16 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.energy.pose_prior import PosePrior
+from estimator.inference.annealing import effective_count, normalised, systematic
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
-from estimator.inference.particles import effective_count, normalised, systematic
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_draws import PartDraws
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.pose_target import GUIDED, Expected, PoseTarget, anywhere
 from estimator.trackers.dual_chain.steps import Reach, TruncatedSteps
-from estimator.trackers.dual_chain.tempering import Tempered, TemperingSettings, tempered
-from estimator.trackers.dual_chain.walk import SampleBox
+from estimator.trackers.dual_chain.walk import SampleBox, Tempered, TemperingSettings, tempered
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import CheckedSettings, setting
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.particles import normalised, systematic
+from estimator.inference.annealing import normalised, systematic
 from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
 from estimator.trackers.dual_chain.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.pose_target import BY_IMAGE, GUIDED, TRIES, PoseTarget

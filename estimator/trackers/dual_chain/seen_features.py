@@ -1,7 +1,9 @@
-"""The features of a body that are seen in a frame: its bare skin in a picture, or its keypoints."""
+"""The features of a body that are seen in a frame, as detections: bare skin and a face in a picture, or keypoints."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -15,10 +17,72 @@ from estimator.search.cost_model import CostModel
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import HEAD, PointFeatures, landmark_features, skin_features
 from estimator.trackers.dual_chain.faces import FaceDetector, Faces, face_of_keypoints, skin_points
-from estimator.trackers.dual_chain.feature_detections import all_of, at_size, of_blobs, of_faces, of_keypoints
-from estimator.trackers.dual_chain.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
+from estimator.trackers.dual_chain.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.vision.resolution import resized_pixels
+from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError
+
+_AREA = 0.5  # standard deviation of the logarithm of a hand's or face's area from frame to frame
+_LEAST = 1e-3  # of how well a blob suits
+_WIDE = 0.5  # standard deviation of where the middle of a hand is in its blob, in those of the blob
+_NOISE = 2.0  # px
+_SWAPPED = 0.02  # share of keypoints whose side is mistaken
+
+
+def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
+    """Each blob may be of each hand, and of the head, by its area; a merged one of several of them.
+
+    The middle of a hand is in the middle of its blob but for about half of the blob's spread; in one that is merged, or
+    that is another's too, it is anywhere in it.
+    """
+    count = len(blobs.area)
+    suits = np.zeros((count, len(names)))
+    for f, name in enumerate(names):
+        area = blobs.face if name == HEAD else blobs.hand
+        off = np.log(np.maximum(blobs.area, 1.0) / area) / _AREA
+        suits[:, f] = np.maximum(np.exp(-0.5 * off**2), _LEAST)
+    suits[blobs.merged] = np.maximum(suits[blobs.merged], 0.2)
+    scale = np.where(blobs.merged, 1.0, _WIDE) ** 2
+    noise = _NOISE**2 * np.eye(2)
+    covariance = blobs.covariance * scale[:, None, None] + noise
+    return Detections(tuple(names), blobs.mean, covariance, suits, blobs.merged, blobs.covariance + noise)
+
+
+def of_keypoints(names: Sequence[str], pixels: np.ndarray, sigma: np.ndarray) -> Detections:
+    """Each keypoint is of its own feature, of the same on the other side, which detectors mistake it for, or wrong:
+    pixels (F, 2) [px], NaN where missing, sigma (F,) [px]."""
+    seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    suits = np.zeros((len(seen), len(names)))
+    suits[np.arange(len(seen)), np.array(mirror_index(names))[seen]] = _SWAPPED
+    suits[np.arange(len(seen)), seen] = 1.0
+    covariance = np.square(sigma[seen])[:, None, None] * np.eye(2)
+    return Detections(tuple(names), pixels[seen], covariance, suits, np.zeros(len(seen), dtype=bool))
+
+
+def of_faces(names: Sequence[str], faces: Faces) -> Detections:
+    """Each is of the head with the detector's confidence, or of nothing."""
+    suits = np.zeros((len(faces.score), len(names)))
+    suits[:, [k for k, name in enumerate(names) if name == HEAD]] = np.clip(faces.score, _LEAST, 1.0)[:, None]
+    covariance = faces.covariance + _NOISE**2 * np.eye(2)
+    return Detections(tuple(names), faces.mean, covariance, suits, np.zeros(len(faces.score), dtype=bool))
+
+
+def all_of(detections: Sequence[Detections]) -> Detections:
+    """Joint detections of several detectors of the same features."""
+    arrays = [
+        np.concatenate([getattr(each, name) for each in detections])
+        for name in ("mean", "covariance", "suits", "merged", "shared")
+    ]
+    return Detections(detections[0].names, *arrays)
+
+
+def at_size(detections: Detections, old: tuple[int, int], new: tuple[int, int]) -> Detections:
+    """Detections of a picture of size `old`, in one resized to `new`."""
+    ratio = np.array(new) / np.array(old)
+    covariance, together = (C * ratio[:, None] * ratio for C in (detections.covariance, detections.shared))
+    mean = resized_pixels(detections.mean, old, new)
+    return replace(detections, mean=mean, covariance=covariance, together=together)
+
 
 SKIN, KEYPOINTS = "skin", "keypoints"
 KINDS = (SKIN, KEYPOINTS)
@@ -34,7 +98,7 @@ class SeenFeatures(Protocol):
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.RequiresCues`."""
+        """See `estimator.trackers.base.RequiresCues`."""
         ...
 
     def check(self, observation: Observation) -> None:

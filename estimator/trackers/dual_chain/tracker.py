@@ -11,16 +11,15 @@ import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
 from estimator.data.observation import Observation
+from estimator.inference.annealing import Particles
 from estimator.inference.chains.evidence import Detections, Evidence, evidence_of
 from estimator.inference.chains.exchange import APART, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, PointStates
 from estimator.inference.mixture import Mixture
-from estimator.inference.particles import Particles
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import Capabilities
-from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
+from estimator.trackers.base import Capabilities, Initialisation
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_chain import ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -32,15 +31,14 @@ from estimator.trackers.dual_chain.seen_features import (
 )
 from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.dual_chain.skin import SkinModel
-from estimator.trackers.dual_chain.tempering import TemperingSettings
+from estimator.trackers.dual_chain.walk import TemperingSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import MixtureState, classify_frame, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
-from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.trackers.spec import AS_DETECTED, ONLY_FILTERS, ONLY_TO_BEGIN, Spec, by_search, together
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.landmarks import mirror_index
-from humanoid.support.unused import PICTURES, unused_where, unused_without
+from humanoid.support.settings import PICTURES, unused_where, unused_without
 
 _FIELDS = {
     "pose_q": Field("f", ("N", "nq")),

@@ -15,8 +15,7 @@ import numpy as np
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED, StepCounts
-from estimator.inference.merge import best_distinct
-from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.mixture import Mixture, Mode, best_distinct, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import per_dof
 from estimator.search.examples.lookup import Lookup
@@ -28,19 +27,16 @@ from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
-from estimator.trackers.capabilities import Capabilities
-from estimator.trackers.defaults import FROM_A_PAPER, together
+from estimator.trackers.base import Capabilities, Initialisation
 from estimator.trackers.elmo.reweighting import diffusion_std, reweighted
 from estimator.trackers.elmo.settings import ElmoSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.initialisation import Initialisation
 from estimator.trackers.mixture_state import MixtureState, classify_frame, predict_unobserved, search_counts
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import FROM_A_PAPER, Spec, by_search, together
 from estimator.vision.cues.cue_picture import CuePicture, Dots, PixelLines, dimmed
-from estimator.vision.edge_histogram import edges_by_direction
-from estimator.vision.person_view import square_transform
+from estimator.vision.person_view import edges_by_direction, square_transform
 from humanoid.kinematics.body import ROOT_JOINT, Body
-from humanoid.support.unused import unused_where
+from humanoid.support.settings import unused_where
 
 _OWN: dict[str, Any] = {
     "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},

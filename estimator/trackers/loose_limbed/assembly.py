@@ -10,17 +10,22 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.energy.descent.covariance import mode_covariance
+from estimator.energy.descent.solution import mode_covariance
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.inference.beliefs.graph import Belief
-from estimator.inference.merge import best_distinct
-from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.mixture import Mixture, Mode, best_distinct, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.mode_search import ModeSearch, Scored
-from estimator.trackers.loose_limbed.limb_choices import Choice, Mistakes, choices, instead
-from estimator.trackers.loose_limbed.limb_places import PlacementCluster, limb_places
+from estimator.trackers.loose_limbed.limb_choices import (
+    Choice,
+    Mistakes,
+    PlacementCluster,
+    choices,
+    instead,
+    limb_places,
+)
 from estimator.trackers.loose_limbed.limb_pulls import LimbPulls, LimbScores, Near, Stiffness
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from humanoid.limbs.limb import LimbGraph, limb_placements

@@ -16,17 +16,24 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.mixture import Density, KernelMixture, UniformBox, mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.search.cost_model import CostModel
-from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
-from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import (
+    KeypointEvidence,
+    KeypointEvidenceSettings,
+    LimbLandmarks,
+    landmarks_of_limbs,
+)
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
-from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
-from estimator.trackers.loose_limbed.limbs.volume import common_box
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView, common_box
 from estimator.trackers.loose_limbed.limbs.window import Instant, LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
 from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDetectorSettings, keypoint_proposals
-from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates
-from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_proposals
+from estimator.trackers.loose_limbed.part_detectors.templates import (
+    LimbTemplates,
+    load_templates,
+    observed_views,
+    template_proposals,
+)
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.settings import CheckedSettings, setting
 

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.energy.limb_targets import LimbPull
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
 from estimator.numerics.alignment import similarity_onto
-from estimator.search.views import with_root
+from estimator.search.first_pose import with_root
 from estimator.trackers.loose_limbed.limb_choices import Choice
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements, limbs_on_joints

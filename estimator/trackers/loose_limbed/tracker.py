@@ -11,19 +11,17 @@ from typing import cast
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.inference.annealing import systematic
 from estimator.inference.beliefs.graph import Graph
 from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.inference.mixture import Mixture
-from estimator.inference.particles import systematic
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import Capabilities
-from estimator.trackers.defaults import ONLY_FILTERS
+from estimator.trackers.base import Capabilities
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.loose_limbed.assembly import assembled
 from estimator.trackers.loose_limbed.instant import InstantReader
-from estimator.trackers.loose_limbed.limb_choices import outermost
-from estimator.trackers.loose_limbed.limb_places import PlacementCluster
+from estimator.trackers.loose_limbed.limb_choices import PlacementCluster, outermost
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbView
 from estimator.trackers.loose_limbed.limbs.potential_learning import potentials_for
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
@@ -32,7 +30,7 @@ from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hu
 from estimator.trackers.loose_limbed.settings import LooseLimbedSettings
 from estimator.trackers.loose_limbed.state import LimbState, belief_arrays
 from estimator.trackers.mixture_state import classify_frame, predict_unobserved
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import ONLY_FILTERS, Spec, by_search
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
@@ -98,7 +96,7 @@ class LooseLimbed:
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.Capabilities.frames_ahead`."""
+        """See `estimator.trackers.base.Capabilities.frames_ahead`."""
         return self._searched(rng, None, observation, following)
 
     def step(
@@ -109,7 +107,7 @@ class LooseLimbed:
         following: Sequence[Observation] = (),
         before: Sequence[Observation] = (),
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.Capabilities.frames_behind`."""
+        """See `estimator.trackers.base.Capabilities.frames_behind`."""
         if not self.can_start(observation):
             after, result = predict_unobserved(self._search, state.mixture, observation.time - state.time, observation)
             return replace(state, mixture=after.mixture, time=after.time), result

@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky_banded, solveh_banded
 from scipy.linalg.lapack import dtbtrs
 
 from estimator.energy.cost import Cost
-from estimator.energy.descent.covariance import free_mask
+from estimator.energy.descent.solution import free_mask
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.tracking.smoothing.motion_energy import MotionEnergy

@@ -12,33 +12,31 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
-from estimator.energy.above_floor import AboveFloor
 from estimator.energy.cost import Cost
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import Solution
+from estimator.energy.interpenetration import AboveFloor
 from estimator.energy.priors import Transition
 from estimator.inference.best_path import best_path, path_weights
+from estimator.inference.contacts import believed_floor, floor_of
 from estimator.inference.ground import Ground
 from estimator.inference.motion import MotionPrior, frame_shares
 from estimator.numerics.newton import STALLED
 from estimator.search.hypothesis import EXCHANGED
 from estimator.search.jumps.readings import ACROSS, has_both
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.paths import backtrack_results
+from estimator.trackers.frame_result import FrameResult, backtrack_results
 from estimator.tracking.smoothing.chain import FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
-from estimator.tracking.smoothing.known_floor import SUNK, believed_floor, floor_of
 from estimator.tracking.smoothing.lasting_errors import by_whole_error, without_lasting
 from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold, reading_weights
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.smoothed import Smoothed, smooth
-from estimator.tracking.smoothing.stances import Stances
+from estimator.tracking.smoothing.stances import SUNK, Stances
 from estimator.tracking.smoothing.ties import Ties
-from humanoid.collision.clearance import Clearances
-from humanoid.collision.floor import FloorDistances
+from humanoid.collision.floor import Clearances, FloorDistances
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList, Spill, SpilledList
 

@@ -8,15 +8,16 @@ import numpy as np
 
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
-from estimator.energy.above_floor import AboveFloor
 from estimator.energy.cost import Cost
+from estimator.energy.interpenetration import AboveFloor
 from estimator.inference.best_path import best_path
+from estimator.inference.contacts import floor_of, height_above, is_believed
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, standing_ties
-from estimator.tracking.smoothing.known_floor import SUNK, floor_of, height_above, is_believed
 from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.stances import SUNK
 from estimator.tracking.smoothing.ties import Ties
 from humanoid.collision.floor import FloorDistances
 

@@ -17,7 +17,7 @@ from scipy.linalg import solveh_banded
 
 from estimator.energy.cost import Cost
 from estimator.energy.reprojection import Reprojection
-from estimator.numerics.typical import measured_deviation
+from estimator.numerics.robust import measured_deviation
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList
 

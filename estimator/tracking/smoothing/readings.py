@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.kernels.priors import trunk_record, trunk_values
 from estimator.energy.kernels.records import TRUNK, Record
-from estimator.energy.kernels.trunk_side import trunk_record, trunk_values
 from estimator.energy.recorded import RecordedTerm
 from estimator.numerics.stretches import stretches
 from estimator.search.jumps.anatomy import anatomy_of

@@ -1,5 +1,6 @@
 """Feet that stand stay where they are, on the floor: while a point of a foot stands, one place draws it. So do hands,
-where requested."""
+where requested.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +12,16 @@ import numpy as np
 from estimator.data.floor import KnownFloor
 from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
-from estimator.energy.gravity_prior import world_up
 from estimator.energy.point_targets import PointTargets
-from estimator.inference.foot_contact import stances_of
-from estimator.inference.foot_points import FootPoints
+from estimator.energy.priors import world_up
+from estimator.inference.contacts import FootPoints, HandPoints, feet_on_floor, stances_of
 from estimator.inference.ground import STEP, Ground
-from estimator.inference.hand_points import HandPoints
-from estimator.tracking.smoothing.known_floor import feet_on_floor
 from humanoid.kinematics.body import Body, batches
 from humanoid.support.spilled import MadeList
+
+SUNK = 0.005
+"""[m] Standard deviation of a part below the floor."""
+
 
 _LEAST = 0.1  # s: what stands for less is not held
 _FAINT = 0.1  # probability of standing

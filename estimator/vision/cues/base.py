@@ -2,7 +2,9 @@
 
 A cue is one module. A `Cue` has its name, its settings and its reader. The `Matcher` that it makes for one camera at
 one instant turns what was read into terms of the energy around a pose. `register` in
-`estimator.vision.likelihood.registry` makes it available; nothing else refers to it.
+`estimator.vision.cues.settings` makes it available; nothing else refers to it.
+
+Settings that all cues share.
 """
 
 from __future__ import annotations
@@ -19,10 +21,36 @@ from estimator.energy.term import Term
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
 from estimator.vision.cues.cue_picture import CuePicture
-from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.prediction import Prediction, Predictor
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """Settings of the comparison of a body's surface with the pictures, common to all cues.
+
+    Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as its `evidence` of independent
+    measurements however fine the mesh is. The extent, of which noises are fractions, is the root mean square distance
+    of the subject's landmarks from their centre in the image; noises are never below half a pixel.
+
+    nodes: surface nodes, about. fineness: cells of the depth buffer.
+    beside_keypoints: factor of the image likelihood where there are keypoints of the whole person too: both come from
+        the same pixels, and errors of the body's shape or the background affect every node at once.
+    visibility_evidence: of the visibility penalties (CSS eqs. 5 to 7). back_facing: energy of a back-facing node, nu of
+        the equations. occluded: k, how many times that an occluded one costs.
+    rounds: how often features are assigned again during a search.
+    """
+
+    nodes: int = setting(1000, at_least=1)
+    fineness: int = setting(6000, at_least=1)
+    beside_keypoints: float = setting(0.15, above=0)
+    visibility_evidence: float = setting(10.0, at_least=0)
+    back_facing: float = setting(0.5, above=0)
+    occluded: float = setting(1.2, above=0)
+    rounds: int = setting(3, at_least=1)
+
 
 LEAST_NOISE = 0.5  # px
 

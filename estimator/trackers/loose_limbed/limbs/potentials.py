@@ -18,8 +18,8 @@ from estimator.inference.beliefs.learning import TURNS, RelativePlacements
 from estimator.inference.beliefs.space import PLACEMENTS
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, first_of
+from humanoid.support.files import replacing
 
 SHIPPED = Path(__file__).with_name("potentials.json")
 """Potentials of human34's paper graph, learned from captured motion by `python -m benchmarks limb_learning --write`."""

@@ -14,10 +14,17 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import meeting_points
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import points_of
-from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs, longest_of
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import LimbLandmarks, landmarks_of_limbs, longest_of
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
-from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import Fits, onto_points, turned_about, usable
-from estimator.trackers.loose_limbed.part_detectors.keypoint_views import ViewRays, of_view, person_depth
+from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import (
+    Fits,
+    ViewRays,
+    of_view,
+    onto_points,
+    person_depth,
+    turned_about,
+    usable,
+)
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.subject.landmarks import mirror_index

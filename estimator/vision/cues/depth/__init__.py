@@ -1,1 +1,0 @@
-"""The person's surface in space, by stereo or a depth camera."""

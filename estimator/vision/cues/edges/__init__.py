@@ -1,1 +1,0 @@
-"""Edges along the contours (CSS section 3.1.2)."""

@@ -1,1 +1,0 @@
-"""Optical flow of the surface (CSS section 3.1.2)."""

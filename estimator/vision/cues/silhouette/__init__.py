@@ -1,1 +1,0 @@
-"""The person's outline against a known background."""

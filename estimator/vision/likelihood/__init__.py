@@ -1,1 +1,0 @@
-"""The image likelihood: all cues, read from the pictures and matched to a pose."""

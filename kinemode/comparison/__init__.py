@@ -1,1 +1,0 @@
-"""Several trackers on one clip: their runs, scores, table and plot."""

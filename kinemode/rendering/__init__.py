@@ -1,1 +1,0 @@
-"""Clips with known truth, rendered into files."""
