@@ -15,7 +15,7 @@ from estimator.data.standing import HIP_SPAN, with_standing
 from estimator.energy.balance import Balance, BalanceSettings, MassSpread, balance_terms
 from estimator.energy.priors import up_is_assumed
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.shape.segment_masses import SHARES, mass_points

@@ -15,7 +15,7 @@ from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.term import BatchTerm
 from estimator.search.cost_model import CostModel, parts_apart
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 
 CAMERAS = (camera_at(20.0), camera_at(100.0))

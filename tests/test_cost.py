@@ -17,7 +17,7 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.tracking.smoothing import SmoothSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body

@@ -24,7 +24,7 @@ from estimator.runs.run_file import RunWriter
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.settings import DetectorSettings
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult

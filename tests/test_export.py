@@ -19,7 +19,6 @@ from estimator.data.formats.reference import load_reference
 from estimator.runs.export import EXPORTERS, Exporter, export
 from estimator.runs.run_file import RunWriter
 from estimator.runs.run_reader import Run
-from estimator.runs.unobserved import unobserved_stretches
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
 from humanoid.subject.subject import load_subject
@@ -236,7 +235,7 @@ def unseen(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.mark.parametrize("name", [name for name in EXPORTERS if name != "osim"])
 def test_every_format_marks_what_nobody_saw_or_says_that_it_cannot(name: str, unseen: Run, tmp_path: Path) -> None:
-    assert unobserved_stretches(unseen) == ((0.1, 5 / 30),)
+    assert unseen.unobserved == ((0.1, 5 / 30),)
     file = tmp_path / f"a.{name}"
     if not EXPORTERS[name].marks:
         with pytest.warns(InputWarning, match=rf"extrapolated: 0.10 to 0.17 s; {name} has no mark"):

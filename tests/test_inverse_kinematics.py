@@ -21,7 +21,7 @@ from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, mode_covariance
 from estimator.inference.mixture import body_size
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.first_pose import random_configuration
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis

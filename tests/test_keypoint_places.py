@@ -13,7 +13,7 @@ from estimator.fitting.lengths import given_noise, measured_noise
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import FitSettings
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body

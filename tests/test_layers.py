@@ -113,10 +113,11 @@ def folder_of(path: Path, root: Path) -> str:
 
 
 def cycles(root: Path) -> list[str]:
-    """Import cycles between modules; a package's __init__, which gathers names, may be passed through."""
+    """Import cycles between modules, even inside a function or for types alone; a package's __init__, which gathers
+    names, may be passed through."""
     known = modules(root)
     graph = {
-        name: sorted({t for t in imports(path, name, known, lazy=False) if t in known and t != name})
+        name: sorted({t for t in imports(path, name, known, lazy=True) if t in known and t != name})
         for name, path in known.items()
         if path.name != "__init__.py"
     }

@@ -18,7 +18,7 @@ from estimator.data.sequence import assemble
 from estimator.data.timing import at_places
 from estimator.energy.lifted import ACROSS, ALONG, BONES, lifted_directions
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import settings_for

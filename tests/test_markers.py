@@ -21,7 +21,7 @@ from estimator.fitting.markers import MarkerFitSettings, fit_markers
 from estimator.fitting.measures import Measures, MeasuresEnergy, standing_pose
 from estimator.runs.keypoint_residuals import marker_residuals
 from estimator.runs.lasting_spread import LastingPoints, lasting_by_places
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -17,7 +17,7 @@ from estimator.data.observation import Observation, PoseEstimate
 from estimator.inference.mixture import Mixture, Mode, best_distinct, bhattacharyya, body_size, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.first_pose import random_configuration, start_modes, view_sphere
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis

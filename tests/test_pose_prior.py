@@ -27,8 +27,7 @@ from estimator.energy.descent.seek import Seeker
 from estimator.energy.pose_prior import SHIPPED, PoseMixture, PosePrior, joint_axes, load_mixture, misfit
 from estimator.energy.priors import Stabilisers
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
-from estimator.search.cost_terms import TermContext, terms_of
+from estimator.search.cost_terms import CostSettings, TermContext, terms_of
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index

@@ -16,7 +16,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.recorded import RecordedTerm
 from estimator.search.cost_model import CostModel, parts_apart
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from humanoid.kinematics.body import Body, PosedBody
 
 BODY = body_of("human34")

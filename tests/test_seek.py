@@ -16,7 +16,7 @@ from estimator.energy.descent.seek import Seeker, SeekSettings, trust_box
 from estimator.energy.descent.solution import MAX_STD, Solution, free_directions, mode_covariance
 from estimator.energy.term import Term
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody

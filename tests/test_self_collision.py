@@ -12,7 +12,7 @@ from builders import body_of
 
 from estimator.energy.interpenetration import Interpenetration
 from estimator.search.cost_model import parts_apart
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.tracking.registry import settings_for
 from humanoid.collision import curvature
 from humanoid.collision.floor import stiff_hands

@@ -22,7 +22,7 @@ from estimator.fitting.flesh import fit_flesh
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.render import Renderer
 from estimator.synthesis.settings import SceneSettings

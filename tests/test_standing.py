@@ -12,7 +12,7 @@ from estimator.data.observation import Observation
 from estimator.data.standing import SPAN, StandingPoints, with_standing
 from estimator.energy.standing import HeldPoints, LevelFeet, Soles, standing_ties
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.tracking.smoothing import SmoothSettings, smooth
 from humanoid.subject.landmarks import mirror_index
 from tests.builders import body_of, camera_at, observe, random_pose

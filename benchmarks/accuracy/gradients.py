@@ -24,7 +24,7 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.views import scene_cameras

@@ -15,7 +15,7 @@ from estimator.energy.cost import Cost
 from estimator.energy.descent.compiled_seek import CompiledSeeker
 from estimator.energy.priors import world_up
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.views import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17

@@ -20,7 +20,7 @@ from benchmarks.training.limb_learning_plot import draw_potentials
 from benchmarks.training.pose_learning import POOR_FIT, VAGUE_STD
 from estimator.inference.beliefs.learning import LearnSettings
 from estimator.search.cost_model import per_dof
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from estimator.trackers.loose_limbed.limbs.potential_learning import (

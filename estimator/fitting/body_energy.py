@@ -18,7 +18,7 @@ from estimator.fitting.settings import DescentSettings
 from estimator.fitting.shape_parameters import ShapeParameters
 from estimator.numerics.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.vision.cues.assigned import Assignments, nothing
 from estimator.vision.cues.assigned_loads import assigned_loads
 from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel

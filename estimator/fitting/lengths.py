@@ -16,7 +16,7 @@ from estimator.fitting.settings import FitSettings
 from estimator.numerics.newton import NewtonSettings, minimise
 from estimator.numerics.robust import measured_deviation
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.trackers.base import energy_of
 from estimator.trackers.frame_result import backtrack_results
 from estimator.tracking.registry import DEFAULT, Settings, make_tracker

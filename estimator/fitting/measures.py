@@ -21,7 +21,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.fitted_points import FittedPlaces, FittedPoints
 from estimator.numerics.newton import Problem, Step
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from humanoid.kinematics.body import ROOT_Q, ROOT_V, Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.landmarks import without_side

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.numerics.robust import typical_distance
 from estimator.runs.keypoint_residuals import KeypointResiduals, associations_of, keypoint_residuals, marker_residuals
 from estimator.runs.run_reader import Run
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.frame_result import TRACKED
 

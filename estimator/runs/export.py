@@ -143,12 +143,12 @@ def _csv(run: Run, path: Path, name: str) -> None:
     followers, following = follower_columns(run.body, run.q)
     measured = np.where(np.isin(run.body.q_names, run.unseen_joints), np.nan, run.q)
     joints = dict(zip((*q_columns(run.body), *followers), (*measured.T, *following.T), strict=True))
-    _write_csv(run, path, joints, std_columns(run))
+    _write_csv(run, path, joints, std_columns(run.joints.values()))
 
 
 def _csv_degrees(run: Run, path: Path, name: str) -> None:
     """The same with joints in degrees, each standard deviation beside its joint."""
-    _write_csv(run, path, joint_columns(run, degrees=True), {})
+    _write_csv(run, path, joint_columns(run.body, run.q, run.joints, degrees=True), {})
 
 
 def _write_csv(run: Run, path: Path, joints: Mapping[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
@@ -187,7 +187,7 @@ def _mot(run: Run, path: Path, name: str) -> None:
 
 def _noted(run: Run, note: str) -> str:
     """A line for the header of a mot file, with the unobserved stretches."""
-    unseen = unobserved_note(run)
+    unseen = unobserved_note(run.unobserved, run.unseen_joints)
     return f"{note} In this motion {unseen}." if unseen else note
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimator.runs.coordinates import JointEntry, joint_entries, q_columns, unwrapped
+from estimator.runs.marginals import Spread
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced, nearest
-from humanoid.support.extras import optional
 from humanoid.support.summary import Facts, Summarised
-
-if TYPE_CHECKING:
-    from estimator.runs.run_reader import Run
-
 
 ONE_NUMBER = ("turn", "slide", "endless")
 """Kinds of joints that one number places: those that have an angle, or a length."""
@@ -113,12 +109,19 @@ def _of(entry: JointEntry) -> slice:
     return slice(entry.start, entry.start + entry.count)
 
 
-def joint_angle(run: Run, entry: JointEntry) -> JointAngle:
-    """A joint of one number over a run."""
-    body, spread = run.body, run.spread
+def joint_angle(
+    entry: JointEntry,
+    body: Body,
+    time: np.ndarray,
+    q: np.ndarray,
+    modes: np.ndarray,
+    weight: np.ndarray,
+    spread: Spread,
+    unseen: Collection[str],
+) -> JointAngle:
+    """A joint of one number over the frames of a run, see `Run`; modes (T, K, nq), weight (T, K): the hypotheses."""
     in_v = int(body.model.idx_vs[body.model.getJointId(entry.name)])  # of a joint that follows, its master's
-    modes = run.mode_q
-    value = joint_value(entry, run.q)
+    value = joint_value(entry, q)
     hypotheses = _number(entry, modes.reshape(-1, body.nq)).reshape(modes.shape[:2])
     ends = _number(entry, spread.best)[:, None] + entry.multiplier * spread.ends[:, :, in_v]
     limits = np.array([-np.inf, np.inf])
@@ -130,15 +133,10 @@ def joint_angle(run: Run, entry: JointEntry) -> JointAngle:
         limits = np.sort(entry.multiplier * np.array([body.lower[entry.start], body.upper[entry.start]]) + entry.offset)
     low, high = np.sort(ends, axis=1).T
     return JointAngle(
-        entry.name, "m" if entry.kind == "slide" else "rad", run.time, value,
-        abs(entry.multiplier) * spread.std[:, in_v], low, high, hypotheses, run.mode_weight,
-        float(limits[0]), float(limits[1]), seen=body.v_names[in_v] not in run.unseen_joints,
+        entry.name, "m" if entry.kind == "slide" else "rad", time, value,
+        abs(entry.multiplier) * spread.std[:, in_v], low, high, hypotheses, weight,
+        float(limits[0]), float(limits[1]), seen=body.v_names[in_v] not in unseen,
     )  # fmt: skip
-
-
-def joint_angles(run: Run) -> tuple[JointAngle, ...]:
-    """Every joint that one number places, in the order of the body's joints."""
-    return tuple(joint_angle(run, entry) for entry in joint_entries(run.body) if entry.kind in ONE_NUMBER)
 
 
 def joint_value(entry: JointEntry, q: np.ndarray) -> np.ndarray:
@@ -152,37 +150,30 @@ def _number(entry: JointEntry, q: np.ndarray) -> np.ndarray:
     return np.arctan2(own[:, 1], own[:, 0]) if entry.kind == "endless" else own[:, 0]
 
 
-def joint_columns(run: Run, degrees: bool) -> dict[str, np.ndarray]:
-    """Columns (T,) by name, joint by joint: `root_x_m`, `root_qw`, `left_knee_flexion_rad`,
-    `left_knee_flexion_std_rad`.
+def joint_columns(body: Body, q: np.ndarray, angles: Mapping[str, JointAngle], degrees: bool) -> dict[str, np.ndarray]:
+    """Columns (T,) by name, joint by joint, of configurations q (T, nq) and all angles by the joints' names:
+    `root_x_m`, `root_qw`, `left_knee_flexion_rad`, `left_knee_flexion_std_rad`.
 
     degrees: `left_knee_flexion_deg` and `left_knee_flexion_std_deg` instead. Joints that slide are `_m`. Of a joint of
     several degrees of freedom, as a free root, there are the entries of q, without standard deviations: its tangent
     space has other axes (`Run.std`).
     """
-    names, columns = q_columns(run.body), dict[str, np.ndarray]()
-    for entry in joint_entries(run.body):
+    names, columns = q_columns(body), dict[str, np.ndarray]()
+    for entry in joint_entries(body):
         if entry.kind in ONE_NUMBER:
-            angle = joint_angle(run, entry)
+            angle = angles[entry.name]
             columns |= _entries_of(angle.degrees if degrees else angle)
         else:
-            columns |= {names[k]: run.q[:, k] for k in range(entry.start, entry.start + entry.count)}
+            columns |= {names[k]: q[:, k] for k in range(entry.start, entry.start + entry.count)}
     return columns
 
 
-def std_columns(run: Run) -> dict[str, np.ndarray]:
+def std_columns(angles: Iterable[JointAngle]) -> dict[str, np.ndarray]:
     """The standard deviations alone (T,) [rad or m], by the names of `joint_columns`."""
-    entries = (entry for entry in joint_entries(run.body) if entry.kind in ONE_NUMBER)
-    return dict(list(_entries_of(joint_angle(run, entry)).items())[1] for entry in entries)
+    return dict(list(_entries_of(angle).items())[1] for angle in angles)
 
 
 def _entries_of(angle: JointAngle) -> dict[str, np.ndarray]:
     """The value, NaN for an unobserved joint, then its standard deviation."""
     value = angle.value if angle.seen else np.full_like(angle.value, np.nan)
     return {f"{angle.name}_{angle.unit}": value, f"{angle.name}_std_{angle.unit}": angle.std}
-
-
-def data_frame(run: Run, degrees: bool) -> Any:
-    """A pandas.DataFrame: `time_s`, `status`, and `joint_columns`; raises InputError where pandas is missing."""
-    pandas = optional("pandas", "pandas", "tables of runs")
-    return pandas.DataFrame({"time_s": run.time, "status": run.status, **joint_columns(run, degrees)})

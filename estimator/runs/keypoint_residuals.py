@@ -11,7 +11,7 @@ from estimator.data.observation import Observation
 from estimator.energy.point_targets import MarkerNoise
 from estimator.runs.run_reader import Run
 from estimator.search.cost_model import CostModel
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.hypothesis import EXCHANGED
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index

@@ -9,18 +9,15 @@ The uncertainty of every degree of freedom in a run, by frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced
-
-if TYPE_CHECKING:
-    from estimator.runs.run_reader import Run
-
 
 _REACH = 8.0  # standard deviations of a component that the grid spans
 _POINTS, _FEWEST_POINTS = 400, 24  # of the grid: for all components, for each at least
@@ -262,28 +259,34 @@ def checked_level(level: Any, joint: str) -> float:
     return float(level)
 
 
-def spread_of(run: Run, level: float) -> Spread:
-    """The spread of all frames of a run, with the central intervals of this probability, 0 to 1."""
-    body, count = run.body, len(run)
+def spread_of(
+    body: Body,
+    count: int,
+    known: Sequence[int],
+    posterior: Callable[[int], tuple[np.ndarray, Marginals]],
+    unseen: Sequence[str],
+    level: float,
+) -> Spread:
+    """The spread of `count` frames, with the central intervals of this probability, 0 to 1.
+
+    known: the frames with hypotheses, of which `posterior` gives the best configuration and its marginals. unseen: the
+    joints that are unobserved.
+    """
     std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
     ends = np.full((count, 2, body.nv), np.nan)
-    known = np.flatnonzero(np.isfinite(run.mode_weight).any(axis=1)).tolist()
-    if run.header.retargeted:
-        return Spread(std, run.q, ends)
     rows: list[int] = []
     parts: list[Marginals] = []
     for t in known:
-        posterior = run.posterior(t)
-        best[t] = posterior.best
+        best[t], marginals_of_frame = posterior(t)
         rows.append(t)
-        parts.append(posterior.marginals())
+        parts.append(marginals_of_frame)
         if t == known[-1] or sum(part.weight.shape[-1] for part in parts) >= _AT_ONCE:
             marginals = Marginals.stacked(parts)
             std[rows] = marginals.moments()[1].reshape(-1, body.nv)
             quantiles = marginals.quantiles(0.5 - 0.5 * level, 0.5 + 0.5 * level)
             ends[rows] = quantiles.reshape(2, -1, body.nv).transpose(1, 0, 2)
             rows, parts = [], []
-    for joint in run.unseen_joints:
+    for joint in unseen:
         v, i = body.v_names.index(joint), body.q_names.index(joint)
         std[known, v], ends[known, :, v] = _anywhere(body.lower[i], body.upper[i], best[known, i], level)
     return Spread(std, best, ends)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.runs.joint_angle import JointAngle, joint_angles
+from estimator.runs.joint_angle import JointAngle
 from estimator.runs.run_reader import Run
 
 
@@ -43,7 +43,7 @@ def ranges_of_motion(run: Run) -> tuple[RangeOfMotion, ...]:
     error that all frames share, as of a landmark's place, leaves the range alone.
     """
     seen = np.asarray(run.status) != "unobserved"
-    return tuple(r for curve in joint_angles(run) if (r := _range(curve, seen)) is not None)
+    return tuple(r for curve in run.joints.values() if (r := _range(curve, seen)) is not None)
 
 
 def _range(curve: JointAngle, seen: np.ndarray) -> RangeOfMotion | None:

@@ -16,11 +16,12 @@ from estimator.data.observation import LiftedPose, Observation, PoseEstimate
 from estimator.data.standing import HIP_SPAN, with_standing
 from estimator.inference.ground import Ground
 from estimator.inference.origin import ORIGIN_FIELDS, families
+from estimator.numerics.stretches import stretches
 from estimator.runs import run_store
-from estimator.runs.coordinates import joint_entries
+from estimator.runs.coordinates import JointEntry, joint_entries
 from estimator.runs.filtering import Filtering, filtered
-from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, data_frame, joint_angle, joint_entry, joint_value
-from estimator.runs.marginals import LEVEL, Spread, checked_level, spread_of
+from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_columns, joint_entry, joint_value
+from estimator.runs.marginals import LEVEL, Marginals, Spread, checked_level, spread_of
 from estimator.runs.posterior import Posterior, PosteriorCalibration, tempered
 from estimator.runs.run_arrays import (
     check_frame,
@@ -42,6 +43,7 @@ from estimator.tracking.smoothing import Smoothed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError, misplaced
+from humanoid.support.extras import optional
 from humanoid.support.summary import Facts, Summarised
 
 if TYPE_CHECKING:
@@ -468,7 +470,19 @@ class Run(Summarised):
     @cached_property
     def spread(self) -> Spread:
         """The uncertainty of every degree of freedom in every frame, with the ends of the 90 % intervals."""
-        return spread_of(self, LEVEL)
+        return self._spread(LEVEL)
+
+    def _spread(self, level: float) -> Spread:
+        known = np.flatnonzero(np.isfinite(self.mode_weight).any(axis=1)).tolist()
+        if self.header.retargeted:
+            known = []
+
+        def posterior(t: int) -> tuple[np.ndarray, Marginals]:
+            own = self.posterior(t)
+            return own.best, own.marginals()
+
+        spread = spread_of(self.body, len(self), known, posterior, self.unseen_joints, level)
+        return spread._replace(best=self.q) if self.header.retargeted else spread
 
     @property
     def std(self) -> np.ndarray:
@@ -482,7 +496,7 @@ class Run(Summarised):
         Raises InputError for a level outside 0 to 1, or one that is not a number: one joint's interval is `run[joint]`.
         """
         level = checked_level(level, self._example_joint(level))
-        body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)
+        body, spread = self.body, self.spread if level == LEVEL else self._spread(level)
         single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
         in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))
         out = np.full((len(self._frames), 2, body.nq), np.nan)
@@ -498,7 +512,15 @@ class Run(Summarised):
     def unseen_joints(self) -> tuple[str, ...]:
         """The joints that are unobserved in the whole run, see `estimator.runs.unobserved.unseen_joints`: their angles
         are the prior's, and their intervals cover nearly all of their limits."""
-        return unseen_in(self)
+        if self.header.cues or self.header.retargeted:  # the pose is from pictures, or from another motion
+            return ()
+        return unseen_in(self.body, self.confidence, self.markers)
+
+    @property
+    def unobserved(self) -> tuple[tuple[float, float], ...]:
+        """First and last time [s] of every stretch of frames with a pose in which nothing was seen."""
+        there = (self.status == "unobserved") & np.isfinite(self.q).all(axis=1)
+        return tuple((float(self.time[first]), float(self.time[after - 1])) for first, after in stretches(there))
 
     @cached_property
     def unseen_landmarks(self) -> tuple[str, ...]:
@@ -511,7 +533,17 @@ class Run(Summarised):
 
         Raises InputError for an unknown name, with the nearest, or a joint of several degrees of freedom.
         """
-        return joint_angle(self, joint_entry(self.body, joint))
+        return self._joint(joint_entry(self.body, joint))
+
+    def _joint(self, entry: JointEntry) -> JointAngle:
+        known = self.body, self.time, self.q, self.mode_q, self.mode_weight
+        return joint_angle(entry, *known, self.spread, self.unseen_joints)
+
+    @property
+    def joints(self) -> dict[str, JointAngle]:
+        """Every joint that one number places, by its name, in the order of the body's joints."""
+        entries = (entry for entry in joint_entries(self.body) if entry.kind in ONE_NUMBER)
+        return {entry.name: self._joint(entry) for entry in entries}
 
     def angle(self, joint: str, degrees: bool = False) -> np.ndarray:
         """(T,) a joint of the best hypothesis [rad, or degrees; m where it slides], NaN in frames without a pose.
@@ -530,7 +562,9 @@ class Run(Summarised):
 
         degrees: angles in degrees (`left_knee_flexion_deg`). Raises InputError where pandas is not installed.
         """
-        return data_frame(self, degrees)
+        pandas = optional("pandas", "pandas", "tables of runs")
+        columns = joint_columns(self.body, self.q, self.joints, degrees)
+        return pandas.DataFrame({"time_s": self.time, "status": self.status, **columns})
 
     def butterworth(self, cutoff: float) -> Run:
         """The same run with `q` low-pass filtered at a cut-off [Hz], without lag.

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
+from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.support.errors import first_of
-
-if TYPE_CHECKING:
-    from estimator.data.observation import Observation
-    from estimator.runs.run_reader import Run
 
 _NAMED = 8  # stretches that a note names
 _JOINTS = 12  # joints that a note names
@@ -56,18 +52,11 @@ def unseen_by(body: Body, observations: Iterable[Observation]) -> tuple[str, ...
     shown = list(observations)
     confidence = np.array([o.confidence for o in shown]).reshape(len(shown), -1, len(body.landmark_names))
     markers = [o.markers for o in shown if o.markers is not None]
-    return _unseen(body, confidence, np.array(markers) if markers else None)
+    return unseen_in(body, confidence, np.array(markers) if markers else None)
 
 
-def unseen_in(run: Run) -> tuple[str, ...]:
-    """The same of a run; none of one that took its pose from pictures, or from another motion."""
-    if run.header.cues or run.header.retargeted:
-        return ()
-    return _unseen(run.body, run.confidence, run.markers)
-
-
-def _unseen(body: Body, confidence: np.ndarray, markers: np.ndarray | None) -> tuple[str, ...]:
-    """confidence (T, C, L), markers (T, M, 3)."""
+def unseen_in(body: Body, confidence: np.ndarray, markers: np.ndarray | None) -> tuple[str, ...]:
+    """The same of confidence (T, C, L) and markers (T, M, 3)."""
     landmarks, measured = np.zeros(len(body.landmark_names), dtype=bool), np.zeros(len(body.marker_names), dtype=bool)
     if confidence.size:
         landmarks = (confidence > 0.0).any(axis=1).mean(axis=0) >= _SEEN
@@ -83,20 +72,12 @@ def unseen_joints_note(joints: tuple[str, ...]) -> str:
     return f"nothing seen depends on {first_of(joints, _JOINTS)}: their angles are the prior's, within their limits"
 
 
-def unobserved_stretches(run: Run) -> tuple[tuple[float, float], ...]:
-    """First and last time [s] of every stretch of frames with a pose in which nothing was seen."""
-    there = (run.status == "unobserved") & np.isfinite(run.q).all(axis=1)
-    steps = np.diff(np.concatenate([[0], there.astype(int), [0]]))
-    first, after = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
-    return tuple((float(run.time[a]), float(run.time[b - 1])) for a, b in zip(first, after, strict=True))
-
-
-def unobserved_note(run: Run) -> str:
-    """A line that names the stretches, and the unobserved joints; empty where there are none."""
-    of_joints, stretches = unseen_joints_note(run.unseen_joints), unobserved_stretches(run)
-    if not stretches:
+def unobserved_note(unobserved: Sequence[tuple[float, float]], joints: tuple[str, ...]) -> str:
+    """A line that names stretches of time [s], and joints, that were unobserved; empty where there are none."""
+    of_joints = unseen_joints_note(joints)
+    if not unobserved:
         return of_joints
-    named = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b in stretches[:_NAMED])
-    more = f" and {len(stretches) - _NAMED} more" if len(stretches) > _NAMED else ""
+    named = ", ".join(f"{a:.2f} to {b:.2f} s" for a, b in unobserved[:_NAMED])
+    more = f" and {len(unobserved) - _NAMED} more" if len(unobserved) > _NAMED else ""
     of_stretches = f"nothing was observed, so poses are extrapolated: {named}{more}"
     return f"{of_stretches}; {of_joints}" if of_joints else of_stretches

@@ -18,8 +18,7 @@ from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.standing import HeldPoints, StandingTie, standing_ties
 from estimator.energy.term import Term
-from estimator.search.cost_settings import CostSettings
-from estimator.search.cost_terms import PER_CAMERAS, PER_FRAME, TermContext, terms_of
+from estimator.search.cost_terms import PER_CAMERAS, PER_FRAME, CostSettings, TermContext, terms_of
 from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.cues.settings import CueSettings, cue_settings
 from humanoid.collision.floor import stiff_hands

@@ -16,7 +16,7 @@ from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.term import Term
 from estimator.numerics.alignment import similarity_onto
 from estimator.search.cost_model import per_dof
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.synthesis.mocap import Mocap
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body

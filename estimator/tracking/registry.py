@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers import markers
 from estimator.trackers.base import TrackerProtocol

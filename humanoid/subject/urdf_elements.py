@@ -73,7 +73,7 @@ class Landmark:
 
     keypoint [m]: how far from there a detector marks it, in the same frame: a keypoint is a marker, whose place on the
     body is the same in all frames. keypoint_std [m]: standard deviation from that place along each axis; None where
-    unknown, and then the value of `estimator.search.cost_settings` is assumed.
+    unknown, and then the value of `estimator.search.cost_terms` is assumed.
     """
 
     name: str

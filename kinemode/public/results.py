@@ -227,7 +227,8 @@ def export(
         rate = frame_rate(opened.time)
         said = f"frames are not evenly spaced: {chosen} has poses between them, at {rate:.4g} a second"
         warnings.warn(said, InputWarning, stacklevel=2)
-    if chosen in known and not known[chosen].marks and (unseen := unobserved_note(opened)):
+    unseen = unobserved_note(opened.unobserved, opened.unseen_joints)
+    if unseen and chosen in known and not known[chosen].marks:
         warnings.warn(f"{unseen}; {chosen} has no mark for that", InputWarning, stacklevel=2)
     return formats.export(opened, Path(file), format, degrees=degrees)
 

@@ -16,7 +16,6 @@ import numpy as np
 from estimator.data.media.film import write_film
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
-from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_reader import Run
 from viz.palette import ON_PAPER, web
 from viz.pictures.contact_plot import contact_drawing
@@ -187,7 +186,7 @@ _RIG, _RIG_SHAPE = 5.5, (0.5, 1.2)  # inches: width of the picture of the camera
 def angle_figures(run: Run) -> list[Figure]:
     """A picture for every joint, those of both sides in one, in degrees, or metres where it slides, as `kinemode plot`
     draws them."""
-    return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in joint_angles(run)])]
+    return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in run.joints.values()])]
 
 
 def contact_figure(contact: Contact, events: Sequence[Event]) -> Figure:
