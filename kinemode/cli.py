@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from cyclopts import App
 
 import kinemode
-from kinemode.commands import batches, clips, preparation, results, tracking
+from kinemode.commands import clips, preparation, results, tracking
 
 app = App(
     name="kinemode",
@@ -52,7 +52,7 @@ for command in (
     tracking.track,
     tracking.compare,
     tracking.live,
-    batches.batch,
+    tracking.batch,
     tracking.retarget,
     preparation.fit,
     preparation.calibrate,

@@ -16,8 +16,8 @@ from estimator.synthesis.settings import SceneSettings, ViewSettings
 from humanoid.subject.subject import Subject, load_subject
 from kinemode.indexing import painting_seconds, write_index
 from kinemode.progress import Reporter, reported
+from kinemode.public.clips import render
 from kinemode.public.tracking import track
-from kinemode.rendering import render_clip
 from kinemode.shot import RenderedClip
 from kinemode.target import made_folder
 from kinemode.terminal import report
@@ -82,7 +82,7 @@ def run_occlusion_demo(
         line = f"first {RECIPE.examples} examples of what poses look like are painted, in about {minutes:.1f} minutes"
         console.print(line)
         write_index(load_subject("human34"), RECIPE, path, workers=1, overwrite=True, progress=progress)
-    clip = render_clip(
+    clip = render(
         folder, "reach", subject=demo_subject(), scene=SceneSettings("textured", hidden=(HIDDEN,)),
         view=ViewSettings(fill=0.85, image_size=(320, 240), baseline=0.12), fps=fps, seed=_SEED, progress=progress,
     )  # fmt: skip

@@ -35,6 +35,8 @@ TYPES: Mapping[str, Any] = {
     "Layout": str, "CueNames": str, "Names": Names, "Changes": Path | None,
     "Direction": UpOption, "ReferenceLike": Path | None,
     "Device": str, "MotionLike": Path, "KeypointsOrSource": Path | None, "Literal": Literal,
+    "RunLike": Path, "KnownMotion": Path, "JointNames": str | None, "Axis": UpOption, "CameraName": str,
+    "BoardSize": str, "Rig": Path, "LimbNames": str, "Formats": str, "Rows": Path,
 }  # fmt: skip
 """The type by which the command line reads values, by the type's name in a declaration; it has no flag for others."""
 _BUILT_IN = frozenset({"bool", "int", "float", "str", "None"})
@@ -86,7 +88,9 @@ def flags_of(
         def command(*files: Any, **given: Any) -> None:
             first = {"clips": files} if "clips" in flag_types(request) else dict(zip(arguments, files, strict=False))
             usual = {p.name: p.default for p in parameters if p.default is not p.empty}
-            function(**usual | first | given)
+            names = {o.flag.replace("-", "_"): name for name, o in options_of(request).items()}
+            values: dict[str, Any] = usual | first | given
+            function(**{names.get(name, name): value for name, value in values.items()})
 
         command.__name__, command.__doc__, command.__module__ = function.__name__, function.__doc__, function.__module__
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -110,4 +114,4 @@ def _parameter(
         hint = next(kind for kind in (*typing.get_args(hint), hint) if kind is not type(None))
     annotation = Annotated[hint, Parameter(help=text)]
     kind = inspect.Parameter.POSITIONAL_ONLY if declared.name in arguments else inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(declared.name, kind, default=default, annotation=annotation)
+    return inspect.Parameter(declared.flag.replace("-", "_"), kind, default=default, annotation=annotation)

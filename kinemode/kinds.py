@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from humanoid.support.errors import misplaced
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -172,12 +174,27 @@ def or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
     return lambda value: value is None or fits(value)
 
 
+def settings(name: str) -> Kind:
+    """Settings of a rendered scene, by the name of their class, or None."""
+    return Kind(or_none(instance_of("estimator.synthesis.settings", name)), f"kinemode.{name}")
+
+
+def check(**given: tuple[Any, Kind]) -> None:
+    """Raise InputError for an argument, by its name, whose value is of another kind, with those that are taken."""
+    for name, (value, kind) in given.items():
+        if not kind.fits(value):
+            raise misplaced(name, value, kind.taken)
+
+
 FLAG = Kind(is_flag, "True or False")
 WHOLE = Kind(is_whole, "a whole number")
 NUMBER = Kind(is_number, "a number")
 TEXT = Kind(is_text, "a text")
 FILES = Kind(are_paths, "a path, a list of paths, or a mapping of names to paths")
 FILE = Kind(can_be_opened, "the path of a file")
+ONE_FILE = Kind(or_none(is_path), "the path of a file")
+NEW_FILE = Kind(or_none(can_be_opened), "the path of a file to write")
+MAYBE_NUMBER = Kind(or_none(is_number), "a number")
 CAMERAS = Kind(are_cameras, "the path of a camera file, or a mapping of names to cameras")
 SUBJECT = Kind(
     either(instance_of("humanoid.subject.subject", "Subject"), is_path),

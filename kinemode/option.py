@@ -35,7 +35,7 @@ KINDS: dict[str, Kind] = {
     "float": kinds.NUMBER,
     "str": kinds.TEXT,
     "PathLike": Kind(kinds.is_path, "the path of a file"),
-    "OutPath": kinds.FILE,
+    "OutPath": Kind(kinds.can_be_opened, "the path of a file to write"),
     "MarkersLike": Kind(kinds.is_path, "the name of a set of markers, or the path of a TOML file"),
     "SubjectLike": kinds.SUBJECT,
     "Clips": Kind(
@@ -76,6 +76,22 @@ KINDS: dict[str, Kind] = {
         "a kinemode.Camera; cameras takes the path of a camera file",
     ),
     "ReferenceLike": kinds.REFERENCE,
+    "CameraName": Kind(kinds.is_text, "the name of a camera"),
+    "RunLike": Kind(kinds.RUN, "a run, or the path of a run file"),
+    "KnownMotion": Kind(lambda value: value is not None and kinds.REFERENCE.fits(value), kinds.REFERENCE.taken),
+    "JointNames": Kind(kinds.or_none(kinds.are_texts), "names of joints, or parts of them"),
+    "LandmarkNames": Kind(kinds.or_none(kinds.are_texts), "names of landmarks"),
+    "Scales": Kind(kinds.or_none(kinds.is_mapping), "a mapping of joints to scales"),
+    "FleshShape": Kind(kinds.or_none(kinds.is_mapping), "a mapping of parts to nine parameters each"),
+    "SceneLike": kinds.settings("SceneSettings"),
+    "ViewLike": kinds.settings("ViewSettings"),
+    "ErrorsLike": kinds.settings("DetectorSettings"),
+    "BoardSize": Kind(kinds.is_pair, 'a text such as "9x6", or two whole numbers'),
+    "Rig": Kind(lambda value: value is not None and kinds.CAMERAS.fits(value), kinds.CAMERAS.taken),
+    "LimbNames": Kind(kinds.are_texts, "a text with commas, or a list of names"),
+    "Formats": Kind(kinds.are_texts, "names of formats, or one text with commas"),
+    "Rows": Kind(lambda value: not isinstance(value, (int, float)), "a CSV or TOML file, or a mapping for each clip"),
+    "Axis": Kind(kinds.or_none(kinds.is_text), "x, y, z, -x, -y or -z"),
 }
 """The kind of values of a type, by the type's name in a declaration."""
 _PATHS = frozenset({"PathLike", "MarkersLike", "Cameras", "Changes", "SubjectLike", "ReferenceLike", "MotionLike"})
@@ -87,7 +103,7 @@ class Option:
 
     type: of its values, as it is written. help: for people who use the command line or Python; python: what only Python
     takes. low, high, unit: range of a number. files: what the files are called that it names by camera, "" where it
-    names none. kept: whether a run keeps what was given.
+    names none. kept: whether a run keeps what was given. called: its name on the command line where that is another.
     """
 
     name: str
@@ -100,6 +116,7 @@ class Option:
     unit: str = ""
     files: str = ""
     kept: bool = True
+    called: str = ""
 
     @property
     def is_needed(self) -> bool:
@@ -109,7 +126,7 @@ class Option:
     @property
     def flag(self) -> str:
         """Its name on the command line."""
-        return self.name.replace("_", "-")
+        return (self.called or self.name).replace("_", "-")
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -222,10 +239,10 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata=about(help, **more))
 
 
-def again(request: type, name: str) -> Any:
-    """The option of a request as a field of another."""
+def again(request: type, name: str, **default: Any) -> Any:
+    """The option of a request as a field of another; default: where it is another."""
     declared = next(f for f in fields(request) if f.name == name)
-    return field(default=declared.default, metadata=declared.metadata)
+    return field(default=default.get("default", declared.default), metadata=declared.metadata)
 
 
 def options_of(request: type) -> Mapping[str, Option]:

@@ -25,8 +25,8 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.joint_names import ROOT_POSITION
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule, mirror_parts
+from kinemode.making_requests import RenderRequest
 from kinemode.notices import InputWarning
-from kinemode.progress import Reporter, unreported
 from kinemode.shot import FilmedMotion, RandomSources, RenderedClip, WantedFiles, write_shot
 
 RANDOM = "random"
@@ -93,38 +93,17 @@ def _on_the_floor(body: Body, q: np.ndarray) -> np.ndarray:
 
 
 _FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
-_GIRTHS = (0.5, 1.6)
 _FRAMING_STEP = 0.1  # [s] between the poses that the cameras are placed by
 
 
-def render_clip(
-    folder: str | Path,
-    motion: str | Path = "reach",
-    *,
-    subject: str | Path | Subject | None = None,
-    proportions: Mapping[str, float] | None = None,
-    shape: Mapping[int | str, Sequence[float]] | None = None,
-    girth: float = 1.0,
-    scene: SceneSettings | None = None,
-    view: ViewSettings | None = None,
-    detector: DetectorSettings | None = None,
-    fps: float = 30.0,
-    seconds: float | None = None,
-    unit: float | None = None,
-    up: str | None = None,
-    seed: int = 0,
-    videos: bool = True,
-    masks: bool = False,
-    depths: bool = False,
-    progress: Reporter = unreported,
-) -> RenderedClip:
-    """What `kinemode.render` does once its arguments are known to be of the right kinds."""
-    in_range("fps", fps, 1.0, 1000.0)
-    in_range("girth", girth, *_GIRTHS)
+def render_clip(request: RenderRequest) -> RenderedClip:
+    """What `kinemode.render` does once its options are checked."""
+    motion, fps, seed, view = request.motion, request.fps, request.seed, request.view or ViewSettings()
     keyed = motion_named(str(motion)) if is_authored(motion) else None
-    body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
-    q, times = configurations(body, motion, fps, seconds, seed, unit, up)
-    scene, view = scene or SceneSettings(), view or ViewSettings()
+    subject = _subject(request.subject, keyed, request.proportions, request.shape)
+    body = Body(_with_girth(subject, request.girth))
+    q, times = configurations(body, motion, fps, request.seconds, seed, request.unit, request.up)
+    scene = request.scene or SceneSettings()
     scene = replace(scene, background=scene.background or _background_of(motion))
     if keyed and view.azimuth is None:
         view = replace(view, azimuth=keyed.azimuth)
@@ -136,12 +115,12 @@ def render_clip(
     )
     shot = FilmedMotion(body, q, times, fps, cameras, scene, place)
     return write_shot(
-        folder,
+        request.folder,
         shot,
         draws,
-        detector or DetectorSettings(),
-        wanted=WantedFiles(videos, masks, depths),
-        progress=progress,
+        request.detector or DetectorSettings(),
+        wanted=WantedFiles(request.videos, request.masks, request.depths),
+        progress=request.reporter,
     )
 
 

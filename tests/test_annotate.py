@@ -27,6 +27,7 @@ from kinemode.annotation.annotate import serve_annotation
 from kinemode.annotation.server import AnnotationServer
 from kinemode.annotation.session import landmark_guide
 from kinemode.inputs.load import load_inputs
+from kinemode.making_requests import AnnotateRequest
 from kinemode.request import FileOptions
 from tests.builders import body_of
 from tests.waiting import DEADLINE, ended, kinemode_process, until
@@ -88,8 +89,8 @@ def serve(clip: Path, tmp_path: Path) -> Iterator[Serve]:
     def start(**options: Any) -> Served:
         ready: queue.Queue[AnnotationServer] = queue.Queue()
         out, result = tmp_path / "clicks.json", []
-        given = {"subject": "arm8", "out": out, "open_browser": False, "ready": ready.put, **options}
-        thread = threading.Thread(target=lambda: result.append(serve_annotation(clip, **given)), daemon=True)
+        asked = AnnotateRequest(clip, **{"subject": "arm8", "out": out, "browser": False, **options})
+        thread = threading.Thread(target=lambda: result.append(serve_annotation(asked, ready.put)), daemon=True)
         thread.start()
         started.append(Served(ready.get(timeout=DEADLINE), thread, out, result))
         return started[-1]
@@ -280,7 +281,7 @@ def test_what_is_wrong_is_said_before_there_is_a_page(serve: Serve, clip: Path, 
         ({"out": written("s.json", "landmarks", ARM, FRAMES, (640, 480))}, "640 x 480 pixels, the clip has 320 x 240"),
         ({"keypoints": tmp_path / "s.json"}, r"s\.json: is of images of 640 x 480 pixels, the clip has 320 x 240"),
         ({"keypoints": tmp_path / "none.json"}, "no such file"),
-        ({"port": 99999}, "port: 99999 cannot be used"),
+        ({"port": 99999}, "port: must be 0 to 65535, got 99999"),
     ]
     for options, expected in cases:
         with pytest.raises(InputError, match=expected):

@@ -140,7 +140,7 @@ def test_commands_have_no_second_way(path: Path) -> None:
     """Commands call the door; beside it only what prints, and what has no public name."""
     inner = {name for name in imported(path) if name.partition(".")[0] in ("humanoid", "estimator", "viz", "kinemode")}
     printing = {"kinemode", "kinemode.terminal", "kinemode.comparison"}
-    declared = {"kinemode.flags", "kinemode.option", "kinemode.request"}
+    declared = {f"kinemode.{name}" for name in ("flags", "option", "request", "run_requests", "making_requests")}
     unnamed = {
         "kinemode.demo",
         "kinemode.explain",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+import kinemode as km
 from benchmarks.support.common import Json, save
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
@@ -27,7 +28,6 @@ from estimator.vision.cues.reader import CueReader
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.inputs.load import load_inputs
-from kinemode.rendering import render_clip
 from kinemode.request import FileOptions
 from kinemode.terminal import report
 
@@ -94,7 +94,7 @@ def one_by_one(energy: FrameEnergy, q: np.ndarray, owner: np.ndarray) -> np.ndar
 
 def rendered(body: Body, folder: Path) -> list[Observation]:
     """The first frames of a small clip, with keypoints and all cues."""
-    clip = render_clip(
+    clip = km.render(
         folder, "reach", view=ViewSettings(image_size=(320, 240)), detector=DetectorSettings(noise_px=1.5), fps=FPS,
         seconds=(FRAME + 1.5) / FPS, seed=1,
     )  # fmt: skip

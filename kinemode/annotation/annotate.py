@@ -14,34 +14,25 @@ from humanoid.support.errors import InputError
 from kinemode.annotation.clicks import corrected_from, inside_only, load_clicks, no_clicks
 from kinemode.annotation.server import AnnotationServer
 from kinemode.annotation.session import Annotation, landmark_guide
+from kinemode.making_requests import AnnotateRequest
 from kinemode.notices import InputWarning
 from kinemode.terminal.program import command
 
 
-def serve_annotation(
-    clip: str | Path,
-    *,
-    subject: str | Path | Subject = "human34",
-    frame: int = 0,
-    camera: str | None = None,
-    keypoints: str | Path | None = None,
-    out: str | Path = "clicks.json",
-    port: int = 0,
-    open_browser: bool = True,
-    ready: Callable[[AnnotationServer], None] | None = None,
-) -> str:
-    """What `kinemode.annotate` does once its arguments are known to be of the right kinds, and its files to be there.
+def serve_annotation(request: AnnotateRequest, ready: Callable[[AnnotationServer], None] | None = None) -> str:
+    """What `kinemode.annotate` does once its options are checked.
 
     ready: called with the server before it serves; its address is printed unless this is given.
     """
-    session = _session(Path(clip), subject, frame, camera, keypoints, Path(out))
+    keypoints, out = request.keypoints, Path(request.out)
+    session = _session(Path(request.clip), request.subject, request.frame, request.camera, keypoints, out)
     try:
-        with AnnotationServer(session, port) as server:
+        with AnnotationServer(session, request.port) as server:
             if ready is None:
-                print(f"{server.address} shows frame {frame}; click there, Ctrl-C ends it", flush=True)
+                print(f"{server.address} shows frame {request.frame}; click there, Ctrl-C ends it", flush=True)
             else:
                 ready(server)
-            if open_browser:
+            if request.browser:
                 webbrowser.open(server.address, new=2)
             server.serve_forever(poll_interval=0.1)
     except KeyboardInterrupt:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from kinemode.flags import Files, Flag, UpOption, flags_of
+from kinemode.flags import Files, Flag, flags_of
+from kinemode.making_requests import AnnotateRequest, RenderRequest
 from kinemode.request import DetectRequest
 
 
@@ -14,7 +15,7 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False
 
     Writes overlay.mp4, preview.html and contact_sheet.png.
 
-    Examples:
+    For example:
 
     kinemode demo --out demo-out
 
@@ -37,18 +38,12 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False
     shown(out, seed, occlusion=occlusion, index=index)
 
 
+@flags_of(RenderRequest)
 def render(
     *,
-    motion: str = "reach",
-    out: Path,
-    subject: str | None = None,
-    girth: float = 1.0,
     background: Literal["room", "textured", "pillar", "black", "moving"] | None = None,
     cameras: int = 1,
     azimuth: float | None = None,
-    fps: float = 30.0,
-    seconds: float | None = None,
-    seed: int = 0,
     occluder: Literal["none", "post", "box"] = "none",
     hidden: Files = None,
     sleeves: Literal["short", "long"] = "short",
@@ -60,16 +55,13 @@ def render(
     keypoint_noise: float = 2.5,
     outliers: float = 0.01,
     missing: float = 0.02,
-    unit: float | None = None,
-    up: UpOption = None,
-    masks: Flag = False,
     stereo: float = 0.0,
-    depth: Flag = False,
     parallel: Flag = False,
+    **given: Any,
 ) -> None:
     """Render a clip whose motion is known: videos, cameras, keypoints, the exact first frame, the truth, the body.
 
-    Examples:
+    For example:
 
     kinemode render --motion turn_reach --out turn
 
@@ -83,28 +75,12 @@ def render(
 
     Parameters
     ----------
-    motion
-        reach, arm, pivot, turn_reach, reach_out, cross_arms, talk; random, for any subject; a BVH file of a person; or
-        a csv or npz of the subject's joints over time (columns time and JOINT_deg, JOINT_rad or JOINT_m, or as
-        exported).
-    out
-        Folder for the files.
-    subject
-        The body in the pictures: a built-in name or a URDF file; the one the motion is made for unless given.
-    girth
-        Factor on the cross-sections of its limbs.
     background
         What is behind the person; what suits the motion unless given.
     cameras
         How many.
     azimuth
         Of the first camera in degrees, from the person's front to the person's left.
-    fps
-        Frames per second.
-    seconds
-        Only so much of the motion; 4 of a random one unless given.
-    seed
-        Of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.
     occluder
         What stands between the first camera and the person.
     hidden
@@ -127,17 +103,9 @@ def render(
         Share of the keypoints that are far off.
     missing
         Share of the keypoints that are missing.
-    unit
-        Metres in one unit of the BVH file, where it is known.
-    up
-        The axis of the BVH file that points up: x, y, z, -x, -y or -z. It is found unless given.
-    masks
-        Also write the person's exact silhouettes.
     stereo
         Metres from every camera to another one to its right, NAME_right, parallel to it; 0 for none. Stereo needs
         --background textured: the walls of the others look alike everywhere.
-    depth
-        Also write the exact depth of every pixel, as 16-bit PNG in millimetres.
     parallel
         Parallel (orthographic) cameras: the person looks as large at any distance.
     """
@@ -148,23 +116,13 @@ def render(
         swinging=swinging, noise=noise, shutter=shutter, lens_blur=lens_blur,
     )  # fmt: skip
     km.render(
-        out,
-        motion,
-        subject=subject,
-        girth=girth,
+        **given,
         scene=scene,
         view=km.ViewSettings(count=cameras, azimuth=azimuth, baseline=stereo, parallel=parallel),
         detector=km.DetectorSettings(keypoint_noise, outliers, missing),
-        fps=fps,
-        seconds=seconds,
-        unit=unit,
-        up=up,
-        seed=seed,
-        masks=masks,
-        depths=depth,
         progress=km.reported,
     )
-    print(out)
+    print(given["folder"])
 
 
 @flags_of(DetectRequest, clips=("clip", "Videos or folders of images, each [NAME=]PATH."))
@@ -174,7 +132,7 @@ def detect(**given: Any) -> None:
     The detector gets an environment of its own in the cache folder when it is first needed, made by uv, for which a
     network connection is needed. The same command resumes an interrupted one.
 
-    Examples:
+    For example:
 
     kinemode detect walk.mp4 --out walk.json
 
@@ -188,57 +146,19 @@ def detect(**given: Any) -> None:
         print(path)
 
 
-def annotate(
-    clip: Path,
-    /,
-    *,
-    frame: int = 0,
-    subject: str = "human34",
-    camera: str | None = None,
-    keypoints: Path | None = None,
-    out: Path = Path("clicks.json"),
-    port: int = 0,
-    no_browser: Flag = False,
-) -> None:
+@flags_of(AnnotateRequest, arguments=("clip",))
+def annotate(**given: Any) -> None:
     """Click a subject's landmarks on frames of a clip, in the browser, and save them as keypoints.
 
     The page is served on this machine only. Ctrl-C ends it; what was saved stays.
 
-    Examples:
+    For example:
 
     kinemode annotate walk.mp4 --out clicks.json
 
     kinemode annotate walk.mp4 --keypoints walk.json --out corrected.json
-
-    Parameters
-    ----------
-    clip
-        A video file or a folder of images.
-    frame
-        The frame shown first; the page goes to the others.
-    subject
-        A built-in name (see `kinemode subjects`) or a URDF file: whose landmarks are clicked.
-    camera
-        Name of the view, where it is not the clip's stem.
-    keypoints
-        A detector's keypoint file or folder to correct: it fills the frames without a click.
-    out
-        The keypoint file to write; one saved earlier is edited further.
-    port
-        Port on 127.0.0.1; 0 takes a free one.
-    no_browser
-        Print the page's address and open nothing.
     """
     import kinemode as km
 
-    command = km.annotate(
-        clip,
-        subject=subject,
-        frame=frame,
-        camera=camera,
-        keypoints=keypoints,
-        out=out,
-        port=port,
-        browser=not no_browser,
-    )
-    print(f"{out}\nnext: {command}")
+    command = km.annotate(**given)
+    print(f"{given['out']}\nnext: {command}")

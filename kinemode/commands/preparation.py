@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from kinemode.flags import Flag, SubjectOption, flags_of
-from kinemode.option import options_of
+from kinemode.flags import Flag, flags_of
+from kinemode.making_requests import BoardRequest, IndexRequest, TemplatesRequest
+from kinemode.option import again, options_of
 from kinemode.request import USUAL_SUBJECT, CheckRequest, FitRequest, RigRequest, SyncOptions
+
+if TYPE_CHECKING:
+    from kinemode.making_requests import BoardSize
 
 
 @flags_of(FitRequest, needed=("out",), subject=USUAL_SUBJECT)
@@ -20,7 +24,7 @@ def fit(**given: Any) -> None:
 
     With --points lengths and the places of the markers are fitted, which the URDF has for other trials.
 
-    Examples:
+    For example:
 
     kinemode fit cam01.mp4 --cameras calibration.json --keypoints cam01.json --out me.urdf
 
@@ -39,31 +43,27 @@ def fit(**given: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ByPerson(SyncOptions, RigRequest):
-    """Options of cameras that are found from a person, or checked by one."""
+class _Calibration(SyncOptions, RigRequest):
+    """Options of cameras that are found by a board or from a person, or checked by one."""
+
+    board: Literal["chessboard", "charuco"] = again(BoardRequest, "board")
+    size: BoardSize = again(BoardRequest, "size")
+    square: float | None = again(BoardRequest, "square", default=None)
+    marker: float | None = again(BoardRequest, "marker")
+    dictionary: str = again(BoardRequest, "dictionary")
+    lens: Literal["brown", "rational", "fisheye"] = again(BoardRequest, "lens")
+    origin: int | None = again(BoardRequest, "origin")
 
 
 @flags_of(
-    _ByPerson,
+    _Calibration,
     clips=("pictures", "[NAME=]PATH: a video or a folder of each camera; or picture files, all of one camera."),
 )
-def calibrate(
-    *,
-    board: Literal["chessboard", "charuco"] = "chessboard",
-    size: str = "9x6",
-    square: float | None = None,
-    marker: float | None = None,
-    dictionary: str = "4X4_50",
-    lens: Literal["brown", "rational", "fisheye"] = "brown",
-    origin: int | None = None,
-    from_person: Flag = False,
-    check: Path | None = None,
-    **given: Any,
-) -> None:
+def calibrate(*, from_person: Flag = False, check: Path | None = None, **given: Any) -> None:
     """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
     Or find several from a person who moves before them, without a board; or check a calibration by a person.
 
-    Examples:
+    For example:
 
     kinemode calibrate board.mp4 --size 9x6 --square 0.025 --out cameras.json
 
@@ -77,22 +77,6 @@ def calibrate(
 
     Parameters
     ----------
-    board
-        What it is.
-    size
-        Columns by rows: inner corners of a chessboard, squares of a ChArUco board.
-    square
-        Side of a square in metres, needed of a board.
-    marker
-        Side of a ChArUco marker in metres; three quarters of the square unless given.
-    dictionary
-        Of the ChArUco markers, as OpenCV calls it without DICT_.
-    lens
-        brown has OpenCV's 5 coefficients, rational 8, fisheye the 4 of its fisheye model.
-    origin
-        Number of the pictures, from 0, in which the board makes the world: origin at its first inner corner (of a
-        ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
-        several cameras the pictures in which most see it unless given.
     from_person
         Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
         and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
@@ -103,7 +87,8 @@ def calibrate(
     import kinemode as km
 
     pictures, out, picture = given.pop("clips"), given.pop("out"), given.pop("picture")
-    by_person = {name: value for name, value in given.items() if value != options_of(_ByPerson)[name].default}
+    board = {name: given.pop(name) for name in options_of(BoardRequest) if name in given}
+    by_person = {name: value for name, value in given.items() if value != options_of(_Calibration)[name].default}
     if check is not None:
         for name, value in (("--out", out), ("--picture", picture), ("--from-person", from_person)):
             if value:
@@ -124,14 +109,11 @@ def calibrate(
         report.print_rig(rig, out, picture)
         return
     if by_person:
-        flags = ", ".join(f"--{options_of(_ByPerson)[name].flag}" for name in by_person)
+        flags = ", ".join(f"--{options_of(_Calibration)[name].flag}" for name in by_person)
         raise km.InputError(flags, "are for --from-person and --check", remedy="add one of them")
-    if square is None:
+    if board["square"] is None:
         raise km.InputError("--square", "is needed: the side of a square in metres", remedy="or --from-person")
-    calibration = km.calibrate(
-        pictures, board=board, size=size, square=square, marker=marker, dictionary=dictionary, lens=lens,
-        origin=origin, out=out, picture=picture, progress=km.reported,
-    )  # fmt: skip
+    calibration = km.calibrate(pictures, **board, out=out, picture=picture, progress=km.reported)
     from kinemode.terminal import report
 
     report.print_calibration(calibration, out, picture)
@@ -143,110 +125,31 @@ def _refuse_others(given: Mapping[str, Any], request: type, problem: str) -> Non
 
     for name in given:
         if name not in options_of(request):
-            raise km.InputError(f"--{options_of(_ByPerson)[name].flag}", problem, remedy="leave it out")
+            raise km.InputError(f"--{options_of(_Calibration)[name].flag}", problem, remedy="leave it out")
 
 
-def train_index(
-    subject: SubjectOption,
-    /,
-    *,
-    out: Path,
-    examples: int = 60_000,
-    headings: float = 360.0,
-    legs: Flag = False,
-    elevation: float = 8.0,
-    seed: int = 0,
-    workers: int = 1,
-    overwrite: Flag = False,
-) -> None:
+@flags_of(IndexRequest, arguments=("subject",))
+def train_index(**given: Any) -> None:
     """Paint examples of a subject's poses into an index, for `track --tracker elmo --index FILE`.
 
     Where it was interrupted the same command goes on.
 
     Example: kinemode train-index human34 --legs --workers 2 --out human34-legs.npz
-
-    Parameters
-    ----------
-    out
-        The file to write.
-    examples
-        How many.
-    headings
-        Range of the body's heading about facing the camera, in degrees; 120 for who never turns away.
-    legs
-        Legs move too, as far as their rest positions let them.
-    elevation
-        By how many degrees the camera looks down.
-    seed
-        Seed of poses, clothes and light.
-    workers
-        How many processes share the work; the index is the same with any number.
-    overwrite
-        Replace the file if it is there.
     """
     import kinemode as km
 
-    print(
-        km.train_index(
-            subject,
-            out,
-            examples=examples,
-            headings=headings,
-            legs=legs,
-            elevation=elevation,
-            seed=seed,
-            workers=workers,
-            overwrite=overwrite,
-            progress=km.reported,
-        )
-    )
+    print(km.train_index(**given, progress=km.reported))
 
 
-def train_templates(
-    cameras: Path,
-    /,
-    *,
-    subject: SubjectOption = "human34",
-    limbs: str = "",
-    out: Path,
-    poses: int = 1500,
-    seed: int = 0,
-    overwrite: Flag = False,
-) -> None:
+@flags_of(TemplatesRequest, arguments=("cameras",))
+def train_templates(**given: Any) -> None:
     """Paint a subject as a rig's cameras see it, into templates that its limbs are detected by, without keypoints.
 
     Example: kinemode train-templates cameras.json --subject me.urdf --out rig.npz
-
-    Parameters
-    ----------
-    cameras
-        Calibration of the rig; templates suit these cameras, where they stand now, in this order.
-    limbs
-        Names of the limbs that are detected, with commas between; those of the other side come with them. All unless
-        given.
-    out
-        The file to write.
-    poses
-        How many are painted.
-    seed
-        Seed of poses, places, clothes and light.
-    overwrite
-        Replace the file if it is there.
     """
     import kinemode as km
 
-    print(
-        km.train_templates(
-            cameras,
-            out,
-            subject=subject,
-            limbs=limbs,
-            poses=poses,
-            seed=seed,
-            overwrite=overwrite,
-            progress=km.reported,
-        )
-    )
+    print(km.train_templates(**given, progress=km.reported))
 
 
 def settings(*, tracker: str = "css", out: Path | None = None) -> None:
@@ -282,7 +185,7 @@ def subjects(
     begun loads as it is: a landmark at every joint, under COCO's names where the links' names identify a person's
     joints, the tips of the last links, and in comments what else there is.
 
-    Examples:
+    For example:
 
     kinemode subjects
 

@@ -1,4 +1,4 @@
-"""The commands that track."""
+"""The commands that track: one clip, several trackers, a camera, many clips, another body."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from kinemode.flags import flags_of
+from kinemode.flags import Flag, flags_of
+from kinemode.making_requests import BatchRequest
 from kinemode.request import USUAL_SUBJECT, CompareRequest, LiveRequest, RetargetRequest, TrackRequest
 
 
@@ -17,7 +18,7 @@ def track(**given: Any) -> None:
     Clips, keypoint files, masks and backgrounds are [NAME=]PATH; NAME picks the camera and is the file's stem by
     default. Keypoints of the first frame alone will do where there are clips: the pictures carry on.
 
-    Examples:
+    For example:
 
     kinemode track walk.mp4 --keypoints walk.json --out walk.run
 
@@ -48,7 +49,7 @@ def compare(**given: Any) -> None:
     The subject is fitted once. What was tracked before an interruption is kept: --resume continues it. OUT is a folder
     for the runs (NAME.run), compare.csv, compare.json and compare.png.
 
-    Examples:
+    For example:
 
     kinemode compare walk.mp4 --keypoints walk.json --trackers css,single-mode,condensation --out walk-compared
 
@@ -71,7 +72,7 @@ def live(**given: Any) -> None:
     The subject is used as measured: fit it beforehand, with `kinemode fit`. Images that come while another is tracked
     are dropped, all but the newest.
 
-    Examples:
+    For example:
 
     kinemode live 0 --subject me.urdf
 
@@ -93,7 +94,7 @@ def retarget(*, metrics: Path | None = None, **given: Any) -> None:
 
     Without a source it begins a correspondence: --match names the subject, --out the TOML file.
 
-    Examples:
+    For example:
 
     kinemode retarget walk.run --subject example-robot-data:g1 --out g1.run
 
@@ -125,3 +126,63 @@ def retarget(*, metrics: Path | None = None, **given: Any) -> None:
     if metrics is not None:
         print(write_figures(figures, metrics))
     print(run.file)
+
+
+_SHOWN = 10  # clips that failed
+
+
+@flags_of(BatchRequest, arguments=("manifest",), manifest=None)
+def batch(*, make: Path | None = None, overwrite: Flag = False, **given: Any) -> None:
+    """Track many clips: one row of a manifest each, several at a time, into one folder with a table and a page.
+
+    The same command resumes a batch that was interrupted; clips that are finished are not done again unless their files
+    or options have changed. --make FOLDER writes a manifest of the clips in a folder instead.
+
+    For example:
+
+    kinemode batch --make recordings --out clips.csv
+
+    kinemode batch clips.csv --out tracked --export csv,mot,trc --report
+
+    kinemode batch clips.csv --out tracked --engine dask --scheduler tcp://192.168.0.5:8786
+
+    Parameters
+    ----------
+    make
+        A folder of videos, of which --out MANIFEST is made: one or several cameras a folder, sessions of Pose2Sim or
+        OpenCap.
+    overwrite
+        With --make: replace the manifest if there is one.
+    """
+    manifest = given["manifest"]
+    import kinemode as km
+
+    if make is not None:
+        _make(manifest, make, given["out"], overwrite)
+        return
+    if manifest is None:
+        raise km.InputError("manifest", "is missing", remedy="name a CSV or TOML file, or --make FOLDER writes one")
+    if overwrite:
+        raise km.InputError("--overwrite", "is for --make", remedy="leave it out: what has changed is done anew")
+    done = km.batch(**given, progress=km.reported)
+    failed = done.failed
+    page = "" if done.page is None else f": {done.page}"
+    print(f"{len(done.outcomes) - len(failed)} of {len(done.outcomes)} clips tracked{page}")
+    for name, why in list(failed.items())[:_SHOWN]:
+        print(f"  {name}: {why}")
+    if failed:
+        remedy = "the table could not be written" if done.table is None else f"all of them are in {done.table}"
+        raise km.InputError(manifest, f"{_counted(len(failed))} failed", remedy=remedy)
+
+
+def _make(manifest: Path | None, folder: Path, out: Path, overwrite: bool) -> None:
+    import kinemode as km
+
+    if manifest is not None:
+        raise km.InputError(manifest, "is not needed to make one", remedy="--make FOLDER --out MANIFEST")
+    clips = km.make_manifest(folder, out, overwrite=overwrite)
+    print(f"{_counted(len(clips))}: {out}")
+
+
+def _counted(count: int) -> str:
+    return "1 clip" if count == 1 else f"{count} clips"

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from humanoid.support.errors import InputError
+from kinemode import kinds
 from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.outcome import ClipOutcome
+from kinemode.kinds import check
+from kinemode.making_requests import BatchRequest
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.progress import Reporter, unreported
-from kinemode.public.arguments import check_arguments, check_as
+from kinemode.option import takes
 from viz.report.thumbnail import DONE
 
 
@@ -41,17 +42,8 @@ class Batch:
         return {name: outcome.message for name, outcome in self.outcomes.items() if outcome.status != DONE}
 
 
-def batch(
-    manifest: PathLike | Sequence[Mapping[str, Any]],
-    *,
-    out: PathLike,
-    engine: str = "processes",
-    workers: int | None = None,
-    scheduler: str | None = None,
-    export: str | Iterable[str] = (),
-    report: bool = False,
-    progress: Reporter | None = None,
-) -> Batch:
+@takes(BatchRequest)
+def batch(request: BatchRequest) -> Batch:
     """Track many clips, each as `kinemode.track` does; what is finished is not done again by the same call.
 
     A clip that fails stops no other. What was made of a clip is kept as long as its options and the content of its
@@ -60,14 +52,7 @@ def batch(
 
     Parameters
     ----------
-    manifest: a CSV or TOML file, or a mapping for each clip, see `kinemode.batches.manifest.read_manifest`.
-    out: the folder for runs, summary.csv and index.html; made if it is not there.
-    engine: "processes" of this machine, or "dask", the workers of a scheduler (kinemode[dask]).
-    workers: how many processes; as many as processors unless given.
-    scheduler: the address of Dask's, as "tcp://192.168.0.5:8786". Its workers see the clips under the same paths; where
-        they do not see `out` their files are sent.
-    export: formats for every clip, see `kinemode.export`, as names or separated by commas. report: also its report.
-    progress: opens a progress report, such as `kinemode.reported`; none by default.
+    OPTIONS
 
     A script needs `if __name__ == "__main__":` around what it runs.
 
@@ -77,21 +62,18 @@ def batch(
     InputError: other invalid arguments; another batch in the folder; a scheduler that cannot be reached, or
         whose workers have other versions.
     """
-    check_arguments(progress=progress)
-    check_as("file", out=out)
-    check_as("overwrite", report=report)
-    formats = _formats(export)
+    manifest, formats = request.manifest, _formats(request.export)
     rows = read_manifest(manifest) if isinstance(manifest, (str, os.PathLike)) else rows_of(manifest)
     from kinemode.batches.engines import engine_of
     from kinemode.batches.leader import PAGE, TABLE, BatchPlan, Leader, opened_root
     from kinemode.batches.shown import ShownBatch
 
-    root = Path(out).absolute()
-    plan = BatchPlan(rows, root, formats, report)
+    root = Path(request.out).absolute()
+    plan = BatchPlan(rows, root, formats, request.report)
     title = Path(manifest).name if isinstance(manifest, (str, os.PathLike)) else root.name
     outcomes: dict[str, ClipOutcome] = {}
-    with opened_root(root) as token, engine_of(engine, workers, scheduler) as crew:
-        shown, reporter = ShownBatch(rows, root, title), progress or unreported
+    with opened_root(root) as token, engine_of(request.engine, request.workers, request.scheduler) as crew:
+        shown, reporter = ShownBatch(rows, root, title), request.reporter
 
         def keep(outcome: ClipOutcome) -> None:
             outcomes[outcome.name] = outcome
@@ -127,8 +109,7 @@ def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -
     ------
     InputError: no folder, no clip in it, a file that cannot be written.
     """
-    check_as("file", folder=folder, out=out)
-    check_arguments(overwrite=overwrite)
+    check(folder=(folder, kinds.FILE), out=(out, kinds.FILE), overwrite=(overwrite, kinds.FLAG))
     from kinemode.batches.folders import manifest_of, write_manifest
 
     made = manifest_of(folder)

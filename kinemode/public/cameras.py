@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
-from kinemode.named import Named, PathLike, chosen_names, kept, named_paths
+from kinemode.making_requests import BoardRequest
+from kinemode.named import Named, chosen_names, kept, named_paths
 from kinemode.option import takes
-from kinemode.progress import Reporter, unreported
-from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.tracking import noted_subject, reading
 from kinemode.request import AUTO, CheckRequest, RigRequest
 from kinemode.target import check_folder
@@ -24,24 +23,11 @@ if TYPE_CHECKING:
 
 
 PICTURES = "pictures of a board"
-BOARDS, LENSES = ("chessboard", "charuco"), ("brown", "rational", "fisheye")
 _IMAGES = (".jpg", ".jpeg", ".png", ".bmp")
 
 
-def calibrate(
-    pictures: Named,
-    *,
-    square: float,
-    size: str | tuple[int, int] = (9, 6),
-    board: str = "chessboard",
-    marker: float | None = None,
-    dictionary: str = "4X4_50",
-    lens: str = "brown",
-    origin: int | None = None,
-    out: PathLike | None = None,
-    picture: PathLike | None = None,
-    progress: Reporter | None = None,
-) -> BoardCalibration:
+@takes(BoardRequest)
+def calibrate(request: BoardRequest) -> BoardCalibration:
     """Calibrate cameras from pictures of a board: their lenses, and of several where they stand.
 
     Picture number i of every camera has to be of the same instant where there are several cameras. Up to 120 pictures
@@ -49,19 +35,7 @@ def calibrate(
 
     Parameters
     ----------
-    pictures: of each camera a video or a folder of pictures, by its name (`NAME=PATH` or a mapping); picture files
-        without a name are one camera's, called as their folder is.
-    square: side of a square [m].
-    size: columns and rows, as "9x6": inner corners of a chessboard, squares of a ChArUco board.
-    board: "chessboard" or "charuco". marker: side of a ChArUco marker [m]; three quarters of the square unless given.
-        dictionary: of its markers, as OpenCV calls it without DICT_.
-    lens: "brown", OpenCV's 5 coefficients; "rational", 8; "fisheye", the 4 of `cv2.fisheye`.
-    origin: number of the pictures, from 0, in which the board makes the world: origin at its first inner corner (of a
-        ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
-        several cameras the pictures in which most see it unless given; a single camera then stands as one without a
-        calibration does.
-    out: camera file to write. picture: picture to write, with corners and how far they are from where they should be.
-    progress: opens a progress report, such as `kinemode.reported`; none by default.
+    OPTIONS
 
     Returns the cameras, the errors of every view, and notes (`estimator.data.boards.calibrate.BoardCalibration`).
 
@@ -70,30 +44,20 @@ def calibrate(
     InputError: no board or another one, too few or too similar views, cameras that share none, files that are missing
         or cannot be written.
     """
-    pictures = kept(pictures)
-    check_arguments(pictures=pictures, square=square, size=size, board=board, marker=marker, progress=progress)
-    check_as("board", dictionary=dictionary)
-    check_as("out", picture=picture)
-    check_arguments(out=out)
-    choice("board", board, BOARDS)
-    choice("lens", lens, LENSES)
-    sources = _sources(pictures)
-    start = None if origin is None else whole("seed", origin, 0)
+    sources = _sources(kept(request.pictures))
+    out, picture = (None if file is None else Path(file) for file in (request.out, request.picture))
     if out is not None:
-        check_folder(Path(out))
+        check_folder(out)
     if picture is not None:
-        check_png(Path(picture))
-    columns, rows = _columns_and_rows(size)
+        check_png(picture)
+    board = {
+        "kind": request.board, "size": _columns_and_rows(request.size), "square": float(request.square),
+        "marker": request.marker, "dictionary": request.dictionary,
+    }  # fmt: skip
     from kinemode.calibrating import calibrated
 
     return calibrated(
-        sources,
-        {"kind": board, "size": (columns, rows), "square": float(square), "marker": marker, "dictionary": dictionary},
-        lens=lens,
-        origin=start,
-        out=None if out is None else Path(out),
-        picture=None if picture is None else Path(picture),
-        progress=progress or unreported,
+        sources, board, lens=request.lens, origin=request.origin, out=out, picture=picture, progress=request.reporter
     )
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
+from kinemode import kinds
 from kinemode.checks import check_exists
+from kinemode.kinds import check
 from kinemode.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.public.arguments import check_arguments, check_as
 from kinemode.target import check_new
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     ------
     InputError: no such subject, one with landmarks in its URDF, a file that is there already or cannot be written.
     """
-    check_arguments(subject=subject, out=out)
+    check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
     if isinstance(subject, (str, Path)) and Path(subject).suffix:  # no name: before what loads URDFs is imported
         check_exists(subject)
     if out is not None:
@@ -86,8 +87,7 @@ def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLi
     InputError: a file that cannot be read, or has no names; no such set; a file that is there already or cannot be
         written.
     """
-    check_as("out", points=points, begin=begin)
-    check_arguments(out=out)
+    check(points=(points, kinds.FILE), begin=(begin, kinds.ONE_FILE), out=(out, kinds.NEW_FILE))
     check_exists(points)
     if out is not None:
         check_new(Path(out))

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
+from kinemode import kinds
 from kinemode.checks import check_exists, check_together
+from kinemode.kinds import check
 from kinemode.named import PathLike
 from kinemode.option import takes
-from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.public.tracking import noted_subject
 from kinemode.request import RetargetRequest
 from kinemode.target import check_new
@@ -66,7 +67,7 @@ def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     ------
     InputError: no such subject; a file that is there already or cannot be written.
     """
-    check_arguments(subject=subject, out=out)
+    check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
     from kinemode.retargeting import write_match_template
 
     if out is not None:
@@ -115,11 +116,11 @@ class Retargeter:
         clearance: float = 0.002,
         seed: int = 0,
     ) -> None:
-        check_arguments(subject=subject, seed=seed)
-        check_as("time", look_ahead=look_ahead, velocity=velocity, clearance=clearance)
-        check_as("one file", match=match)
-        if floor is not None:
-            check_as("time", floor=floor)
+        numbers = {"look_ahead": look_ahead, "velocity": velocity, "clearance": clearance}
+        check(
+            subject=(subject, kinds.SUBJECT), seed=(seed, kinds.WHOLE), match=(match, kinds.ONE_FILE),
+            floor=(floor, kinds.MAYBE_NUMBER), **{name: (value, kinds.NUMBER) for name, value in numbers.items()},
+        )  # fmt: skip
         if look_ahead < 0.0:
             raise InputError("look_ahead", f"is {look_ahead:g}", remedy="0 seconds or more")
         from estimator.retargeting.correspondence import check_correspondence, common_correspondence, load_match
@@ -134,7 +135,7 @@ class Retargeter:
         settings = RetargetSettings(velocity=float(velocity), clearance=float(clearance))
         self._names, self._time = own, float("-inf")
         self._stream = MotionStream(
-            body, own, chosen, settings, look_ahead=float(look_ahead), floor=floor, seed=whole("seed", seed, 0)
+            body, own, chosen, settings, look_ahead=float(look_ahead), floor=floor, seed=int(seed)
         )
 
     def step(self, points: np.ndarray, *, time: float) -> LiveFrame | None:
@@ -145,7 +146,7 @@ class Retargeter:
         """
         import numpy as np
 
-        check_as("time", time=time)
+        check(time=(time, kinds.NUMBER))
         given = np.array(points, dtype=float)
         if given.shape != (len(self._names), 3) or np.isinf(given).any():
             problem = "has infinite numbers" if np.isinf(given).any() else f"has the shape {given.shape}"

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
+from kinemode import kinds
 from kinemode.checks import check_exists, check_together
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.kinds import is_path
 from kinemode.named import chosen_names, matched, named_paths
 from kinemode.option import constructed_by, takes, with_options
-from kinemode.public.arguments import check_arguments, whole
 from kinemode.public.tracking import loaded_subject
 from kinemode.request import BACKGROUND, LiveRequest, StepRequest
 from kinemode.target import RunTarget
@@ -99,7 +99,7 @@ class Tracker:
         InputError: an array of another shape, a time that does not follow, a camera that is unknown. The frame then
             does not count.
         """
-        check_arguments(time=time)
+        kinds.check(time=(time, kinds.NUMBER))
         return self._stepper.step(keypoints, picture, time)
 
     def finish(self) -> list[Step]:
@@ -164,7 +164,9 @@ def live(request: LiveRequest) -> Session:
 def _device(source: int | str | Path) -> int | Path:
     """The number of a camera, also as text, or the path of a clip that is there."""
     if not isinstance(source, (str, Path)):
-        return whole("source", source, 0)
+        if source < 0:
+            raise InputError("source", f"{source} is negative", remedy="the number of a camera, from 0")
+        return int(source)
     if str(source).isdecimal():
         return int(str(source))
     check_exists(source)

@@ -1,0 +1,173 @@
+"""What can be asked of a run, each option declared once (see `kinemode.request`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from kinemode.option import about, option
+from kinemode.request import ProgressOptions
+
+if TYPE_CHECKING:
+    from estimator.runs.reference_motion import Reference
+    from estimator.runs.run_reader import Run
+    from kinemode.named import PathLike
+
+    RunLike = Run | PathLike
+    OutPath = PathLike
+    CameraName = str
+    JointNames = str | Iterable[str] | None  # by commas on the command line
+    LandmarkNames = Sequence[str] | None
+    Axis = str | None
+    KnownMotion = Reference | PathLike
+
+
+@dataclass(frozen=True)
+class OfRun:
+    """A run."""
+
+    run: RunLike = field(
+        metadata=about(
+            "A run file.", python="Or a run. Of one that is not finished, the frames that are there are used."
+        )
+    )
+
+
+_OUT = "out"  # what commands call the file that they write
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageOptions:
+    """The page that is served to a browser on this machine."""
+
+    port: int = option(0, "Port on 127.0.0.1; 0 takes a free one.", low=0, high=65535)
+    browser: bool = option(True, "Whether the page is opened; its address is printed.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Filtered:
+    filter: float | None = option(
+        None,
+        "Cut-off in Hz of a Butterworth filter (fourth order, without lag) of the best path; off unless given.",
+        python="See `kinemode.Run.butterworth`.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewRequest(PageOptions, OfRun):
+    """What `kinemode.view` is asked for."""
+
+    html: OutPath | None = option(
+        None, "Write a self-contained page here and start nothing. Otherwise the page is served until Ctrl-C."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverlayRequest(ProgressOptions, OfRun):
+    """What `kinemode.overlay` is asked for."""
+
+    file: OutPath = field(
+        kw_only=False,
+        metadata=about(
+            "A file ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).", called=_OUT
+        ),
+    )
+    camera: CameraName | None = option(None, "Name of one camera; all of them side by side unless given.")
+    limbs: bool = option(
+        False,
+        "In place of the body draw what the loose-limbed tracker believes of each limb: samples as outlines, stronger"
+        " the more they weigh, and their means as cones.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(ProgressOptions, OfRun):
+    """What `kinemode.report` is asked for."""
+
+    file: OutPath = field(
+        kw_only=False, metadata=about("A file ending in .html or .htm; one that is there is replaced.", called=_OUT)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlotRequest(_Filtered, OfRun):
+    """What `kinemode.plot` is asked for."""
+
+    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png, .svg or .pdf.", called=_OUT))
+    joints: JointNames = option(
+        None,
+        "Names of joints, parts of them, or left and right, with commas between; hips, knees, ankles, shoulders and"
+        " elbows unless given, or all joints of a body with few.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplesRequest(OfRun):
+    """What `kinemode.samples` is asked for."""
+
+    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png.", called=_OUT))
+    frames: int = option(6, "Instants, evenly spaced among those with a pose.", low=1)
+    count: int = option(
+        40, "Poses of each instant, drawn from its calibrated posterior, all hypotheses together.", low=1
+    )
+    seed: int = option(0, "Seed of what is drawn.", low=0)
+    camera: CameraName | None = option(None, "Name of the camera to look through; the first unless given.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(_Filtered, OfRun):
+    """What `kinemode.export` is asked for."""
+
+    file: OutPath = field(kw_only=False, metadata=about("Where to write."))
+    format: str | None = option(
+        None,
+        "npz, csv, trc, mot, osim, gait2392-mot, rajagopal-mot, c3d, bvh, motion-npz, motion-csv, glb, rrd, or that of"
+        " a plug-in; the file's ending unless given.",
+    )
+    degrees: bool = option(
+        False, "Of csv: joint angles in degrees, with their standard deviations beside them.", python="Else in radians."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactRequest(OfRun):
+    """What `kinemode.contact` is asked for."""
+
+    hands: bool = option(
+        False, "Also when hands stand on the floor; the setting smooth.hands holds them while smoothing."
+    )
+    plot: OutPath | None = option(
+        None,
+        "Draw probabilities and heights over time, a PNG, with heel strikes and toe-offs where somebody walks.",
+    )
+
+
+@dataclass(frozen=True)
+class GaitRequest(OfRun):
+    """What `kinemode.gait` is asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateRequest(OfRun):
+    """What `kinemode.evaluate` is asked for."""
+
+    reference: KnownMotion = field(
+        kw_only=False,
+        metadata=about(
+            "npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and"
+            " fps, trc or c3d (markers, of which joint centres are compared), or joint angles: mot, sto or csv.",
+            python="Or a `kinemode.Reference`.",
+        ),
+    )
+    joints: LandmarkNames = option(
+        None,
+        "The landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three"
+        " are limb joints.",
+    )
+    up: Axis = option(
+        None,
+        "The axis of the world of a trc or c3d that points up: x, y, z, -x, -y or -z; unless given y of trc, and of c3d"
+        " the file's.",
+    )
+    offset: float = option(0.0, "Seconds that the reference's first moment is after the clip's.")
