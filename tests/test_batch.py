@@ -31,14 +31,14 @@ from kinemode.batches.clip_job import _around, work
 from kinemode.batches.engines import DaskEngine, Engine, ProcessEngine, engine_of
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.manifest import BatchRow
-from kinemode.batches.outcome import ClipOutcome, TrackedRun, input_files, stamped, unchanged
+from kinemode.batches.outcome import ClipOutcome, input_files, stamped, unchanged
 from kinemode.batches.shown import ShownBatch
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from tests.builders import body_of
 from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import ended, kinemode_process, until
-from viz.report.thumbnail import DONE, FAILED, look_ranks
+from viz.report.thumbnail import DONE, FAILED, BatchEntry, look_ranks
 
 FRAMES, FPS = 5, 15.0
 
@@ -298,7 +298,7 @@ def test_inputs_are_known_by_their_content(tmp_path: Path) -> None:
 
 
 def test_an_outcome_is_kept_whole(tmp_path: Path) -> None:
-    run = TrackedRun("a", "clips/a/a.run", exports={"csv": "clips/a/a.csv"}, frames=4, doubtful=0.25, error=0.03)
+    run = BatchEntry("a", run="clips/a/a.run", exports={"csv": "clips/a/a.csv"}, frames=4, doubtful=0.25, error=0.03)
     whole = ClipOutcome("a", DONE, runs=(run,), options="x", inputs=stamped([Path(__file__)]), notes=("a note",))
     whole.written(tmp_path)
     assert ClipOutcome.kept(tmp_path) == whole

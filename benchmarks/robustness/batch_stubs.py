@@ -17,10 +17,10 @@ from kinemode.batches import leader
 from kinemode.batches.engines import ProcessEngine
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
 from kinemode.batches.manifest import rows_of
-from kinemode.batches.outcome import ClipOutcome, TrackedRun, stamped
+from kinemode.batches.outcome import ClipOutcome, stamped
 from kinemode.batches.task import BatchTask, TaskAnswer
 from kinemode.target import made_folder
-from viz.report.thumbnail import DONE
+from viz.report.thumbnail import DONE, BatchEntry
 
 WORKERS = 2
 FRAMES = 60
@@ -55,7 +55,7 @@ def written_outcome(task: BatchTask) -> TaskAnswer:
     folder = made_folder(task.folder)
     file = folder / f"{task.row.name}.run"
     file.touch()
-    run = TrackedRun(task.row.name, file.relative_to(task.root).as_posix(), frames=FRAMES, tracker="css")
+    run = BatchEntry(task.row.name, run=file.relative_to(task.root).as_posix(), frames=FRAMES, tracker="css")
     inputs = stamped(task.inputs)
     outcome = ClipOutcome(task.row.name, DONE, runs=(run,), options=task.digest, inputs=inputs, seconds=1.0)
     outcome.written(folder)

@@ -22,11 +22,11 @@ from estimator.trackers.frame_result import HARD, TRACKED
 from humanoid.support.errors import InputError, shortened
 from humanoid.support.files import replacing
 from humanoid.support.locks import locked
-from kinemode.batches.outcome import FILE, ClipOutcome, FileStamp, TrackedRun, stamped
+from kinemode.batches.outcome import FILE, ClipOutcome, FileStamp, stamped
 from kinemode.batches.task import LOCK, TOKEN, BatchTask, TaskAnswer, check_versions, own_folder, versions
 from kinemode.notices import InputWarning
 from kinemode.target import made_folder
-from viz.report.thumbnail import DONE, FAILED
+from viz.report.thumbnail import DONE, FAILED, BatchEntry
 
 if TYPE_CHECKING:
     from estimator.runs.run_reader import Run
@@ -179,10 +179,9 @@ def _clear(task: BatchTask) -> None:
         (task.clip_folder / name).unlink(missing_ok=True)
 
 
-def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]]:
+def _around(task: BatchTask, run: Run, name: str) -> tuple[BatchEntry, list[str]]:
     """The facts and files of a run, and messages on what could not be made."""
     import kinemode as km
-    from kinemode.batches.clip_job import run_facts
     from viz.report.thumbnail import write_thumbnail
 
     faults: list[str] = []
@@ -211,10 +210,12 @@ def _around(task: BatchTask, run: Run, name: str) -> tuple[TrackedRun, list[str]
             error = float(km.evaluate(run, task.row.reference).mpjpe)
         except InputError as wrong:
             faults.append(f"tracked, but not compared: {wrong}")
-    facts = run_facts(run)._asdict()
     where = run.file.relative_to(task.root).as_posix()
     given = {format: file for format, file in exports.items() if file}
-    return TrackedRun(name, where, report, thumbnail, given, error=error, **facts), faults
+    entry = BatchEntry(
+        name, run=where, report=report, thumbnail=thumbnail, exports=given, error=error, **run_facts(run)._asdict()
+    )
+    return entry, faults
 
 
 def exported_file(stem: Path, format: str) -> Path:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from humanoid.support.files import content_digest, replacing
+from viz.report.thumbnail import BatchEntry
 
 
 class FileStamp(NamedTuple):
@@ -87,38 +88,19 @@ FILE = "outcome.json"
 
 
 @dataclass(frozen=True)
-class TrackedRun:
-    """A run of a clip, of which there are several where everybody is tracked; paths relative to the batch's folder, ""
-    of what there is not. The figures are those of `viz.report.thumbnail.BatchEntry`."""
-
-    name: str
-    run: str
-    report: str = ""
-    thumbnail: str = ""
-    exports: Mapping[str, str] = field(default_factory=dict)
-    subject: str = ""
-    tracker: str = ""
-    frames: int = 0
-    hard: int = 0
-    unobserved: int = 0
-    doubtful: float | None = None
-    error: float | None = None
-    message: str = ""
-
-
-@dataclass(frozen=True)
 class ClipOutcome:
     """What became of a clip.
 
-    status: done or failed, see `viz.report.thumbnail`. message: why it failed. runs: of one that was tracked. options,
-    inputs: what it depends on, see `kinemode.batches.outcome`; reference: what it was compared with. seconds: of
-    wall-clock time; processor_seconds: of processor time, programs that it started included. notes: what was assumed.
+    status: done or failed, see `viz.report.thumbnail`. message: why it failed. runs: of one that was tracked, several
+    where everybody is; files relative to the folder of the batch. options, inputs: what it depends on, see
+    `input_files`; reference: what it was compared with. seconds: of wall-clock time; processor_seconds: of processor
+    time, programs that it started included. notes: what was assumed.
     """
 
     name: str
     status: str
     message: str = ""
-    runs: tuple[TrackedRun, ...] = ()
+    runs: tuple[BatchEntry, ...] = ()
     options: str = ""
     inputs: Mapping[str, FileStamp] = field(default_factory=dict)
     reference: Mapping[str, FileStamp] = field(default_factory=dict)
@@ -136,7 +118,7 @@ class ClipOutcome:
         """The one that a clip's folder has; None where there is none, or it cannot be read."""
         with suppress(OSError, ValueError, KeyError, TypeError):
             stored: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8", errors="surrogateescape"))
-            runs = tuple(TrackedRun(**run) for run in stored.pop("runs"))
+            runs = tuple(BatchEntry(**run) for run in stored.pop("runs"))
             stamps = {
                 which: {name: FileStamp(*stamp) for name, stamp in stored.pop(which).items()}
                 for which in ("inputs", "reference")

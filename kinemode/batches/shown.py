@@ -6,6 +6,7 @@ import csv
 import io
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from humanoid.support.errors import InputError
@@ -82,16 +83,12 @@ class ShownBatch:
 
 def _entries(outcome: ClipOutcome, person: str) -> Iterator[BatchEntry]:
     """One for each run, one for a clip without any; time is that of the clip, in its first."""
-    spent = (outcome.seconds, outcome.processor_seconds)
-    if not outcome.runs:
-        yield BatchEntry(
-            outcome.name, outcome.status, person, outcome.message, seconds=spent[0], processor_seconds=spent[1]
-        )
-    for i, run in enumerate(outcome.runs):
-        seconds, used = spent if i == 0 else (None, None)
-        yield BatchEntry(
-            run.name, outcome.status, person, outcome.message or run.message, run.subject, run.tracker, run.frames,
-            run.hard, run.unobserved, run.doubtful, run.error, seconds, used, run.thumbnail, run.report, run.run,
+    runs = outcome.runs or (BatchEntry(outcome.name),)
+    for i, run in enumerate(runs):
+        spent = (outcome.seconds, outcome.processor_seconds) if i == 0 else (None, None)
+        yield replace(
+            run, status=outcome.status, person=person, message=outcome.message or run.message, seconds=spent[0],
+            processor_seconds=spent[1],
         )  # fmt: skip
 
 

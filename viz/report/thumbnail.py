@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -28,12 +28,12 @@ STATUSES = (DONE, FAILED, WAITING)
 
 @dataclass(frozen=True)
 class BatchEntry:
-    """One clip of a batch as the table and the page show it.
+    """One clip of a batch, or one run of a clip in which everybody is tracked.
 
     status: one of `STATUSES`. message: the error of a failed one, else a finding. frames, hard, unobserved, doubtful:
     as `run_facts` counts them. error [m]: mean joint error against the row's reference. seconds: of wall-clock
     time. processor_seconds: of all its threads. thumbnail, report, run: paths relative to the page, "" where there is
-    none.
+    none; exports: those of the run in other formats.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class BatchEntry:
     """
 
     name: str
-    status: str
+    status: str = DONE
     person: str = ""
     message: str = ""
     subject: str = ""
@@ -56,6 +56,7 @@ class BatchEntry:
     thumbnail: str = ""
     report: str = ""
     run: str = ""
+    exports: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
