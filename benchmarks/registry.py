@@ -41,7 +41,7 @@ NEEDS = (
     OPENSIM,
     NOTHING,
 )
-"""What a measure may need."""
+"""The possible requirements of a measure."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.accuracy.trunk_views",
-        "Which way a trunk leans that one phone sees: two films' people and captured people who bend, from all sides.",
+        "Which way a trunk leans in one phone's view: two films' people and captured people who bend, from all sides.",
         "lean 8 degrees from 0 and 10 degrees, 5 elsewhere; hips 10; never to the wrong side for 0.3 s; reported 97 %",
         (OPENCAP,),
         (MOCAP, MOCAP_MORE, ASAP),
@@ -242,14 +242,14 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.accuracy.synchronisation",
-        "`--sync auto`: clocks of cameras found from their keypoints, and how sure they are.",
-        "19 of 20 within a frame, or unsure",
+        "`--sync auto`: clocks of cameras found from their keypoints, and their uncertainty.",
+        "19 of 20 within a frame, or uncertain",
         (BEAM4CAM, MOCAP),
     ),
     Measure(
         "benchmarks.accuracy.rigs",
         "Cameras and clocks found from a person who moves before them: beam4cam, random rigs around captured people.",
-        "K given: 1.5 degrees, 4 %; guessed: 3 degrees, 8 %; random rigs: 90 % within 2 degrees, 4 %, others unsure",
+        "K given: 1.5 degrees, 4 %; guessed: 3 degrees, 8 %; random rigs: 90 % within 2 degrees, 4 %, others uncertain",
         (BEAM4CAM, MOCAP, MOCAP_MORE),
     ),
     Measure(
@@ -272,14 +272,14 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.accuracy.everybody",
-        "`--person all`: people who cross before four cameras, swapped or not, and each tracked as well as alone.",
-        "nobody swapped, 1.1 times alone",
+        "`--person all`: people crossing before four cameras: swapped or not, and each tracked as well as alone.",
+        "no one swapped, 1.1 times alone",
         (NOTHING,),
     ),
     Measure(
         "benchmarks.accuracy.everybody_filmed",
-        "How well the detector sees two rendered people who cross before four cameras, together and alone.",
-        "nobody swapped, 1.1 times alone",
+        "How well the detector sees two rendered people crossing before four cameras, together and alone.",
+        "no one swapped, 1.1 times alone",
         (DETECTOR,),
     ),
     # points
@@ -397,7 +397,7 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.papers_loose_limbed.limb_detectors",
-        "Recall and precision of part detectors that know no pose, on rendered people, rooms and clips not trained on.",
+        "Recall and precision of part detectors without a pose, on rendered people, rooms and clips not trained on.",
         "",
         (MOCAP, MOCAP_MORE),
     ),
@@ -465,7 +465,7 @@ MEASURES = (
     # robustness
     Measure(
         "benchmarks.robustness.structure",
-        "Modules and lines, the files that an observation crosses within a frame, and those that know an option.",
+        "Modules and lines, the files that an observation crosses within a frame, and those that mention an option.",
         "at most 8 files for an observation, 4 for an option",
         (NOTHING,),
     ),
@@ -498,8 +498,8 @@ MEASURES = (
     ),
     Measure(
         "benchmarks.robustness.worlds",
-        "Captured motions by three cameras in worlds turned anyhow: upright exports, or a line that asks; strides.",
-        "upright within 2 degrees or asked; strides within 2 %",
+        "Captured motions by three cameras in arbitrarily turned worlds: upright exports, or a question; strides.",
+        "upright within 2 degrees or a question; strides within 2 %",
         (MOCAP,),
     ),
     Measure(
@@ -525,7 +525,7 @@ MEASURES = (
     Measure(
         "benchmarks.robustness.urdfs",
         "Every installed URDF, loaded and posed, beside forward kinematics by numpy: the worst link, or the refusal.",
-        "all links within 1e-9 m; one line for what is refused",
+        "all links within 1e-9 m; one line for a refused file",
         (NOTHING,),
     ),
     Measure(

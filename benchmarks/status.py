@@ -29,21 +29,21 @@ class Line:
     command: str
 
     def cells(self) -> tuple[str, ...]:
-        """By `COLUMNS`. What is no command is plain text."""
+        """Cells by `COLUMNS`. Text that is not a command is plain."""
         runs = self.command.split()[0] in ("python", "pytest", "kinemode", "make")
         return self.what, self.target, self.figure, f"`{self.command}`" if runs else self.command
 
 
 @dataclass(frozen=True)
 class System:
-    """What is measured together."""
+    """A group of measures."""
 
     name: str
     lines: tuple[Line, ...]
 
     @property
     def anchor(self) -> str:
-        """Of its heading, as GitHub names it."""
+        """The anchor of its heading, as GitHub names it."""
         return self.name.lower().replace(" ", "-")
 
 
@@ -52,7 +52,7 @@ def load(path: Path = FIGURES) -> list[System]:
 
     Raises
     ------
-    InputError: the file is no such TOML, or a line has no figure or names no measure and no command.
+    InputError: the file is not such a TOML file, or a line has no figure or names no measure and no command.
     """
     content = read_toml(path, remedy="see benchmarks/figures.toml")
     return [

@@ -18,9 +18,9 @@ html_title = "kinemode"
 html_show_sphinx = False
 html_copy_source = False
 exclude_patterns = ["site"]
-smartquotes = False  # they would make a dash of the two before an option
+smartquotes = False  # they would turn the two hyphens of an option into a dash
 myst_enable_extensions = ["colon_fence"]
-myst_heading_anchors = 4  # links into pages go by GitHub's anchors, so that they work there too
+myst_heading_anchors = 4  # links into pages use GitHub's anchors, so that they work there too
 
 REFERENCE = {f"reference/{name}": write for name, write in generate.PAGES.items()}
 

@@ -277,7 +277,7 @@ def _signature(value: Any, name: str) -> str:
 
 
 def _attributes(kind: type) -> str:
-    """The public methods and properties of a class, each with the first paragraph that is said of it."""
+    """The public methods and properties of a class, each with the first paragraph of its docstring."""
     rows = []
     for name, value in inspect.getmembers(kind):
         described = inspect.getdoc(value)

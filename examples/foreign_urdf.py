@@ -48,7 +48,7 @@ flag = {link = "lower", xyz = [0.1, 0.1, 0.2]}
 
 
 def looking(name: str, eye: tuple[float, float, float]) -> km.Camera:
-    """A level camera that looks at the arm."""
+    """A level camera facing the arm."""
     forward = np.array([0.0, 0.0, 0.5]) - eye
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])

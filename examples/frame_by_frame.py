@@ -1,7 +1,7 @@
 """A person tracked frame by frame, as a program that has keypoints one at a time would.
 
-The person is fitted to the first second, all at once; from then on every frame is told as it comes, and once more four
-frames later, smoothed with those that came since.
+The person is fitted to the first second, all at once; from then on every frame is reported as it comes, and once more
+four frames later, smoothed with those that came since.
 """
 
 from __future__ import annotations

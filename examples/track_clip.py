@@ -1,4 +1,4 @@
-"""Track a clip from keypoints and look at the result.
+"""Track a clip from keypoints and view the result.
 
     python examples/track_clip.py walk.mp4 walk.json [calibration.json]
 
@@ -24,7 +24,7 @@ def main(clip: str, keypoints: str, cameras: str | None = None) -> None:
     knee = run.body.q_names.index("left_knee_flexion")
     print(f"{len(run)} frames, up to {run.hypothesis_count} hypotheses each")
     for t in range(0, len(run), max(1, len(run) // 10)):
-        # one number per hypothesis: where they differ, the picture alone does not tell
+        # one number per hypothesis: where they differ, the picture alone does not decide
         others = np.degrees(run.mode_q[t, :, knee])
         print(f"{run.time[t]:6.2f} s  left knee {np.degrees(run.q[t, knee]):6.1f} deg  of {np.round(others, 1)}")
     print(km.view(run, html=f"{name}.html"))

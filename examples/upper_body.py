@@ -9,13 +9,14 @@ How to film a clip of one's own:
 - The camera stands still, about 2 m away at the height of the chest; the person faces it, from the hips up in the
   picture, and may bend, turn and move both arms.
 - Long sleeves and a shirt to the neck, in no colour like skin; nothing else in the picture in the colour of skin, such
-  as wood or cardboard. Over a fifth of the picture in that colour is refused; less is taken for hands where it moves.
+  as wood or cardboard. Over a fifth of the picture in that colour is refused; smaller areas count as hands where they
+  move.
 - Even light. A picture of the scene before the person comes in, from the same place, as EMPTY.
 - In the first frame the hands are apart from each other and from the face. Click the joints there:
 
       kinemode annotate clip.mp4 --subject upper13 --out clicks.json
 
-What is learned from that frame is the colour of skin; from then on nothing but the pictures is looked at. Writes
+What is learned from that frame is the colour of skin; from then on only the pictures are used. Writes
 NAME.run, NAME-samples.png, 40 poses of the posterior from the camera and from the side, and NAME-overlay.mp4.
 """
 
@@ -36,7 +37,7 @@ def rendered(folder: Path) -> tuple[Path, Path, Path]:
 
 
 def main(*given: str) -> None:
-    """Track, say what is believed of the hands, draw."""
+    """Track, print the beliefs about the hands, draw."""
     folder = Path(tempfile.mkdtemp())
     video, clicks, empty = (Path(path) for path in given) if given else rendered(folder)
     name = f"{video.stem}-upper"

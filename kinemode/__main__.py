@@ -67,7 +67,7 @@ def _several_faults() -> type[Exception]:
 
 
 def _users_problem(error: Exception) -> str | None:
-    """What the user can do something about; None where the fault is ours."""
+    """The message of an error that the user can fix; None for an internal one."""
     from cyclopts import CycloptsError
 
     from humanoid.support.errors import InputError, shortened
@@ -90,7 +90,7 @@ def _no_room(error: Exception) -> bool:
 
 
 def _drop_output() -> None:
-    """What is still to be written would fail again when the process ends."""
+    """Drop pending output, which would fail again when the process ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -102,7 +102,7 @@ def _how_to_go_on(arguments: list[str], stop: BaseException) -> str:
     if not isinstance(stop, RunInterrupted):
         return str(stop) if isinstance(stop, KeyboardInterrupt) and str(stop) else "interrupted"
     kept = "what was tracked is kept" if stop.frames else "no frame was tracked yet"
-    return f"interrupted; {kept}, go on with: {command(*_resuming(arguments))}"
+    return f"interrupted; {kept}, resume with: {command(*_resuming(arguments))}"
 
 
 def _resuming(arguments: list[str]) -> list[str]:

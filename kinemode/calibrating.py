@@ -27,7 +27,7 @@ def calibrated(
     picture: Path | None,
     progress: Reporter,
 ) -> BoardCalibration:
-    """Calibrate, and write what was asked for; board: what `Board` takes."""
+    """Calibrate, and write the requested files; board: arguments of `Board`."""
     shots = [Shots(name, paths) for name, paths in sources.items()]
     try:
         with progress("corners") as report:
@@ -48,7 +48,7 @@ def calibrated(
 def calibrated_by_person(
     subject: Subject, files: FileOptions, out: Path | None, picture: Path | None
 ) -> PersonCalibration:  # fmt: skip
-    """Find cameras from the person in files, and write what was asked for."""
+    """Find cameras from the person in files, and write the requested files."""
     calibration = calibration_by_person(Body(subject), files)
     if out is not None:
         write_cameras(out, calibration.cameras.values())

@@ -1,4 +1,4 @@
-"""How the options of a request fit together, checked before anything runs and before the libraries are loaded that do
+"""Checks of a request's options together, before anything runs and before the libraries are loaded that do
 the work. `kinemode.track` stops at the first fault, `kinemode.batch` lists those of all checks."""
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _files(request: Any) -> None:
 
 
 def is_word(declared: Option, value: str | Path) -> bool:
-    """Whether a value of an option that names a file is a word in place of one: cameras that are found, or a set of
+    """Whether a value of an option that names a file is a keyword in place of one: cameras that are found, or a set of
     markers by its name."""
     if declared.name == MARKERS:
         return Path(value).suffix != ".toml"
@@ -155,7 +155,7 @@ def _person(request: Any) -> None:
     if not isinstance(request, KeypointOptions) or request.person == AUTO:
         return
     if isinstance(request, PointOptions) and isinstance(request, MethodOptions) and wants_all(request.person):
-        return  # `track` alone follows everybody
+        return  # `track` alone follows all people
     from kinemode.inputs.declared import persons_of  # it imports numpy, which a missing file does not wait for
 
     persons_of(request.person, [camera for camera, _ in named_pairs(request.person) if camera])
@@ -170,4 +170,4 @@ CHECKS: Mapping[str, Callable[[Any], None]] = {
     "files": _files,
     "person": _person,
 }
-"""What is checked of a request, in this order."""
+"""The checks of a request, in this order."""

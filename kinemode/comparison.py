@@ -96,7 +96,7 @@ def _unknown(value: object) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """JSON values; what is not finite becomes null."""
+    """JSON values; non-finite numbers become null."""
     if isinstance(value, dict):
         return {name: _plain(v) for name, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Several trackers on one clip, in the order they were asked for.
+    """Several trackers on one clip, in the requested order.
 
     scores, courses, runs: of each tracker. table, figures, plot: the files written, CSV, JSON and PNG.
     """
@@ -120,7 +120,7 @@ class Comparison:
 
 
 def compare_trackers(loaded: Subject, files: FileOptions, request: CompareRequest) -> Comparison:
-    """What `kinemode.compare` does once its arguments are checked; files: what is read, in place of what the request
+    """The work of `kinemode.compare` after its arguments are checked; files: read in place of those that the request
     has."""
     names, out = tracker_names(request.trackers), Path(request.out)
     wanted, known = shared(request, TrackRequest), jobs.Known()
@@ -175,7 +175,7 @@ def compare_trackers(loaded: Subject, files: FileOptions, request: CompareReques
 
 
 def tracker_names(given: str | Iterable[str]) -> tuple[str, ...]:
-    """The trackers that are asked for, each once, in their order; raises InputError where there are none."""
+    """The requested trackers, each once, in their order; raises InputError where there are none."""
     listed = given.split(",") if isinstance(given, str) else [part for text in given for part in text.split(",")]
     names = tuple(dict.fromkeys(name.strip() for name in listed if name.strip()))
     if not names:
@@ -187,7 +187,7 @@ COLUMNS = ("frames/s", "hard", "unobserved", "energy", "residual [px]")
 ERRORS = ("MPJPE", "PA-MPJPE", "best of K", "final MPJPE", "lost", "first lost")
 LEGEND = (
     "All but best of K and final MPJPE: the best hypothesis of each frame as it was tracked.\n"
-    "energy: mean of its pose by the cost of css, whichever the tracker, without the past. residual: mean distance"
+    "energy: mean of its pose by the cost of css for every tracker, without the past. residual: mean distance"
     " from the keypoints."
 )
 LEGEND_OF_ERRORS = (
@@ -199,7 +199,7 @@ LEGEND_OF_ERRORS = (
 
 
 def print_comparison(compared: Comparison) -> None:
-    """One row a tracker: how fast, how sure, how far from keypoints and reference; and where the files are."""
+    """One row per tracker: speed, certainty, distance from keypoints and reference; and its files."""
     known = any(np.isfinite(s.mpjpe) for s in compared.scores)
     title = f"{compared.scores[0].frames} frames" + (", errors [mm]" if known else "")
     made = table(title, "tracker", *COLUMNS, *(ERRORS if known else ()))

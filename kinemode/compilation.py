@@ -37,7 +37,7 @@ def compile_with(progress: Reporter, body: Body) -> None:
     """Compile the search of a body where that was never done on this machine, with a notice.
 
     What is compiled in the other process is read from the cache that both share. Whatever keeps that from its work, all
-    is compiled all the same.
+    is compiled nevertheless.
     """
     if is_search_compiled(body):
         return
@@ -118,7 +118,7 @@ def _mark() -> Path | None:
 
 
 def made_kernels() -> None:
-    """Track somebody who stands, from keypoints: fit, frames and smoothing leave what they have compiled in the cache,
+    """Track a standing person from keypoints: fit, frames and smoothing leave what they have compiled in the cache,
     from where other processes on this machine take it. Nothing is done where these sources were compiled before."""
     mark = _mark()
     if mark is None or mark.exists():
@@ -129,7 +129,7 @@ def made_kernels() -> None:
 
 
 def track_stand() -> None:
-    """Track somebody who stands, for a few frames."""
+    """Track a standing person for a few frames."""
     import kinemode as km  # which imports this module
 
     body = Body(load_subject(_SUBJECT))

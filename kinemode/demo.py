@@ -48,7 +48,7 @@ def make_clip(
     times = np.arange(round(FPS * MOTION_SECONDS) if frames is None else frames) / FPS
     q = authored_motion(body, times)
     scene = np.random.default_rng((seed, 1))
-    # the sensors' noise goes on where the scene's random numbers end: the clip stays the one of earlier versions
+    # the sensors' noise continues where the scene's random numbers end, so the clip is that of earlier versions
     draws = RandomSources(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
     shot = FilmedMotion(body, q, times, FPS, cameras, SceneSettings())
     return write_shot(folder, shot, draws, DetectorSettings(), wanted=WantedFiles(videos), progress=progress)
@@ -95,8 +95,8 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
 
 
 def shown(out: str | Path, seed: int = 0, *, occlusion: bool = False, index: str | Path | None = None) -> None:
-    """What `kinemode demo` does: `run_demo`, or that of a person whom a screen hides, by an index of examples where one
-    is given. Raises InputError for an index that is not used, and as these do."""
+    """The work of `kinemode demo`: `run_demo`, or that of a person whom a screen hides, by an index of examples where
+    one is given. Raises InputError for an index that is not used, and as these do."""
     if occlusion:
         from kinemode.demo_occlusion import run_occlusion_demo  # it has the body from here
 

@@ -1,4 +1,4 @@
-"""The demonstration of recovery: a person whom a screen hides for a while is found again without a past (ELMO)."""
+"""The demonstration of recovery: a person hidden by a screen for a while is found again without a past (ELMO)."""
 
 from __future__ import annotations
 

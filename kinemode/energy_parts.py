@@ -22,7 +22,7 @@ from humanoid.kinematics.body import PosedBody
 class EnergyPart:
     """One part of the energy.
 
-    name, camera: what it is of, the camera empty where it is of none. energy: its share of the sum. count: keypoints
+    name, camera: its label, the camera empty where it has none. energy: its share of the sum. count: keypoints
     or features assigned, None for what has none. distance: their mean distance in standard deviations, NaN for none.
     """
 
@@ -38,7 +38,7 @@ class Case(NamedTuple):
 
     before: where the body was, from where flow is followed; None where there is no past, or it is not known.
     has_transition: whether the change since then is. dt [s]: since then. predicted: where its velocity would carry the
-    parent, which the flow is looked for from. assigned: where the pictures' features are assigned.
+    parent, from which the flow is searched. assigned: where the pictures' features are assigned.
     """
 
     search: ModeSearch
@@ -82,7 +82,7 @@ def _keypoints(case: Case, c: int, name: str) -> EnergyPart:
 
 
 def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[EnergyPart]:
-    """What one camera's picture costs, as `CameraLikelihood` adds it up, cue by cue."""
+    """The energy of one camera's picture as summed by `CameraLikelihood`, cue by cue."""
     name, prediction = likelihood.cues.camera.name, likelihood.predictor.predict(case.assigned)
     for match in likelihood.contours(prediction):
         part = EnergyPart(match.label, name, 0.0, 0)

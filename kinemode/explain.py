@@ -1,4 +1,4 @@
-"""What the energy of a hypothesis is made of, term by term and camera by camera."""
+"""The parts of a hypothesis' energy, term by term and camera by camera."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:
-    """A hypothesis with what it paid for, as the run has it; without a past where the run does not have it."""
+    """A hypothesis with its penalised past from the run; without a past where the run has none."""
     result, body = run.result(observation.index), search.body
     before = run.result(observation.index - 1) if observation.index else None
     origin = _origin(result, k)
@@ -212,11 +212,11 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
         return
     if case.observation.index:
         yield (
-            "the run does not store what its hypotheses paid for, so the change since the frame before and the flow"
+            "the run does not store its hypotheses' previous poses, so the change since the frame before and the flow"
             f" from there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
         )
     if case.likelihood.cameras:
-        yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"
+        yield "the pictures' features are assigned again at the pose; the search assigned them a little before it ended"
 
 
 def _view(run: Run, case: Case, c: int) -> CueView:

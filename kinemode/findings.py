@@ -1,4 +1,4 @@
-"""What is found in a run: its frames' statuses with what they mean, and what contradicts its subject or input."""
+"""Findings of a run: its frames' statuses with their meaning, and contradictions with its subject or input."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _HELD = 0.5  # probability of sitting from which a person is held
 
 
 def findings(run: Run) -> tuple[str, ...]:
-    """What in a run contradicts its subject or its input, and what to do, a sentence each: as it was stored when it was
+    """Contradictions between a run and its subject or input, with remedies, a sentence each: as stored when it was
     finished; diagnosed where it is not, or was made before that was stored."""
     return diagnosed(run).sentences if run.header.findings is None else run.header.findings
 
 
 def diagnosed(run: Run, frame: int | None = None) -> Diagnosis:
-    """What contradicts subject or input; of one frame, or of the run."""
+    """Contradictions with subject or input, of one frame or of the run."""
     settings = run_settings(run)
     limited = TRACKERS[run.header.tracker].keeps_limits(settings.own)
     return diagnose(run, settings.cost, frame, limited=limited)
@@ -56,7 +56,7 @@ def diagnosed(run: Run, frame: int | None = None) -> Diagnosis:
 def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_world: bool = True) -> str:
     """Warning about a person who does not stand along z, empty where one does, or that is unknown.
 
-    Exports, gait and previews take z for up; angles do not depend on it. R_upright_points (3, 3): how the axes of files
+    Exports, gait and previews use z as up; angles do not depend on it. R_upright_points (3, 3): how the axes of files
     of points were turned, None for the run's own world, or that of its cameras. has_world: whether --up can be given.
     """
     names = run.body.landmark_names
@@ -69,11 +69,11 @@ def upright_note(run: Run, R_upright_points: np.ndarray | None = None, *, has_wo
     here = nearest_axis(mean)
     stands = f"the person does not stand along z, but about along {here}: trc, mot, c3d and osim, gait and the preview"
     if not has_world:
-        return f"{stands} take z for up. If the film lies on its side, turn it, or give a camera file with the axis"
+        return f"{stands} use z as up. If the film lies on its side, turn it, or give a camera file with the axis"
     R_upright_file = run.header.R_upright_given if R_upright_points is None else R_upright_points
     there = here if R_upright_file is None else nearest_axis(R_upright_file.T @ mean)
     whose = "the cameras' world" if R_upright_points is None else "the file"
-    return f"{stands} take z for up. If {there} points up in {whose}, track with --up {there}"
+    return f"{stands} use z as up. If {there} points up in {whose}, track with --up {there}"
 
 
 def reading_note(run: Run) -> str:
@@ -138,18 +138,18 @@ def far_note(rows: Sequence[int]) -> str:
 
 
 def status_counts(statuses: Iterable[str]) -> str:
-    """How many frames there are of each status, as "98 tracked, 2 hard"."""
+    """The number of frames of each status, as "98 tracked, 2 hard"."""
     return ", ".join(f"{count} {status}" for status, count in Counter(statuses).most_common())
 
 
 def status_meanings(statuses: Iterable[str]) -> list[str]:
-    """One line for each status among these that needs a word."""
+    """One line for each of these statuses that needs explanation."""
     given = set(statuses)
     return [f"{name}: {meaning}" for name, meaning in STATUS_MEANINGS.items() if name in given and name != TRACKED]
 
 
 def status_lines(statuses: Sequence[str]) -> list[str]:
-    """The same of all frames of a run, with the numbers of the first frames concerned."""
+    """The same for all frames of a run, with the numbers of the first frames concerned."""
     lines = []
     for name in STATUS_MEANINGS:
         frames = [str(t) for t, status in enumerate(statuses) if status == name]
@@ -185,8 +185,8 @@ def _resting(run: Run) -> Iterator[Observation]:
 def run_findings(
     run: Run, cause: Callable[[], str] = lambda: "", **of_world: Any
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """What in a run whose frames are all there contradicts its subject or its input, and the rows of the frames that it
-    speaks against. cause: asked for the likely one where keypoints and landmarks do not belong together. of_world: see
+    """Contradictions between a complete run and its subject or input, and the rows of the frames that each
+    speaks against. cause: called for the likely one where keypoints and landmarks do not belong together. of_world: see
     `upright_note`."""
     leapt, limbs = leap_note(leaps(run.body, run.streamed())), limb_leaps(run.body, run.landmarks, run.time)
     own = [leapt, limb_note(limbs), bound_note(run.subject), upright_note(run, **of_world)]

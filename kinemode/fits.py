@@ -30,7 +30,7 @@ from kinemode.request import FileOptions, FitRequest
 
 
 def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit:
-    """What `kinemode.fit` does once its arguments are checked; files: what is read, in place of what the request
+    """The work of `kinemode.fit` after its arguments are checked; files: read in place of those that the request
     has."""
     choice = cue_choice(request.cues)
     if not loaded.proportions:
@@ -66,7 +66,7 @@ def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
 
 
 def fit_to_points(loaded: Subject, request: FitRequest) -> Fit:
-    """What `kinemode.fit` does with points once its arguments are known to be of the right kinds."""
+    """The work of `kinemode.fit` with points after its arguments are checked."""
     with threadpool_limits(limits=1):
         marked, inputs = load_point_inputs(loaded, request)
         check_markers(inputs)

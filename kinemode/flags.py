@@ -25,7 +25,7 @@ def _no_option(_: object, value: str | None) -> None:
 
 
 UpOption = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_no_option)]
-"""An axis, which may begin with a minus."""
+"""An axis, which may start with a minus."""
 Flag = Annotated[bool, Parameter(negative="")]
 
 TYPES: Mapping[str, Any] = {

@@ -32,8 +32,8 @@ _SECONDS_EACH = 0.008  # of one core, for an example
 def write_index(
     subject: Subject, recipe: IndexRecipe, out: Path, *, workers: int, overwrite: bool, progress: Reporter
 ) -> Path:
-    """Train an index into a file; what is done is kept in a folder beside it until it is whole, so that the same call
-    goes on after an interruption. Raises InputError where the file is there, or cannot be written."""
+    """Train an index into a file; finished parts are kept in a folder next to it until it is complete, so that the same
+    call resumes after an interruption. Raises InputError where the file exists, or cannot be written."""
     check_folder(out)
     check_absent([out], False, overwrite, "--overwrite replaces it")
     parts = out.with_name(f"{out.name}.parts")
@@ -65,7 +65,7 @@ def uses_index(chosen: Chosen) -> bool:
 
 def index_unused(chosen: Chosen) -> InputError:
     """The error of an index that is given to a tracker that makes no use of it."""
-    remedy = "leave it out, begin by it (--start index), or --tracker elmo"
+    remedy = "leave it out, start with it (--start index), or --tracker elmo"
     return InputError("index", f"{chosen.tracker} looks nothing up in it", remedy=remedy)
 
 

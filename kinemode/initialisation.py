@@ -1,4 +1,4 @@
-"""Whether a tracker can begin on what there is, and do what it is asked for: checked before an hour of work, not
+"""Whether a tracker can start from the input, and do what is requested: checked before an hour of work, not
 after."""
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def check_keypoints(subject: Subject, observations: Sequence[Observation]) -> No
 def check_beginning(
     tracker: TrackerProtocol[Any], name: str, subject: Subject, observations: Sequence[Observation], pictures: bool
 ) -> None:
-    """Raise InputError where a tracker, of some name, can begin in no frame.
+    """Raise InputError where a tracker, of some name, cannot start in any frame.
 
-    observations: without cues. pictures: whether they are used: what they show is not known yet, so a tracker that
+    observations: without cues. pictures: whether they are used: their content is not known yet, so a tracker that
     needs no keypoints may still wait for them in vain.
     """
     if any(tracker.can_start(o) for o in observations):
@@ -36,15 +36,15 @@ def check_beginning(
     if tracker.needs_keypoints:
         raise _too_few(subject)
     if not pictures:
-        problem = f"{name} can begin in no frame by what there is of keypoints"
+        problem = f"{name} cannot start in any frame from the given keypoints"
         raise InputError("cues", problem, remedy="give the clips and use their pictures (--cues)")
 
 
 def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
-    """Raise InputError where a tracker is to begin by an index and does not."""
+    """Raise InputError where a tracker that cannot start by an index should."""
     begins = capabilities_of(tracker).needed_cues and not tracker.needs_keypoints
     if chosen.settings.search.start == BY_INDEX and not begins:
-        raise InputError("start", f"{chosen.tracker} does not begin by an index", remedy="leave it out")
+        raise InputError("start", f"{chosen.tracker} does not start by an index", remedy="leave it out")
 
 
 def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -> None:
@@ -56,7 +56,7 @@ def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -
 
 
 def _how_to_give(cue: Cue) -> str:
-    """What a cue needs of the input."""
+    """The input that a cue needs."""
     if cue.needs_depth:
         return f"a pair of cameras (--stereo) or depth pictures (--depth), and --cues {cue.name}"
     if cue.uses_masks:
@@ -65,7 +65,7 @@ def _how_to_give(cue: Cue) -> str:
 
 
 def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
-    """Raise InputError where hypotheses without energy are to be smoothed; where nobody asked it is left out."""
+    """Raise InputError where hypotheses without energy are to be smoothed; if not requested it is left out."""
     asked = chosen.settings.smooth.enabled and "smooth" in chosen.changes
     if asked and capabilities_of(tracker).energy is None:
         problem = f"the hypotheses of {chosen.tracker} have no energy that could be smoothed"
@@ -73,8 +73,8 @@ def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
 
 
 def note_on_beginning(name: str, results: Iterable[FrameResult]) -> list[str]:
-    """Notes where a tracker, of some name, found nothing to begin with in any frame."""
-    told = f"{name} could begin in no frame: give more cues (--cues) or keypoints"
+    """Notes where a tracker, of some name, found no start in any frame."""
+    told = f"{name} could not start in any frame: give more cues (--cues) or keypoints"
     notes = list[str]()
     for result in results:
         if len(result.q):
@@ -87,7 +87,7 @@ def notes_on_fit(observations: Sequence[Observation]) -> list[str]:
     """Warning where a subject was to be fitted to the person and there is nothing to fit it to."""
     if any(o.has_enough_points for o in observations):
         return []
-    return [f"no frame has {MIN_POINTS} keypoints: the subject is not fitted to the person, but taken as it is"]
+    return [f"no frame has {MIN_POINTS} keypoints: the subject is not fitted to the person, but used unchanged"]
 
 
 def _too_few(subject: Subject) -> InputError:

@@ -65,8 +65,8 @@ _CAPPED, _MUCH_BETTER = 10.0, 0.5  # standard deviations that count at most; sha
 
 
 class Known(NamedTuple):
-    """What is known before a subject is tracked that is not fitted anew. estimates: of poses, by index of the frame.
-    noise: what the fit has measured of each camera's keypoints (`Fit.noise`)."""
+    """Prior knowledge for tracking with a subject that is not fitted again. estimates: of poses, by index of the
+    frame. noise: measured by the fit for each camera's keypoints (`Fit.noise`)."""
 
     estimates: Mapping[int, PoseEstimate] = MappingProxyType({})
     noise: tuple[float, ...] = ()
@@ -76,7 +76,7 @@ UNKNOWN = Known()
 
 
 def track_subject(loaded: Subject, files: FileOptions, request: TrackRequest, known: Known = UNKNOWN) -> Run:
-    """What `kinemode.track` does for one person once its arguments are checked; files: what is read, in place of what
+    """The work of `kinemode.track` for one person after its arguments are checked; files: read in place of what
     the request has."""
     path, _kept = run_path(request.out)  # gone with this function unless the run keeps it
     choice = cue_choice(request.cues)
@@ -95,7 +95,7 @@ def track_subject(loaded: Subject, files: FileOptions, request: TrackRequest, kn
 def job_of(
     loaded: Subject, request: TrackRequest, path: Path, person: str | int | dict[str, str], known: Known = UNKNOWN
 ) -> TrackingJob:
-    """The request checked against subject and tracker, with where the run goes and whom it is of."""
+    """The request checked against subject and tracker, with the run's place and person."""
     given = choose(request.tracker or DEFAULT, request.settings, request.modes)
     chosen = beginning(given, BY_INDEX if request.begins_by_index else None)
     tracker = make_tracker(chosen.tracker, Body(loaded), chosen.settings)
@@ -147,7 +147,7 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
 
 class _Fitted(NamedTuple):
     """The subject with the person's proportions and flesh, where they are to be fitted. first: what is known of the
-    pose that the track begins with, by frame. noise: factors on each camera's, none where it was not measured."""
+    pose with which the track starts, by frame. noise: factors on each camera's, none where it was not measured."""
 
     subject: Subject
     first: Mapping[int, PoseEstimate]
@@ -177,7 +177,7 @@ def _fitted(job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | Non
             height=job.request.height,
             floor=inputs.floor,
         )
-    first = dict(sorted(fit.estimates.items())[:1])  # the first frame that it can begin with
+    first = dict(sorted(fit.estimates.items())[:1])  # the first frame with which it can start
     return _Fitted(fit.subject, first, fit.notes, fit.noise)
 
 
@@ -195,7 +195,7 @@ def _height_of(job: TrackingJob) -> dict[str, float]:
 
 
 def frames_at_first(target: RunTarget) -> int | None:
-    """How many frames the run to go on with has; None where there is none."""
+    """The number of frames of the run to resume; None without one."""
     with suppress(InputError):  # a damaged one is refused elsewhere
         return len(Run.open(target.path)) if target.resumed else None
     return None
@@ -203,7 +203,7 @@ def frames_at_first(target: RunTarget) -> int | None:
 
 @dataclass(frozen=True)
 class TrackingJob:
-    """A request with what was chosen by it. chosen: the tracker. settings: its own, with the cues that are used.
+    """A request with the resulting choices. chosen: the tracker. settings: its own, with the cues that are used.
     person: whom the run is of. name: of one of several people, "" for the only one."""
 
     request: TrackRequest
@@ -215,7 +215,7 @@ class TrackingJob:
     name: str = ""
 
     def of_person(self, note: str) -> str:
-        """A note, with whom it is of where several people are tracked."""
+        """A note, with the person where several are tracked."""
         return f"{self.name}: {note}" if self.name else note
 
     @property
@@ -316,7 +316,7 @@ def _check_fit_choice(fit: str, subject: Subject) -> None:
 
 
 def track_points(loaded: Subject, request: TrackRequest) -> Run:
-    """What `kinemode.track` does with points once its arguments are known to be of the right kinds."""
+    """The work of `kinemode.track` with points after its arguments are checked."""
     path, _kept = run_path(request.out)  # gone with this function unless the run keeps it
     job = job_of(loaded, replace(request, tracker=request.tracker or NAME), path, AUTO)
     job.target.check()
@@ -340,9 +340,9 @@ def check_markers(inputs: Inputs) -> None:
 
 
 def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) -> dict[str, Run]:
-    """A run for each person, by name: "person1", ..., those who are large in the pictures for long first.
+    """A run for each person, by name: "person1", ..., those large in the pictures for long first.
 
-    Who cannot be tracked is left out, with a warning. Raises InputError where that is everybody.
+    People who cannot be tracked are left out, with a warning. Raises InputError where no one can.
     """
     out, _kept = run_path(request.out)  # gone with this function unless a run keeps it
     choice = cue_choice(request.cues)
@@ -384,7 +384,7 @@ def _jobs(first: TrackingJob, everybody: Sequence[Inputs]) -> dict[str, Tracking
 def likely_layout(subject: Subject, inputs: Inputs) -> str:
     """The layout by which the keypoints fit much better than as they were read, as a sentence; empty where none does.
 
-    Poses of a few frames are searched anew for each layout of as many points, without the frames between them.
+    Poses of a few frames are searched again for each layout of as many points, without the frames between them.
     """
     if not inputs.other_layouts:
         return ""

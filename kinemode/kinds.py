@@ -22,7 +22,7 @@ class KeypointSource(Protocol):
 
     def __call__(self, picture: np.ndarray, time: float, /) -> np.ndarray | None:
         """Keypoints (K, 3), x, y [px] and confidence, in a picture (H, W, 3) uint8 BGR taken at a time [s]; None where
-        nobody is seen."""
+        no person is seen."""
         ...
 
 
@@ -65,7 +65,7 @@ def can_be_opened(value: Any) -> bool:
 
 
 def are_paths(value: Any) -> bool:
-    """What `kinemode.named.named_paths` takes; a generator is left to it, since it can be read only once."""
+    """An input of `kinemode.named.named_paths`; a generator is left to it, since it can be read only once."""
     if value is None or is_path(value) or hasattr(value, "__next__"):
         return True
     if isinstance(value, Mapping):
@@ -74,21 +74,21 @@ def are_paths(value: Any) -> bool:
 
 
 def are_clips(value: Any) -> bool:
-    """What `kinemode.inputs.arrays.Spool` takes."""
+    """An input of `kinemode.inputs.arrays.Spool`."""
     if isinstance(value, Mapping):
         return all(is_path(v) or are_pictures(v) or hasattr(v, "__next__") for v in value.values())
     return are_paths(value) or are_pictures(value)
 
 
 def are_keypoints(value: Any) -> bool:
-    """What `kinemode.inputs.arrays.Spool` takes."""
+    """An input of `kinemode.inputs.arrays.Spool`."""
     if isinstance(value, Mapping):
         return all(is_path(v) or is_array(v) for v in value.values())
     return are_paths(value) or is_array(value)
 
 
 def are_pairs(value: Any) -> bool:
-    """What `kinemode.inputs.load.pairs_of` takes."""
+    """An input of `kinemode.inputs.load.pairs_of`."""
     named = isinstance(value, Mapping) and all(map(is_text, (*value, *value.values())))
     return value is None or named or are_texts(value)
 
@@ -104,7 +104,7 @@ def is_text(value: Any) -> bool:
 
 
 def are_texts(value: Any) -> bool:
-    """Whether a value is a text or several; a generator is left to who reads it."""
+    """Whether a value is a text or several; a generator is left to its reader."""
     return is_text(value) or hasattr(value, "__next__") or are_several(value, is_text)
 
 
@@ -124,7 +124,7 @@ def is_person(value: Any) -> bool:
 
 
 def are_persons(value: Any) -> bool:
-    """What `kinemode.inputs.declared.persons_of` takes."""
+    """An input of `kinemode.inputs.declared.persons_of`."""
     named = isinstance(value, Mapping) and all(map(is_person, value.values()))
     return is_person(value) or named or are_several(value, is_text)
 

@@ -40,7 +40,7 @@ _REPLACES = "Replace the file if it is there."
 
 @dataclass(frozen=True, kw_only=True)
 class RenderRequest(ProgressOptions):
-    """What `kinemode.render` is asked for."""
+    """The request of `kinemode.render`."""
 
     folder: OutPath = field(
         kw_only=False,
@@ -84,7 +84,7 @@ class RenderRequest(ProgressOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class AnnotateRequest(PageOptions):
-    """What `kinemode.annotate` is asked for."""
+    """The request of `kinemode.annotate`."""
 
     clip: PathLike = field(kw_only=False, metadata=about("A video file or a folder of images."))
     frame: int = option(0, "The frame shown first; the page goes to the others.")
@@ -100,7 +100,7 @@ class AnnotateRequest(PageOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class BoardRequest(ProgressOptions):
-    """What `kinemode.calibrate` is asked for."""
+    """The request of `kinemode.calibrate`."""
 
     pictures: Named = field(
         kw_only=False,
@@ -135,7 +135,7 @@ class BoardRequest(ProgressOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class IndexRequest(ProgressOptions):
-    """What `kinemode.train_index` is asked for."""
+    """The request of `kinemode.train_index`."""
 
     subject: SubjectLike = field(
         kw_only=False,
@@ -145,13 +145,13 @@ class IndexRequest(ProgressOptions):
     examples: int = option(60_000, "How many.", low=1)
     headings: float = option(
         360.0,
-        "Range of the body's heading about facing the camera, in degrees; 120 for who never turns away.",
+        "Range of the body's heading about facing the camera, in degrees; 120 for people who never turn away.",
         low=0.0,
         high=360.0,
         unit="degrees",
     )
     legs: bool = option(False, "Legs move too, as far as their rest positions let them.")
-    elevation: float = option(8.0, "By how many degrees the camera looks down.", low=-10.0, high=60.0, unit="degrees")
+    elevation: float = option(8.0, "Downward pitch of the camera.", low=-10.0, high=60.0, unit="degrees")
     seed: int = option(0, "Seed of poses, clothes and light.", low=0)
     workers: int = option(1, "How many processes share the work; the index is the same with any number.")
     overwrite: bool = option(False, _REPLACES)
@@ -159,7 +159,7 @@ class IndexRequest(ProgressOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class TemplatesRequest(ProgressOptions):
-    """What `kinemode.train_templates` is asked for."""
+    """The request of `kinemode.train_templates`."""
 
     cameras: Rig = field(
         kw_only=False,
@@ -172,17 +172,16 @@ class TemplatesRequest(ProgressOptions):
     subject: SubjectLike = option(USUAL_SUBJECT, _WITH_FLESH, python="Or loaded.")
     limbs: LimbNames = option(
         (),
-        "Names of the limbs that are detected, with commas between; those of the other side come with them. All unless"
-        " given.",
+        "Names of the limbs to detect, with commas between; those of the other side come with them. All unless given.",
     )
-    poses: int = option(1500, "How many are painted.", low=1)
+    poses: int = option(1500, "Number of painted pictures.", low=1)
     seed: int = option(0, "Seed of poses, places, clothes and light.", low=0)
     overwrite: bool = option(False, _REPLACES)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRequest(ProgressOptions):
-    """What `kinemode.batch` is asked for."""
+    """The request of `kinemode.batch`."""
 
     manifest: Rows = field(
         kw_only=False,
@@ -196,7 +195,7 @@ class BatchRequest(ProgressOptions):
     engine: Literal["processes", "dask"] = option(
         "processes", "processes of this machine, or dask: the workers of a scheduler that runs already."
     )
-    workers: int | None = option(None, "How many processes, each with one thread; as many as processors unless given.")
+    workers: int | None = option(None, "How many processes, each with one thread; by default one per processor.")
     scheduler: str | None = option(
         None,
         "Address of Dask's scheduler, as tcp://192.168.0.5:8786.",

@@ -1,4 +1,4 @@
-"""What a user gives by name: files as [NAME=]PATH, values as [NAME=]VALUE, each for one camera or for all."""
+"""Values given by name: files as [NAME=]PATH, values as [NAME=]VALUE, each for one camera or for all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from humanoid.support.errors import InputError
 
 Value = TypeVar("Value")
 PathLike = str | Path
-_SHOWN = 60  # characters of what a user wrote that are repeated
+_SHOWN = 60  # characters of user input that messages repeat
 Named = PathLike | Iterable[PathLike] | Mapping[str, PathLike] | None
 
 
@@ -95,7 +95,7 @@ def named_values(
 ) -> dict[str, Value]:
     """A value for each camera that one is given for: from `[NAME=]VALUE` texts, a value for all, or a mapping by name.
 
-    read, needed: see `value_of`. What is given by name counts before what is given for all.
+    read, needed: see `value_of`. A value given by name overrides one given for all.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def named_values(
 
 
 def value_of(value: Any, option: str, read: Callable[[Any], Value], needed: str) -> Value:
-    """What `read` makes of a value; raises InputError, saying what is `needed`, where it cannot."""
+    """The result of `read` for a value; raises InputError with what is `needed` where it fails."""
     try:
         return read(value)
     except (TypeError, ValueError, OverflowError):
@@ -131,12 +131,12 @@ def by_name(given: Any) -> bool:
 
 
 def words_of(given: Any) -> tuple[str, ...]:
-    """The words of a command line that give the same."""
+    """The equivalent arguments of a command line."""
     return tuple(_word(value) if name is None else f"{name}={_word(value)}" for name, value in named_pairs(given))
 
 
 def _word(value: Any) -> str:
-    """A value as it is written: of a size WIDTHxHEIGHT."""
+    """A value as written: a size as WIDTHxHEIGHT."""
     return "x".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)
 
 

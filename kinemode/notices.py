@@ -4,8 +4,8 @@ from __future__ import annotations
 
 
 class InputWarning(UserWarning):
-    """Something about the input that the user should know; the work goes on."""
+    """Something about the input that the user should know; the work continues."""
 
 
 class FindingWarning(InputWarning):
-    """What in a finished run contradicts its subject or its input (see `estimator.runs.diagnosis`)."""
+    """A contradiction between a finished run and its subject or input (see `estimator.runs.diagnosis`)."""

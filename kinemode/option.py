@@ -1,6 +1,6 @@
-"""Options that are declared once, as fields of a request: what is made of a declaration for Python.
+"""Options that are declared once, as fields of a request: the Python side of a declaration.
 
-`kinemode.request` has the declarations, `kinemode.flags` what the command line makes of them.
+`kinemode.request` has the declarations, `kinemode.flags` the command-line side.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ _PATHS = frozenset({"PathLike", "MarkersLike", "Cameras", "Changes", "SubjectLik
 class Option:
     """A declared option.
 
-    type: of its values, as it is written. help: for people who use the command line or Python; python: what only Python
+    type: of its values, as annotated. help: for people who use the command line or Python; python: what only Python
     takes. low, high, unit: range of a number. files: what the files are called that it names by camera, "" where it
     names none. kept: whether a run keeps what was given. called: its name on the command line where that is another.
     """
@@ -135,23 +135,23 @@ class Option:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that it takes."""
+        """The keywords that it accepts."""
         literals = [part for part in self.parts if part.startswith("Literal[")]
         return tuple(re.findall(r"'([^']*)'", "".join(literals)))  # quoted as annotations are stored
 
     @property
     def is_read(self) -> bool:
-        """Whether a text is the path of a file to read, or a word."""
+        """Whether a text is the path of a file to read, or a keyword."""
         return self.names_a_file and not {"SubjectLike", "MotionLike"} & {*self.parts}
 
     @property
     def names_a_file(self) -> bool:
-        """Whether a text is the path of one file, or a word."""
+        """Whether a text is the path of one file, or a keyword."""
         return not _PATHS.isdisjoint(self.parts)
 
     @property
     def taken(self) -> str:
-        """What may be given, for messages."""
+        """The allowed values, for messages."""
         texts = [KINDS[part].taken for part in self.parts if part in KINDS]
         if self.choices and not texts:
             return f"one of {', '.join(self.choices)}"
@@ -167,7 +167,7 @@ class Option:
         return f"{self.low:g} or more{unit}" if self.high is None else f"{self.low:g} to {self.high:g}{unit}"
 
     def check(self, value: Any) -> None:
-        """Raise InputError for a value that is of no kind that is taken, or out of range."""
+        """Raise InputError for a value of the wrong kind or out of range."""
         if value is None and "None" in self.parts:
             return
         if isinstance(value, str) and self.choices and value not in self.choices and "str" not in self.parts:
@@ -179,7 +179,7 @@ class Option:
                 self.in_range(value)
 
     def in_range(self, value: Any) -> Any:
-        """A number, as it is; raises InputError where it is out of range."""
+        """A number, unchanged; raises InputError where it is out of range."""
         low = -MOST if self.low is None else self.low
         high = MOST if self.high is None else self.high
         if not low <= value <= high:
@@ -188,7 +188,7 @@ class Option:
         return value
 
     def words(self, value: Any) -> tuple[str, ...]:
-        """A value as words of the command line; of one that no word gives the name of the option in capitals."""
+        """A value as arguments of the command line; the option's name in capitals where it has no such form."""
         if isinstance(value, bool):
             return ()
         if self.files:
@@ -203,7 +203,7 @@ class Option:
 
     @property
     def placeholder(self) -> str:
-        """What stands in a command for a value that only a program has."""
+        """The placeholder in a command for a value that only a program has."""
         return self.name.upper()
 
     def _file_words(self, value: Any) -> Iterator[str]:
@@ -225,7 +225,7 @@ class Option:
 
 
 def _absolute(given: str | os.PathLike[str]) -> str:
-    """Where a file is; the name of no file stays as it is."""
+    """A file's path; other names are unchanged."""
     return os.path.abspath(given) if Path(given).exists() else os.fspath(given)
 
 
@@ -260,13 +260,13 @@ def _options_of(request: Any) -> Mapping[str, Option]:
 
 
 def words_given(request: Any) -> dict[str, tuple[str, ...]]:
-    """What a request asks for beside its defaults, as words of the command line by the name of the flag."""
+    """The non-default values of a request, as arguments of the command line by flag name."""
     given = {o: getattr(request, o.name) for o in options_of(type(request)).values() if o.kept}
     return {o.flag: o.words(value) for o, value in given.items() if o.is_needed or not _same(value, o.default)}
 
 
 def words_kept(request: Any) -> dict[str, tuple[str, ...]]:
-    """What a run keeps of a request: `words_given`, and the name of the file that was to be written."""
+    """The part of a request that a run stores: `words_given`, and the name of the file that was to be written."""
     return words_given(request) | ({} if request.out is None else {"out": (Path(request.out).name,)})
 
 
@@ -277,7 +277,7 @@ def _same(value: Any, default: Any) -> bool:
 
 
 def check_options(request: Any) -> None:
-    """Raise InputError for an option of a request that is of no kind that is taken, or out of range."""
+    """Raise InputError for an option of a request of the wrong kind or out of range."""
     for name, declared in options_of(type(request)).items():
         declared.check(getattr(request, name))
 

@@ -15,9 +15,9 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 
-ENOUGH = 0.5  # share of frames with keypoints from which keypoints alone are tracked unless cues are asked for
+ENOUGH = 0.5  # share of frames with keypoints from which keypoints alone are used unless cues are given
 CueChoice = tuple[str, ...] | None
-"""The cues that are asked for, none of them to go without; None where the input decides."""
+"""The requested cues, all required; None where the input decides."""
 
 
 def cue_choice(given: str | Iterable[str]) -> CueChoice:
@@ -45,7 +45,7 @@ def chosen_cues(
     Raises
     ------
     InputError: cues without clips, or that the settings switch off; masks, backgrounds or depth without a use for
-        them; depth that is asked for and not given.
+        them; depth that is requested and not given.
     """
     if choice is None:
         wanted = inputs.has_depth or keypoint_share(inputs) < ENOUGH
@@ -66,7 +66,7 @@ def chosen_cues(
             remedy = "name a pair of cameras with --stereo or a folder of depth pictures with --depth"
             raise InputError("cues", f"{name} needs depth, and none is given", remedy=remedy)
         if name not in names_of(settings):
-            raise UnusedSetting(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
+            raise UnusedSetting(f"cues.use_{name}", f"--cues requests {name}").refused(source)
     return settings.using(choice) if choice else None
 
 
@@ -81,7 +81,7 @@ def names_of(settings: CueSettings | None) -> tuple[str, ...]:
 
 
 def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> list[str]:
-    """What a user should know of the choice."""
+    """Notes on the choice."""
     usable = [o.has_enough_points for o in inputs.observations]
     count = f"keypoints in {sum(usable)} of {len(usable)} frames"
     if choice is None and chosen is not None:

@@ -39,7 +39,7 @@ _STREAM = 3  # of random numbers, beside those of the clip
 
 
 def is_authored(motion: str | Path) -> bool:
-    """Whether a motion is one of ours; a file is never called so. Raises InputError for a name that there is not."""
+    """Whether a motion is one of ours; a file never has such a name. Raises InputError for an unknown name."""
     name = str(motion)
     if name == RANDOM or (name not in MOTIONS and (Path(motion).suffix.lower() in FILES or Path(motion).exists())):
         return False
@@ -75,7 +75,7 @@ def configurations(
 
 
 def _times(fps: float, seconds: float | None, longest: float, usual: float | None = None) -> np.ndarray:
-    """Times (T,) [s] of the frames of a motion that is so long, or of the seconds of it that are asked for."""
+    """Times (T,) [s] of the frames of a motion of this length, or of the requested part."""
     if seconds is not None:
         in_range("seconds", seconds, 1.0 / fps, longest)
     return np.arange(max(1, round(fps * (seconds or usual or longest)))) / fps
@@ -97,7 +97,7 @@ _FRAMING_STEP = 0.1  # [s] between the poses that the cameras are placed by
 
 
 def render_clip(request: RenderRequest) -> RenderedClip:
-    """What `kinemode.render` does once its options are checked."""
+    """The work of `kinemode.render` after its options are checked."""
     motion, fps, seed, view = request.motion, request.fps, request.seed, request.view or ViewSettings()
     keyed = motion_named(str(motion)) if is_authored(motion) else None
     subject = _subject(request.subject, keyed, request.proportions, request.shape)
@@ -125,7 +125,7 @@ def render_clip(request: RenderRequest) -> RenderedClip:
 
 
 def _background_of(motion: str | Path) -> str:
-    """The background that a motion is rendered before unless another is asked for; raises InputError."""
+    """The background that a motion is rendered before by default; raises InputError."""
     return motion_named(str(motion)).background if is_authored(motion) else "room"
 
 

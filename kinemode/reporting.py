@@ -1,4 +1,4 @@
-"""What a report has beside the motion: what was assumed, all that repeats the run, the figures of a motion on another
+"""The parts of a report besides the motion: assumptions, all that repeats the run, the figures of a motion on another
 body.
 """
 
@@ -61,7 +61,7 @@ class MotionFigures(NamedTuple):
 
 
 def motion_figures(run: Run) -> MotionFigures:
-    """Of a run that `kinemode.retarget` made; raises InputError for another."""
+    """The figures of a run that `kinemode.retarget` made; raises InputError for another."""
     if not run.header.retargeted:
         raise InputError(run.file, "was tracked, not made from another motion", remedy="kinemode retarget makes one")
     source, contacts = source_of(run)
@@ -88,8 +88,8 @@ _SAME = 1e-9  # of a length
 
 
 _IN_HEADER = frozenset({"clips", "mask", "background", "depth", "points"})  # files that a run names by itself
-_BLANKS = "What stands in capitals was made by a program, and no file of it is known."
-_NO_REQUEST = "The run was made by an earlier version, which did not keep what was asked for."
+_BLANKS = "Words in capitals stand for values made by a program, without a known file."
+_NO_REQUEST = "The run was made by an earlier version, which did not store its request."
 
 
 def facts_of(run: Run) -> Facts:
@@ -123,7 +123,7 @@ def facts_of(run: Run) -> Facts:
 
 
 def _facts_of_motion(run: Run) -> Facts:
-    """Of a run that was made from another motion: nothing of cameras, markers and trackers, but its figures."""
+    """Content for a run made from another motion: its figures instead of cameras, markers and trackers."""
     assumed = [*run.header.notes, f"the subject is as large as {run.header.subject_source} has it"]
     return Facts(
         assumed=assumed,
@@ -164,8 +164,8 @@ def changed_settings(run: Run) -> list[tuple[str, str, str]]:
 
 
 def command_of(run: Run) -> str:
-    """The command that makes the run again, empty where the run does not know it. Its arguments come first, for an
-    option may take several words."""
+    """The command that makes the run again, empty where the run does not have it. Its arguments come first, for an
+    option may take several values."""
     request = run.header.request
     if request is None:
         return ""
@@ -180,7 +180,7 @@ def command_of(run: Run) -> str:
 
 
 def _blanks(run: Run) -> str:
-    """What the command leaves to be filled in."""
+    """The blanks of the command."""
     request = run.header.request
     if request is None:
         return _NO_REQUEST
@@ -190,7 +190,7 @@ def _blanks(run: Run) -> str:
 
 
 def _option(name: str, words: Sequence[str]) -> list[str]:
-    """An option with its words; one that begins with a minus would be taken for an option by itself."""
+    """An option with its values; one that starts with a minus would be read as an option."""
     if len(words) == 1 and words[0].startswith("-"):
         return [f"--{name}={words[0]}"]
     return [f"--{name}", *words]

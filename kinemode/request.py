@@ -1,6 +1,6 @@
 """The options of `track`, `fit`, `compare`, `live` and what goes with them: each is declared here, once.
 
-A request is what a user asks for, as it is written. From its fields come the keyword arguments of the functions of
+A request holds a user's options as written. From its fields come the keyword arguments of the functions of
 `kinemode` and what checks and documents them (`kinemode.option`), the flags of the command line (`kinemode.flags`), the
 columns of a batch's manifest (`kinemode.batches.columns`), what a run keeps of its request, the command in its report
 and the reference pages. A new option is a field here; the rest of the work is to use it.
@@ -62,7 +62,7 @@ USUAL_SUBJECT = "human34"
 
 @dataclass(frozen=True)
 class SubjectOptions:
-    """Who is tracked."""
+    """Options of the tracked person."""
 
     subject: SubjectLike = field(metadata=about("A loaded subject, a built-in name (`kinemode subjects`) or a URDF."))
 
@@ -88,7 +88,7 @@ class ClipOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorOptions:
-    """What finds the keypoints."""
+    """Options of the keypoint detector."""
 
     detector: str = option(
         "mediapipe", "What finds the keypoints: mediapipe (33 keypoints; it brings its models) or onnx (with --model)."
@@ -103,7 +103,7 @@ class DetectorOptions:
     )
     people: int = option(6, "How many people are followed at most.", low=1)
     python: PathLike | None = option(
-        None, "The Python interpreter for the detector's environment; one that has its packages is used as it is."
+        None, "The Python interpreter for the detector's environment; one that has its packages is used unchanged."
     )
 
 
@@ -134,8 +134,8 @@ class KeypointOptions:
     person: Persons = option(
         AUTO,
         "Which of several people: auto (with one camera the largest at first; with several the person they all see), an"
-        " id of the keypoint files, or CAMERA=ID for some cameras, while the others use the person who fits them. With"
-        " `track` also all: everybody, matched across cameras, each with a run of their own (OUT.person1.run, ...).",
+        " id of the keypoint files, or CAMERA=ID for some cameras, while the others use the matching person. With"
+        " `track` also all: everyone, matched across cameras, each with a run of their own (OUT.person1.run, ...).",
     )
     keypoint_size: Sizes = option(
         None,
@@ -195,7 +195,7 @@ class SyncOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class HeightOptions:
-    """How tall the person is."""
+    """Options of the person's height."""
 
     height: float | None = option(
         None,
@@ -258,7 +258,7 @@ class PartOptions:
 
     start: float | Literal["index"] | None = option(
         None,
-        "Start of the tracked part in seconds; earlier frames are left out. Or index: begin with the first frame, whose"
+        "Start of the tracked part in seconds; earlier frames are left out. Or index: start with the first frame, whose"
         " pose comes from an index of examples instead of keypoints, which takes depth.",
     )
     end: float | None = option(None, "End of the tracked part in seconds; later frames are left out.")
@@ -268,7 +268,7 @@ class PartOptions:
 class FileOptions(
     HeightOptions, DetectorOptions, LensOptions, SyncOptions, PartOptions, CameraOptions, KeypointOptions, ClipOptions
 ):
-    """What a body is tracked from, and what the files do not have."""
+    """The input of tracking, and what the files lack."""
 
     def __post_init__(self) -> None:
         for name in ("mask", "background", "depth", "stereo"):
@@ -302,25 +302,25 @@ class PointOptions:
     markers: MarkersLike = option(
         AUTO,
         "What the points are: a marker set by name (landmarks, opencap, plug-in-gait, cast), or a TOML file that"
-        " `kinemode subjects --markers` begins; auto uses the subject's own markers, or the set that knows most names.",
+        " `kinemode subjects --markers` writes; auto uses the subject's own markers, or the set with most names.",
     )
     unit: str | None = option(None, "Unit of length of the points, m, cm or mm, where the file does not give it.")
     static: Named = option(
         None,
         "Points of a trial in which the same person stands upright, all joints about straight, with the same markers:"
-        " the fit then knows where the joints' zeros are. Joints that are bent there are not used.",
+        " the fit then knows the joints' zeros. Joints that are bent there are not used.",
         files=POINTS,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputOptions(PointOptions, FileOptions):
-    """What a body is tracked from."""
+    """Options of the tracking input."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
-    """What both a fit and a track take."""
+    """Common options of fit and track."""
 
     cues: CueNames = option(
         AUTO,
@@ -332,7 +332,7 @@ class FitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(FitOptions):
-    """How poses are searched."""
+    """Options of the search of poses."""
 
     settings: Changes = option(
         None,
@@ -353,7 +353,7 @@ class SearchOptions(FitOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MethodOptions(SearchOptions):
-    """How a clip is tracked."""
+    """Options of tracking a clip."""
 
     fit: Literal["auto", "proportions", "markers", "off"] = option(
         AUTO,
@@ -365,7 +365,7 @@ class MethodOptions(SearchOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackerOptions:
-    """By what a body is tracked."""
+    """The tracker and its options."""
 
     tracker: str | None = option(None, "The tracker, see `kinemode trackers`; css by default, markers with points.")
 
@@ -386,7 +386,7 @@ class RunOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ProgressOptions:
-    """How progress is reported."""
+    """Options of progress reports."""
 
     progress: Reporter | None = option(
         None, "Opens a progress report for each stage, such as `kinemode.reported`; none by default.", kept=False
@@ -394,25 +394,25 @@ class ProgressOptions:
 
     @property
     def reporter(self) -> Reporter:
-        """What reports progress."""
+        """The progress reporter."""
         return self.progress or unreported
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequest(ProgressOptions, RunOptions, MethodOptions, TrackerOptions, InputOptions, SubjectOptions):
-    """What `kinemode.track` is asked for."""
+    """The request of `kinemode.track`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitRequest(ProgressOptions, FitOptions, InputOptions, SubjectOptions):
-    """What `kinemode.fit` is asked for."""
+    """The request of `kinemode.fit`."""
 
     out: OutPath | None = option(None, "The URDF file to write.", kept=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(ProgressOptions, RunOptions, MethodOptions, FileOptions, SubjectOptions):
-    """What `kinemode.compare` is asked for."""
+    """The request of `kinemode.compare`."""
 
     out: OutPath = field(
         metadata=about("Folder for the runs (NAME.run), compare.csv, compare.json and compare.png.", kept=False)
@@ -429,7 +429,7 @@ class CompareRequest(ProgressOptions, RunOptions, MethodOptions, FileOptions, Su
 
 @dataclass(frozen=True, kw_only=True)
 class DetectRequest(ProgressOptions, DetectorOptions, ClipOptions):
-    """What `kinemode.detect` is asked for."""
+    """The request of `kinemode.detect`."""
 
     out: OutPath = field(
         metadata=about(
@@ -453,12 +453,12 @@ class _Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class RetargetRequest(ProgressOptions, _Motion):
-    """What `kinemode.retarget` is asked for."""
+    """The request of `kinemode.retarget`."""
 
     match: PathLike | None = option(
         None,
         "A TOML file of which limbs and landmarks correspond; by default those with equal names. `kinemode retarget"
-        " --match SUBJECT` begins one.",
+        " --match SUBJECT` writes a template.",
     )
     contacts: PathLike | None = option(
         None,
@@ -501,7 +501,7 @@ class RetargetRequest(ProgressOptions, _Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class RigRequest(ProgressOptions, DetectorOptions, LensOptions, HeightOptions, KeypointOptions, ClipOptions):
-    """What `kinemode.calibrate_from_person` is asked for."""
+    """The request of `kinemode.calibrate_from_person`."""
 
     subject: SubjectLike = option(USUAL_SUBJECT, "Whose landmarks and lengths the person has.")
     out: OutPath | None = option(None, "The camera file to write; its world has z up and the floor about 0.")
@@ -519,14 +519,14 @@ class _CheckedCameras:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckRequest(ProgressOptions, DetectorOptions, SyncOptions, KeypointOptions, ClipOptions, _CheckedCameras):
-    """What `kinemode.check_cameras` is asked for."""
+    """The request of `kinemode.check_cameras`."""
 
     subject: SubjectLike = option(USUAL_SUBJECT, "Whose landmarks the person has; the cameras determine the size.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StreamOptions(SearchOptions):
-    """How frames are tracked as they come."""
+    """Options of frame-by-frame tracking."""
 
     cameras: Cameras = option(None, "A camera file, in any format of `kinemode track`.", python="Or cameras by name.")
     layout: Layout = again(KeypointOptions, "layout")
@@ -551,7 +551,7 @@ class _Frames:
 
 @dataclass(frozen=True, kw_only=True)
 class StepRequest(StreamOptions, _Frames):
-    """What `kinemode.Tracker` is asked for."""
+    """The request of `kinemode.Tracker`."""
 
     image_size: Size = option(
         None, "Without camera and cameras: width and height [px] of the keypoints' images, from which one is guessed."
@@ -575,7 +575,7 @@ class _Source:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveRequest(StreamOptions, DetectorOptions, _Source):
-    """What `kinemode.live` is asked for."""
+    """The request of `kinemode.live`."""
 
     keypoints: KeypointsOrSource = option(
         None,

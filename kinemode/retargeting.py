@@ -35,7 +35,7 @@ GAP = 0.5
 
 
 def retarget_to(subject: Subject, request: RetargetRequest) -> Run:
-    """What `kinemode.retarget` does once its arguments are checked."""
+    """The work of `kinemode.retarget` after its arguments are checked."""
     path, _kept = run_path(request.out, "retarget.run")  # gone with this function unless the run keeps it
     RunTarget(path, overwrite=request.overwrite).check()
     source = request.source
@@ -101,7 +101,7 @@ def _header(
 
 
 def write_match_template(subject: Subject, out: PathLike | None) -> str:
-    """The text of a correspondence to begin with, written to a file if one is named."""
+    """The template of a correspondence, written to a file if one is named."""
     text = match_start(subject.name, Body(subject).landmark_names)
     if out is not None:
         with replacing(out) as temporary:

@@ -1,4 +1,4 @@
-"""What can be asked of a run, each option declared once (see `kinemode.request`)."""
+"""Options of functions on a run, each option declared once (see `kinemode.request`)."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class _Filtered:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewRequest(PageOptions, OfRun):
-    """What `kinemode.view` is asked for."""
+    """The request of `kinemode.view`."""
 
     html: OutPath | None = option(
         None, "Write a self-contained page here and start nothing. Otherwise the page is served until Ctrl-C."
@@ -65,7 +65,7 @@ class ViewRequest(PageOptions, OfRun):
 
 @dataclass(frozen=True, kw_only=True)
 class OverlayRequest(ProgressOptions, OfRun):
-    """What `kinemode.overlay` is asked for."""
+    """The request of `kinemode.overlay`."""
 
     file: OutPath = field(
         kw_only=False,
@@ -76,14 +76,14 @@ class OverlayRequest(ProgressOptions, OfRun):
     camera: CameraName | None = option(None, "Name of one camera; all of them side by side unless given.")
     limbs: bool = option(
         False,
-        "In place of the body draw what the loose-limbed tracker believes of each limb: samples as outlines, stronger"
-        " the more they weigh, and their means as cones.",
+        "Draw the loose-limbed tracker's beliefs about each limb instead of the body: samples as outlines, stronger the"
+        " more they weigh, and their means as cones.",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRequest(ProgressOptions, OfRun):
-    """What `kinemode.report` is asked for."""
+    """The request of `kinemode.report`."""
 
     file: OutPath = field(
         kw_only=False, metadata=about("A file ending in .html or .htm; one that is there is replaced.", called=_OUT)
@@ -92,7 +92,7 @@ class ReportRequest(ProgressOptions, OfRun):
 
 @dataclass(frozen=True, kw_only=True)
 class PlotRequest(_Filtered, OfRun):
-    """What `kinemode.plot` is asked for."""
+    """The request of `kinemode.plot`."""
 
     file: OutPath = field(kw_only=False, metadata=about("A file ending in .png, .svg or .pdf.", called=_OUT))
     joints: JointNames = option(
@@ -104,20 +104,20 @@ class PlotRequest(_Filtered, OfRun):
 
 @dataclass(frozen=True, kw_only=True)
 class SamplesRequest(OfRun):
-    """What `kinemode.samples` is asked for."""
+    """The request of `kinemode.samples`."""
 
     file: OutPath = field(kw_only=False, metadata=about("A file ending in .png.", called=_OUT))
     frames: int = option(6, "Instants, evenly spaced among those with a pose.", low=1)
     count: int = option(
         40, "Poses of each instant, drawn from its calibrated posterior, all hypotheses together.", low=1
     )
-    seed: int = option(0, "Seed of what is drawn.", low=0)
+    seed: int = option(0, "Seed of the samples.", low=0)
     camera: CameraName | None = option(None, "Name of the camera to look through; the first unless given.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportRequest(_Filtered, OfRun):
-    """What `kinemode.export` is asked for."""
+    """The request of `kinemode.export`."""
 
     file: OutPath = field(kw_only=False, metadata=about("Where to write."))
     format: str | None = option(
@@ -132,25 +132,25 @@ class ExportRequest(_Filtered, OfRun):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRequest(OfRun):
-    """What `kinemode.contact` is asked for."""
+    """The request of `kinemode.contact`."""
 
     hands: bool = option(
         False, "Also when hands stand on the floor; the setting smooth.hands holds them while smoothing."
     )
     plot: OutPath | None = option(
         None,
-        "Draw probabilities and heights over time, a PNG, with heel strikes and toe-offs where somebody walks.",
+        "Draw probabilities and heights over time, a PNG, with heel strikes and toe-offs where the person walks.",
     )
 
 
 @dataclass(frozen=True)
 class GaitRequest(OfRun):
-    """What `kinemode.gait` is asked for."""
+    """The request of `kinemode.gait`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateRequest(OfRun):
-    """What `kinemode.evaluate` is asked for."""
+    """The request of `kinemode.evaluate`."""
 
     reference: KnownMotion = field(
         kw_only=False,

@@ -27,7 +27,7 @@ from kinemode.progress import Progress, Reporter
 
 @dataclass(frozen=True)
 class TrackTime:
-    """What tracking one clip took on the clock [s].
+    """Wall-clock time of tracking one clip [s].
 
     frames, seconds: frames that were timed and what they took together, over all sessions; the first frame of a session
     is left out, because files, fit and start come before it. smoothing: what followed the last frame.
@@ -105,7 +105,7 @@ def _read(path: Path) -> dict[str, TrackTime]:
             for name, t in json.loads(path.read_text(encoding="utf-8")).items()
         }
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(path, f"holds no times of trackers: {error}", remedy="remove it") from None
+        raise InputError(path, f"contains no times of trackers: {error}", remedy="remove it") from None
 
 
 _NO_ERRORS = dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k_mpjpe"), float("nan"))

@@ -45,11 +45,11 @@ class Chosen:
 
     @property
     def for_fit(self) -> Settings:
-        """What a fit of the subject uses, see `estimator.tracking.unused_settings.fit_settings`."""
+        """The settings of a fit of the subject, see `estimator.tracking.unused_settings.fit_settings`."""
         return fit_settings(self.tracker, self.settings, self.changes)
 
     def unused(self, fits: bool) -> list[UnusedSetting]:
-        """What was changed without effect. fits: whether the subject is fitted first."""
+        """Changed settings without effect. fits: whether the subject is fitted first."""
         return unused_settings(self.tracker, self.settings, self.changes, fits=fits)
 
     def check(self, fits: bool) -> None:
@@ -71,7 +71,7 @@ class Chosen:
         return [f"settings without effect here: cost.pose_prior_weight (the pose prior shipped needs {problem})"]
 
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
-        """What has no effect on this input. cues: those that are used, None for none."""
+        """Settings without effect on this input. cues: those that are used, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
         unused = unused_with_input(
             self.tracker, settings, self.changes, fits=fits, pictures=cues is not None, cameras=cameras

@@ -28,12 +28,11 @@ from kinemode.target import made_folder
 class RenderedClip:
     """Files of a rendered clip, by camera name where there is one a camera.
 
-    videos: mp4, empty where only the rest was asked for. keypoints: as a detector would give them. first_frame: exact
+    videos: mp4, empty where only the rest was requested. keypoints: as a detector would give them. first_frame: exact
     places of all landmarks in the first frame, and in no other. plates: PNG of the empty scene; empty where the
-    background moves. cameras, truth, subject: camera file, true motion, and URDF of the body in the pictures.
-    masks: by camera, the folder of one PNG a frame, white where the body is visible; empty unless asked for. depths: by
-    camera, the folder of one 16-bit PNG a frame, the exact depth in mm, 0 where there is nothing; empty unless asked
-    for.
+    background moves. cameras, truth, subject: camera file, true motion, and URDF of the body in the pictures. masks: by
+    camera, the folder of one PNG a frame, white where the body is visible; empty unless requested. depths: by camera,
+    the folder of one 16-bit PNG a frame, the exact depth in mm, 0 where there is nothing; empty unless requested for.
     """
 
     videos: dict[str, Path]
@@ -48,7 +47,7 @@ class RenderedClip:
 
 
 class WantedFiles(NamedTuple):
-    """Which files of a clip are asked for beside those that every clip has."""
+    """The files of a clip requested besides those that every clip has."""
 
     videos: bool = True
     masks: bool = False
@@ -77,7 +76,7 @@ _FARTHEST = 65536.0  # mm, beyond what 16 bits hold
 
 
 class FilmedMotion(NamedTuple):
-    """What is filmed: q (T, nq) of a body at times (T,) [s], `fps` frames per second, by cameras in a place."""
+    """The filmed motion: q (T, nq) of a body at times (T,) [s], `fps` frames per second, by cameras in a place."""
 
     body: Body
     q: np.ndarray
@@ -105,7 +104,7 @@ def write_shot(
     wanted: WantedFiles = WantedFiles(),  # noqa: B008, it cannot change
     progress: Reporter = unreported,
 ) -> RenderedClip:
-    """Write cameras, truth, body, keypoints, and the pictures as far as they are asked for; see `kinemode.render`.
+    """Write cameras, truth, body, keypoints, and the requested pictures; see `kinemode.render`.
 
     Raises InputError where the folder cannot be written.
     """

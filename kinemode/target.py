@@ -16,9 +16,9 @@ from humanoid.support.errors import InputError
 
 @dataclass(frozen=True)
 class RunTarget:
-    """Where a run goes, and what is done with one that is there.
+    """The place of a run, and the treatment of an existing one.
 
-    resume: it is gone on with. overwrite: it is replaced.
+    resume: it is continued. overwrite: it is replaced.
     """
 
     path: Path
@@ -27,7 +27,7 @@ class RunTarget:
 
     @property
     def resumed(self) -> bool:
-        """Whether there is a run to go on with."""
+        """Whether there is a run to resume."""
         return self.resume and self.path.exists()
 
     def check(self) -> None:

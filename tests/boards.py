@@ -1,4 +1,5 @@
-"""Pictures of boards as known cameras see them: every pixel's ray meets the board, whose print is looked up there."""
+"""Pictures of boards as known cameras see them: each pixel's ray is intersected with the board and its print sampled
+there."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ def board_print(board: Board) -> np.ndarray:
 
 
 def rays_of(camera: Camera) -> np.ndarray:
-    """Directions in the world of what a camera's picture is sampled by, to be used for several pictures."""
+    """World directions of the rays that sample a camera's picture, computed once for several pictures."""
     width, height = camera.image_size
     place = (np.arange(_FINER) + 0.5) / _FINER - 0.5
     x, y = np.meshgrid((np.arange(width)[:, None] + place).ravel(), (np.arange(height)[:, None] + place).ravel())

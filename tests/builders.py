@@ -105,11 +105,11 @@ STANDING = {
     "knee_flexion": 0.5, "elbow_flexion": 0.62, "shoulder_elevation": 0.23, "shoulder_flexion": -0.1,
     "shoulder_rotation": -0.4, "clavicle_elevation": 0.0, "clavicle_protraction": 0.03, "neck_flexion": 0.1,
 }  # fmt: skip
-"""[rad] Of a person who stands with bent limbs: tests do not hang on rest positions, which are learned."""
+"""[rad] A standing person with bent limbs: tests must not depend on the learned rest positions."""
 
 
 def bent(body: Body, start: np.ndarray | None = None, **angles: float) -> np.ndarray:
-    """A pose that stands (`STANDING`, the rest neutral), or start (nq,), with some joints at given angles [rad]."""
+    """A standing pose (`STANDING`, the rest neutral), or start (nq,), with some joints at given angles [rad]."""
     q = (body.neutral if start is None else start).copy()
     stands = {name: STANDING[without_side(name)] for name in body.q_names if without_side(name) in STANDING}
     for joint, angle in ((stands if start is None else {}) | angles).items():

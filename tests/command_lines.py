@@ -49,7 +49,7 @@ for line in json.loads(sys.argv[1]):
 """
 
 
-class Told(NamedTuple):
+class CommandResult(NamedTuple):
     """How a command line ended."""
 
     code: int
@@ -63,8 +63,8 @@ def track_line(inputs: Sequence[object], out: Path) -> list[str]:
 
 
 def killed_at(moment: Moment, line: Sequence[str], out: Path) -> Kill:
-    """A process of a command line that tracks into `out`, with what came of it. It says when it has stored the frames
-    that are wanted of it and does no more, until it is ended."""
+    """A process of a command line that tracks into `out`, and its result. It prints when it has stored `wanted` frames
+    and then blocks until it is killed."""
     arguments = [sys.executable, "-c", _BLOCKED, str(moment.wanted), *line]
     with default_signals():
         return kill_at(arguments, out, moment, announced=True, patience=DEADLINE, soon=DEADLINE)
@@ -72,7 +72,7 @@ def killed_at(moment: Moment, line: Sequence[str], out: Path) -> Kill:
 
 @contextlib.contextmanager
 def interrupted_after(frames: int) -> Iterator[None]:
-    """Within it Ctrl-C comes when a run has stored so many frames."""
+    """Within this context Ctrl-C arrives once a run has stored so many frames."""
     original = jobs.run_into
 
     def interrupt(done: int, total: int) -> None:
@@ -88,10 +88,10 @@ def interrupted_after(frames: int) -> Iterator[None]:
 
 
 def interrupt_after(frames: int, line: Sequence[object], out: Path) -> None:
-    """Track into a run and interrupt the command line, in this process, when it has so many frames. AssertionError
-    where it ended otherwise or has lost a frame."""
+    """Track into a run and interrupt the command line, in this process, after so many frames. AssertionError where it
+    ends in another way or has lost a frame."""
     with interrupted_after(frames):
-        result = told_here(line)
+        result = run_here(line)
         assert result.code == INTERRUPTED, result.error
     run = Run.open(out)
     assert frames == len(run) < run.planned_count
@@ -109,30 +109,30 @@ def ran(code: str, *arguments: str, plugins: str, path: Path = ROOT) -> str:
     return done.stdout
 
 
-def told(*lines: Sequence[str], plugins: str, path: Path = ROOT) -> list[Told]:
-    """Command lines, all in one other process: importing takes longer than they."""
+def run_elsewhere(*lines: Sequence[str], plugins: str, path: Path = ROOT) -> list[CommandResult]:
+    """Command lines, all in one other process: importing takes longer than running them."""
     printed = ran(_MANY, json.dumps(lines), plugins=plugins, path=path)
-    return [Told(*json.loads(line)) for line in printed.splitlines()]
+    return [CommandResult(*json.loads(line)) for line in printed.splitlines()]
 
 
 def printed_by(line: Sequence[object]) -> str:
-    """What a command line prints, in this process. AssertionError with what it said unless it ends with 0."""
-    ended = told_here(line)
+    """What a command line prints, in this process. AssertionError with its output unless it exits with 0."""
+    ended = run_here(line)
     assert ended.code == 0, ended.error
     return ended.out
 
 
-def told_here(line: Sequence[object]) -> Told:
+def run_here(line: Sequence[object]) -> CommandResult:
     """A command line in this process."""
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         code = main([*map(str, line)])
-    return Told(code, out.getvalue(), error.getvalue())
+    return CommandResult(code, out.getvalue(), error.getvalue())
 
 
-def said_by_readers(path: Path, frame: int) -> Mapping[str, str]:
-    """What every command says that takes a run alone, by its name or by the format exported; what they write lies
-    beside it."""
+def output_of_readers(path: Path, frame: int) -> Mapping[str, str]:
+    """The output of every command that takes a run alone, by command name or export format; files are written beside
+    the run."""
     lines: dict[str, list[object]] = {
         **{kind: ["export", path, path.with_suffix(f".{kind}")] for kind in ("npz", "csv", "trc", "mot", "osim")},
         "view": ["view", path, "--html", path.with_suffix(".html")],
@@ -143,7 +143,8 @@ def said_by_readers(path: Path, frame: int) -> Mapping[str, str]:
 
 
 def check_written(path: Path, frames: int) -> None:
-    """AssertionError unless what `said_by_readers` had written of a run of so many frames is there, and not empty."""
+    """AssertionError unless the files that `output_of_readers` wrote for a run of so many frames exist and are not
+    empty."""
     for kind in ("csv", "trc", "mot"):
         assert len(path.with_suffix(f".{kind}").read_text().splitlines()) > frames
     assert path.with_suffix(".npz").stat().st_size > 1000

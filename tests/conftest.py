@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 
-# as `kinemode.track` does: on matrices of this size threads of the linear algebra cost several times what they bring
+# as `kinemode.track` does: for matrices of this size threaded linear algebra is several times slower
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
 if sys.__stdin__ is None:  # started with it closed, which IPython, that meshcat imports, cannot do with
     sys.stdin = sys.__stdin__ = open(os.devnull)  # type: ignore[misc]  # noqa: SIM115
@@ -26,16 +26,16 @@ LONGEST = (
     "start_by_index", "elmo", "tracker_contract", "resume", "loose_limbed", "eigen_templates",
     "trackers", "calibrate", "pose_chain", "guide", "preview_page", "viz", "live",
 )  # fmt: skip
-"""Test files with the longest tests or fixtures: they begin, so that no process is left with one at the end."""
+"""Test files with the longest tests or fixtures: they start first, so that no process is left with one at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, in the order they are found in otherwise."""
+    """The longest first, the others in collection order."""
     items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONGEST)
 
 
 def pytest_collection_finish() -> None:
-    """Modules and tests stay to the end: the garbage collector need not go through them again and again."""
+    """Modules and tests live to the end: the garbage collector need not scan them repeatedly."""
     gc.freeze()
 
 
@@ -72,15 +72,15 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture(scope="session")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The clip of `tests.tiny_clip`; nobody changes its files."""
-    from tests.tiny_clip import tiny_clip  # many tests do without
+    """The clip of `tests.tiny_clip`; its files are never changed."""
+    from tests.tiny_clip import tiny_clip  # many tests do not need it
 
     return made_once(tmp_path_factory, "tiny_clip", tiny_clip)
 
 
 @pytest.fixture(scope="session")
 def small_index(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """An index of examples of human34 that is soon made."""
+    """A small index of examples of human34."""
 
     def train(_: Path) -> Any:
         from estimator.search.examples.index import IndexRecipe
@@ -95,7 +95,7 @@ def small_index(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 @pytest.fixture(scope="session")
 def small_index_file(small_index: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its file, which nobody changes."""
+    """Its file, which is never changed."""
 
     def save(folder: Path) -> Path:
         small_index.save(folder / "index.npz")
@@ -109,7 +109,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, list[Mapping
     """Valid files of every kind, see `benchmarks.robustness.fuzz_corpus.corpus`; a run of one subject is among them."""
 
     def files(_: Path) -> Mapping[str, list[Mapping[str, bytes]]]:
-        from benchmarks.robustness.fuzz_corpus import corpus  # every other test does without
+        from benchmarks.robustness.fuzz_corpus import corpus  # no other test needs it
 
         return corpus(("arm8",))
 

@@ -13,11 +13,11 @@ from benchmarks.robustness.fuzz_cases import Case, Verdict
 
 
 def judge(case: Case, corpus: Path, folder: Path) -> Verdict:
-    """End the process, hang, print, or do well, as the case's name says."""
+    """End the process, hang, print, or succeed, depending on the case's name."""
     if case.reader == "crash":
         os._exit(3)
     if case.reader == "hang":
-        signal.alarm(600)  # ends it, or the test would hang with it where nobody else does
+        signal.alarm(600)  # in case nothing else ends it
         while True:
             signal.pause()
     if case.reader == "print":

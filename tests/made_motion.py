@@ -15,7 +15,7 @@ FRAMES, RATE = 10, 30.0
 
 
 def made_motion(folder: Path) -> km.Run:
-    """human34 after itself, bending its left knee while its right foot stands; nobody knows its left wrist."""
+    """human34 after itself, bending its left knee while its right foot stands; its left wrist is unknown."""
     body = body_of("human34")
     q = np.tile(body.neutral, (FRAMES, 1))
     knee, hip = (body.q_names.index(f"left_{name}_flexion") for name in ("knee", "hip"))

@@ -1,4 +1,4 @@
-"""What is expensive to make and nobody changes, made once for all test processes of a session."""
+"""Expensive fixtures that are never changed, made once for all test processes of a session."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ T = TypeVar("T")
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], T]) -> T:
-    """What `make` gives, called with an empty folder by the first process that comes here with this name in a session.
+    """The result of `make`, called with an empty folder by the first process of a session that requests this name.
 
-    The others wait and read what it gave from a file, so it has to be picklable; an exception is everybody's own, as
-    each then tries by itself.
+    The others wait and read the result from a file, so it has to be picklable. An exception is not shared: each process
+    then tries for itself.
     """
     own = factory.getbasetemp()
     session = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own  # xdist gives each process a folder inside it

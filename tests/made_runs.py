@@ -25,8 +25,8 @@ def made_run(
     times: np.ndarray | None = None,
     status: Sequence[str] | None = None,
 ) -> Run:
-    """A finished run with hypotheses q (T, K, nq), everywhere of the same K weights and the same deviation [rad, m];
-    where a frame's q are NaN it has no hypotheses."""
+    """A finished run with hypotheses q (T, K, nq) that all have the same weight and the same deviation [rad, m]; frames
+    whose q are NaN have no hypotheses."""
     count, modes = q.shape[:2]
     times = np.arange(count) / 30.0 if times is None else times
     status = ["tracked"] * count if status is None else list(status)

@@ -1,4 +1,4 @@
-"""A second reader of OpenSim's model files, for the tests: no line of it is shared with what writes them."""
+"""A second reader of OpenSim's model files, for the tests: it shares no code with the writer."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def offset(frame: ET.Element) -> pin.SE3:
 
 
 class OsimModel:
-    """A model file; what it has is asked for by name."""
+    """A model file, queried by name."""
 
     def __init__(self, path: Path) -> None:
         model = ET.parse(path).getroot().find("Model")
@@ -42,7 +42,7 @@ class OsimModel:
         self.couplings = list(model.iterfind("ConstraintSet/objects/CoordinateCouplerConstraint"))
 
     def coupled(self, values: Mapping[str, float]) -> dict[str, float]:
-        """All coordinates [rad, m] from those that no constraint gives, whatever else the values are."""
+        """All coordinates [rad, m] from the unconstrained ones; other values are ignored."""
         out = dict(values)
         for coupling in self.couplings:
             assert coupling.findtext("isEnforced") == "true"

@@ -1,4 +1,4 @@
-"""A maker of every term of the energy: body, term, and a configuration at which it says something."""
+"""A maker of every term of the energy: body, term, and a configuration at which it is not zero."""
 
 from __future__ import annotations
 
@@ -155,8 +155,8 @@ def point_targets(name: str, potential: str) -> Callable[[np.random.Generator], 
 
 
 def limb_targets(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
-    """Every limb, its target known in all directions at once, one of them not drawn at all and another turned by next
-    to nothing."""
+    """Every limb, its target known in all directions at once, one of them without weight and another turned by almost
+    nothing."""
 
     def make(rng: np.random.Generator) -> Made:
         body = body_of(name)
@@ -207,7 +207,7 @@ def trunk_side(rng: np.random.Generator) -> Made:
 
 
 def lifted(name: str, camera: Camera) -> Callable[[np.random.Generator], Made]:
-    """What a network has lifted is of another pose, and of a keypoint that is missing nothing is known."""
+    """The lifted pose differs from the configuration, and a missing keypoint has no lifted position."""
 
     def make(rng: np.random.Generator) -> Made:
         body = body_of(name)
@@ -260,7 +260,7 @@ FAMILY = {
 }
 
 CURVATURE: dict[str, float | None] = {
-    "interpenetration": 1e-3,  # of the solids' witness points a few digits are sure
+    "interpenetration": 1e-3,  # the solids' witness points have few reliable digits
     "above-known-floor": None,  # left out: the curvature of the distance
     "above-floor": None,
     "balance": None,  # left out: the curvature of the kinematics, and of the feet's spread
@@ -268,4 +268,4 @@ CURVATURE: dict[str, float | None] = {
     "trunk-side": None,  # left out: the curvature of the kinematics
     **{f"transition-{p}": 0.3 for p in POTENTIALS},  # left out: the curvature of the difference of two orientations
 }
-"""How well the exact Hessian is known, where it is not as well as by default; see `kinemode.testing.check_term`."""
+"""Accuracy of the exact Hessian where it is below the default; see `kinemode.testing.check_term`."""

@@ -1,4 +1,4 @@
-"""Rooms have no wall and no furniture between any of their cameras and the person."""
+"""Rooms have no wall or furniture between any of their cameras and the person."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_nothing_stands_between_a_camera_and_the_person(motion, count: int) -> N
 
 
 def test_four_masks_hold_the_person() -> None:
-    """Also by the renderer itself, and each mask is that of the person without any room."""
+    """The same by the renderer: each mask equals that of the person without a room."""
     body = body_of("human34")
     posed = body.at(body.neutral)
     surface = surface_of(body, nodes=300)

@@ -26,7 +26,7 @@ UNMEASURED = {f"{name}_{side}" for name in ("subtalar_angle", "mtp_angle", "pro_
 
 @pytest.fixture(params=[1, 2], scope="module")
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """A person who goes through random poses, straight from one to the next."""
+    """A person moving through random poses along straight lines."""
     body, rng = body_of("human34"), np.random.default_rng(request.param)
     ends = [random_pose(body, rng) for _ in range(3)]
     q = [pin.interpolate(body.model, a, b, s) for a, b in pairwise(ends) for s in np.linspace(0, 1, 12)]
@@ -104,7 +104,7 @@ def numbers(result: Evaluation) -> dict[str, tuple[float, ...]]:
     return {n: (s.mean_absolute, s.rms, s.bias, s.rms_without_bias) for n, s in result.joint_scores.items()}
 
 
-def test_bent_knees_tell_the_gait_model(run: Run, tmp_path: Path) -> None:
+def test_the_sign_of_bent_knees_identifies_the_gait_model(run: Run, tmp_path: Path) -> None:
     result = km.evaluate(run, km.export(run, tmp_path / "a.mot", format="gait2392-mot"))
     assert max(score.mean_absolute for score in result.joint_scores.values()) < 1e-6
     assert "bent knees are negative in the reference: read as angles of gait2392" in result.notes
@@ -139,7 +139,7 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("a.csv", "time,knee_angle_r\n0,0.4\n1,0.5\n", r"a.csv: angles may be degrees or radians.*knee_angle_r"),
         ("a.csv", "time,knee_angle_r\n0,10\n1,x\n", r"line 3, column 'knee_angle_r': 'x' is not a number"),
@@ -152,9 +152,9 @@ def test_a_bias_near_half_a_turn_is_taken_away_whole() -> None:
         ("a.mot", "endheader\ntime ground_force_1_vx\n0 700\n", "shares no landmarks and no joint angles"),
     ],
 )  # fmt: skip
-def test_faults_are_named(run: Run, tmp_path: Path, name: str, text: str, said: str) -> None:
+def test_faults_are_named(run: Run, tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         km.evaluate(run, tmp_path / name)
 
 

@@ -58,7 +58,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @dataclass
 class Served:
-    """A server at work in a thread."""
+    """A server running in a thread."""
 
     server: AnnotationServer
     thread: threading.Thread
@@ -163,7 +163,7 @@ BAD: dict[str, tuple[Any, str]] = {
 }
 
 
-def test_what_cannot_be_is_said_and_changes_nothing(serve: Serve) -> None:
+def test_invalid_posts_are_answered_with_an_error_and_change_nothing(serve: Serve) -> None:
     served = serve()
     edge = {"frames": {"0": {"neck": [-0.5, HEIGHT - 0.5, 1e-3]}}}
     assert served.post(edge)[0] == 200
@@ -191,12 +191,12 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     clicked = {name: [*p, 1.0] for name, p in zip(ARM[1:], pixels.tolist(), strict=True)}
     served = serve(camera="front")
     assert served.post({"frames": {"2": {"neck": [5.0, 6.0, 1.0]}}})[0] == 200
-    status, told = served.post({"frames": {"0": clicked}, "close": True})
-    assert (status, told["points"], told["frames"]) == (200, len(clicked), 1)
+    status, reply = served.post({"frames": {"0": clicked}, "close": True})
+    assert (status, reply["points"], reply["frames"]) == (200, len(clicked), 1)
     served.thread.join(DEADLINE)
     assert served.server.closed
-    assert served.result == [told["command"]]
-    assert f"front={clip} --subject arm8 --keypoints front={served.out} --out" in told["command"]
+    assert served.result == [reply["command"]]
+    assert f"front={clip} --subject arm8 --keypoints front={served.out} --out" in reply["command"]
 
     track = load_keypoints(served.out)
     assert (track.layout, track.names, track.image_size, track.fps) == ("landmarks", ARM, (WIDTH, HEIGHT), None)
@@ -207,7 +207,7 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     inputs = load_inputs(body_of("arm8"), FileOptions({"front": clip}, keypoints={"front": served.out}))
     np.testing.assert_array_equal(np.stack([o.pixels[0] for o in inputs.observations]), expected)
 
-    clicked = {"2": {"neck": [7.25, 8.5, 1.0]}}  # edited further, also where a frame has one point only
+    clicked = {"2": {"neck": [7.25, 8.5, 1.0]}}  # edited again, also in a frame with a single point
     again = serve()
     assert json.loads(again.ask("GET", "state.json")[1])["frames"]["0"]["left_elbow"] == [*pixels[0].tolist(), 1.0]
     assert again.post({"frames": clicked})[0] == 200
@@ -228,7 +228,7 @@ def test_a_detectors_points_fill_only_frames_without_clicks(serve: Serve, tmp_pa
     pixels = np.random.default_rng(2).uniform(10.0, 200.0, (FRAMES, len(COCO17), 2))
     confidence = np.full((FRAMES, len(COCO17)), 0.75)
     elbow, wrist = COCO17.index("left_elbow"), COCO17.index("left_wrist")
-    pixels[1, elbow] = -3.0, 5.0  # nobody could click there
+    pixels[1, elbow] = -3.0, 5.0  # outside the picture
     detected = KeypointTrack("coco17", COCO17, pixels, confidence, (WIDTH, HEIGHT), 30.0)
     write_keypoints(tmp_path / "detected.json", detected, names=COCO17)
     with pytest.raises(InputError, match="has 3 of the subject's landmarks, at least 4"):
@@ -259,7 +259,7 @@ def served_clip(folder: Path) -> Path:
     return images
 
 
-def test_what_is_wrong_is_said_before_there_is_a_page(serve: Serve, clip: Path, tmp_path: Path) -> None:
+def test_input_errors_come_before_the_page(serve: Serve, clip: Path, tmp_path: Path) -> None:
     def written(name: str, layout: str, names: tuple[str, ...], count: int, size: tuple[int, int]) -> Path:
         shape = (count, len(names))
         pixels = np.arange(2.0 * count * len(names)).reshape(*shape, 2)
@@ -293,7 +293,7 @@ def test_what_is_wrong_is_said_before_there_is_a_page(serve: Serve, clip: Path, 
 def test_landmarks_make_a_stick_figure() -> None:
     guide = landmark_guide(body_of("human34"))
     edges = {(guide.names[a], guide.names[b]) for a, b in guide.edges}
-    assert {b for _, b in edges} == set(guide.names) - {"mid_hip"}  # a tree: everything but its root hangs on something
+    assert {b for _, b in edges} == set(guide.names) - {"mid_hip"}  # a tree: every node but its root has a parent
     assert len(guide.edges) == len(guide.names) - 1
     chain = ("mid_hip", "left_hip", "left_knee", "left_ankle", "left_big_toe")
     assert set(itertools.pairwise(chain)) <= edges
@@ -315,7 +315,7 @@ def test_ctrl_c_ends_it_with_one_line(clip: Path, tmp_path: Path) -> None:
     assert lines == ["interrupted; nothing was saved"]
 
 
-def test_the_command_says_what_comes_next(
+def test_the_command_prints_the_next_step(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def browser(address: str, new: int) -> bool:
@@ -339,11 +339,11 @@ def test_the_command_says_what_comes_next(
     assert front.main(["annotate", str(clip), "--out", str(out), "--frame", "3"]) == front.BAD_INPUT
 
 
-# ---- in a browser
+# ---- in a browser ----
 
 
 class Person:
-    """Works the page by what can be seen of it: places are found in pictures of the window, by colour."""
+    """Operates the page by what is visible: positions are found in screenshots of the window, by colour."""
 
     def __init__(self, driver: Any) -> None:
         from selenium.webdriver.common.action_chains import ActionChains
@@ -352,7 +352,7 @@ class Person:
         self.driver, self._chain, self._builder = driver, ActionChains, ActionBuilder
 
     def find(self, colour: tuple[int, int, int]) -> tuple[int, int]:
-        """Middle of the square of one colour in the window, waited for."""
+        """Middle of the square of one colour in the window, once it appears."""
         place: list[np.ndarray] = []
 
         def look() -> bool:
@@ -386,7 +386,7 @@ class Person:
         actions.wheel_action.scroll(*self.find(colour), 0, delta, 0, "viewport")
         actions.perform()
 
-    def says(self, text: str) -> None:
+    def expect_text(self, text: str) -> None:
         until(lambda: text in self.driver.find_element("tag name", "body").text, f"{text!r} on the page")
 
 
@@ -404,37 +404,37 @@ def test_clicks_in_a_browser_are_the_pixels_in_the_file(serve: Serve, person: Pe
     person.driver.get(served.server.address)
     person.click(RED)  # shoulder
     person.click(GREEN)  # elbow
-    person.says("2 of 7 placed here")
+    person.expect_text("2 of 7 placed here")
     person.keys("u")  # no elbow
-    person.says("1 of 7 placed here")
+    person.expect_text("1 of 7 placed here")
     person.keys("s")  # the elbow cannot be seen
-    person.says("centre of the wrist joint")
+    person.expect_text("centre of the wrist joint")
     before = person.find(YELLOW)
     person.wheel(PINK, -900)
     person.click(PINK)  # wrist, enlarged
     person.keys("0")
     until(lambda: person.find(YELLOW) == before, "the whole frame again")
     person.click(GREEN)  # index
-    person.says("3 of 7 placed here")
+    person.expect_text("3 of 7 placed here")
     person.click(GREEN, button=2)  # no index
-    person.says("2 of 7 placed here")
+    person.expect_text("2 of 7 placed here")
     red, yellow = person.find(RED), person.find(YELLOW)
     person.pointer(("to", red), ("press", 0), ("to", (red[0] + 20, red[1] + 20)), ("to", yellow), ("release", 0))
     person.pointer(("to", (red[0] + 60, red[1])), ("press", 0), ("to", red), ("release", 0))  # moves the picture only
     person.keys("\ue014")  # right arrow: frame 1
     person.click(CYAN)  # shoulder
-    person.says("2 frames with points")
+    person.expect_text("2 frames with points")
     person.driver.find_element("id", "save").click()
-    person.says("3 points in 2 frames saved to")
+    person.expect_text("3 points in 2 frames saved to")
     check_clicks(served.out, {(0, "left_shoulder"): YELLOW, (0, "left_wrist"): PINK, (1, "left_shoulder"): CYAN})
 
     person.keys("p\ue017")  # back to the shoulder, and delete it
     person.driver.find_element("id", "close").click()
-    person.says("kinemode track")
+    person.expect_text("kinemode track")
     served.thread.join(DEADLINE)
     assert served.server.closed
     check_clicks(served.out, {(0, "left_shoulder"): YELLOW, (0, "left_wrist"): PINK})
-    assert person.driver.get_log("browser") == []  # nothing was refused or went wrong unseen
+    assert person.driver.get_log("browser") == []  # no request failed and no script raised
 
 
 def check_clicks(path: Path, expected: dict[tuple[int, str], tuple[int, int, int]]) -> None:
@@ -448,7 +448,7 @@ def check_clicks(path: Path, expected: dict[tuple[int, str], tuple[int, int, int
 
 
 def test_a_page_from_elsewhere_cannot_save(serve: Serve, person: Person, tmp_path: Path) -> None:
-    """Even one that knows the address: the browser tells where a request comes from."""
+    """Even one that knows the address: the browser sends the origin of each request."""
     served = serve()
     page = tmp_path / "elsewhere.html"
     page.write_text("<title>elsewhere</title>")

@@ -1,4 +1,5 @@
-"""Pictures through the front door: which cues are used, what is refused, and that a stopped run goes on bit by bit."""
+"""Pictures through the public interface: which cues are used, what is refused, and that a stopped run resumes bit by
+bit."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 @pytest.fixture(scope="module")
 def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """A run from the first frame's keypoints, everything else left to decide."""
+    """A run from the first frame's keypoints, everything else at its default."""
     out = tmp_path_factory.mktemp("run") / "a.run"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -71,7 +72,7 @@ def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tr
     assert last < 0.6 * first  # the pose has followed the motion; one camera sees little of its depth
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits(clip: RenderedClip, tracked: Run, tmp_path: Path) -> None:
+def test_a_stopped_run_resumes_to_the_same_bits(clip: RenderedClip, tracked: Run, tmp_path: Path) -> None:
     out = tmp_path / "b.run"
     with pytest.raises(KeyboardInterrupt), interrupted_after(2):
         track(clip, out=out, mask=clip.masks)
@@ -80,12 +81,12 @@ def test_a_stopped_run_goes_on_to_the_same_bits(clip: RenderedClip, tracked: Run
     assert resumed.complete
     for name in ARRAYS:
         assert getattr(resumed, name).tobytes() == getattr(tracked, name).tobytes(), name
-    for changes, told in (
+    for changes, message in (
         ({}, "cameras with masks"),
         ({"mask": clip.masks, "cues": "silhouette"}, "cues"),
         ({"mask": clip.masks, "background": clip.plates}, "cameras with a background"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             track(clip, out=out, resume=True, **changes)
 
 
@@ -128,19 +129,19 @@ def test_settings_reach_the_fit_whatever_the_tracker(
 
 def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip, tmp_path: Path) -> None:
     (tmp_path / "no.toml").write_text("[cues]\nuse_flow = false\n")
-    for how, told in (
+    for how, message in (
         ({"tracker": "single-mode", "modes": 3, "settings": None}, "modes: single-mode keeps a single"),
         ({"settings": {"css": {"transition": False, "jump_penalty": 3.0}}}, "css.jump_penalty: has no effect"),
         ({"settings": {"smooth": {"lag": 3}}}, "smooth.lag: has no effect"),
         (
             {"settings": tmp_path / "no.toml", "cues": "edges,flow"},
-            r"no.toml: \[cues\] use_flow: .*--cues asks for flow",
+            r"no.toml: \[cues\] use_flow: .*--cues requests flow",
         ),
         ({"subject": str(clip.subject), "fit": "proportions"}, "fit: .*is used as measured"),
         ({"subject": str(clip.subject), "height": 1.7}, "height: .*is used as measured"),
         ({"subject": "human34", "height": 170.0}, "height: must be 0.5 to 2.5 m, got 170"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             track(clip, out=tmp_path / "a.run", **how)
     assert not (tmp_path / "a.run").exists()
 
@@ -163,9 +164,7 @@ def test_what_the_reader_notes_is_passed_on(clip: RenderedClip, tmp_path: Path) 
     assert any("too short" in note for note in run.header.notes)
 
 
-def test_a_silhouette_that_is_not_the_persons_is_said_to_be_none(
-    clip: RenderedClip, tracked: Run, tmp_path: Path
-) -> None:
+def test_a_silhouette_that_is_not_the_persons_is_reported(clip: RenderedClip, tracked: Run, tmp_path: Path) -> None:
     ((name, masks),) = clip.masks.items()
     (tmp_path / "corner").mkdir()
     for path in masks.iterdir():
@@ -174,12 +173,12 @@ def test_a_silhouette_that_is_not_the_persons_is_said_to_be_none(
         cv2.imwrite(str(tmp_path / "corner" / path.name), corner)
     few = {**QUICK, "smooth": {"enabled": False}}
     run = track(clip, out=tmp_path / "a.run", mask={name: tmp_path / "corner"}, settings=few)
-    told = f"{name}: the silhouette of frame 0 has"
-    assert any(note.startswith(told) for note in run.header.notes)
-    assert not any(note.startswith(told) for note in tracked.header.notes)
+    message = f"{name}: the silhouette of frame 0 has"
+    assert any(note.startswith(message) for note in run.header.notes)
+    assert not any(note.startswith(message) for note in tracked.header.notes)
 
 
-def test_what_cannot_be_is_refused_before_any_work(clip: RenderedClip, tmp_path: Path) -> None:
+def test_invalid_input_is_refused_before_any_work(clip: RenderedClip, tmp_path: Path) -> None:
     ((name, masks),) = clip.masks.items()
     few = tmp_path / "few"
     few.mkdir()
@@ -202,7 +201,7 @@ def test_what_cannot_be_is_refused_before_any_work(clip: RenderedClip, tmp_path:
         ({"background": clip.cameras}, "not an image"),
         ({"settings": tmp_path / "none.toml"}, "none.toml"),
     ]
-    for changes, told in cases:
-        with pytest.raises(InputError, match=told):
+    for changes, message in cases:
+        with pytest.raises(InputError, match=message):
             track(clip, out=tmp_path / "a.run", **changes)
     assert not (tmp_path / "a.run").exists()

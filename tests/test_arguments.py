@@ -1,4 +1,4 @@
-"""What the functions of the front door say to arguments of a kind that they do not take."""
+"""Errors of the public functions for arguments of the wrong kind."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
-    given, told = ARGUMENTS[name]
-    (tmp_path / "empty.json").write_text("{}")  # arguments are looked at before files
+    given, message = ARGUMENTS[name]
+    (tmp_path / "empty.json").write_text("{}")  # arguments are checked before files
     how: dict[str, Any] = {
         "subject": "arm8",
         "clips": None,
@@ -47,12 +47,12 @@ def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
     } | given
     if how["subject"] == "MODEL":
         how["subject"] = load_subject("arm8").model
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         km.track(**how)
     if next(iter(given)) not in ("settings", "modes", "fit", "resume", "progress"):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             km.fit(**how)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         km.compare(trackers="css", **(how | {"out": given.get("out", tmp_path / "all")}))
 
 
@@ -81,8 +81,8 @@ LATER: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]
 
 @pytest.mark.parametrize("name", LATER)
 def test_arguments_of_what_comes_before_and_after(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    function, given, how, told = LATER[name]
+    function, given, how, message = LATER[name]
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         function(*given, **how)
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Clips and keypoints that a program has as arrays, or makes one by one: as good as files."""
+"""Clips and keypoints given as arrays or iterators give the same result as files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Given(NamedTuple):
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Given:
-    """With the run of the same as files: a folder of pictures, which loses nothing either."""
+    """The same with a run from files: a folder of pictures, which is lossless too."""
     folder = tmp_path_factory.mktemp("clip")
     clip = tiny_clip(folder, frames=FRAMES, fps=FPS)
     ((name, video),) = clip.videos.items()
@@ -49,7 +49,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Given:
 
 
 def ways(given: Given) -> Iterator[tuple[Any, Any]]:
-    """The same clip and keypoints, given in each way that is taken."""
+    """The same clip and keypoints, in each accepted form."""
     yield given.pictures, given.points
     yield (picture.copy() for picture in given.pictures), given.points
     yield {given.name: (picture for picture in given.pictures)}, {given.name: given.points}
@@ -98,7 +98,7 @@ def test_keypoints_alone_and_the_fit_take_arrays_too(given: Given) -> None:
             {"clips": (np.zeros((4 + i, 4, 3), np.uint8) for i in range(2))},
             r"^clips: frame 1: has the shape \(5, 4, 3\), those before \(4, 4, 3\)",
         ),
-        ({"clips": {"a/b": np.zeros((2, 4, 4, 3), np.uint8)}}, "^a/b: is no name of a camera"),
+        ({"clips": {"a/b": np.zeros((2, 4, 4, 3), np.uint8)}}, "^a/b: is not a valid camera name"),
         ({"clips": 3}, "^clips: cannot be of type int .*array"),
         ({"keypoints": np.zeros((4, 17))}, r"^keypoints: has the shape \(4, 17\)"),
         ({"keypoints": {"a": np.zeros((4, 5, 3))}}, r"^keypoints\['a'\]: 5 keypoints fit no layout .*coco17 \(17\)"),

@@ -1,4 +1,5 @@
-"""Laws of assembly: beliefs of single limbs become poses within limits and without overlaps; mistakes are looked at."""
+"""Laws of assembly: beliefs of single limbs become poses within limits and without overlaps; typical mistakes are
+tried."""
 
 from __future__ import annotations
 
@@ -80,7 +81,7 @@ def away(name: str, a: np.ndarray, b: np.ndarray) -> float:
 
 
 class NearTruth:
-    """A likelihood that knows where the limbs of a pose are, and nothing of which side they are of."""
+    """A likelihood that knows where the limbs of a pose are, but not on which side."""
 
     def __init__(self, name: str, q: np.ndarray) -> None:
         self.points, self.mirror = points_at(name, q), graph_of(name).mirror
@@ -113,7 +114,7 @@ def within_limits(body: Body, mixture: Mixture) -> bool:
 
 @pytest.mark.parametrize("name", ["human34", "arm8", "upper13"])
 def test_exact_beliefs_are_put_together_from_nothing(name: str) -> None:
-    """Floors far below the priors' pull: what is believed decides."""
+    """Floors far below the priors: the beliefs decide."""
     rng, sharp = np.random.default_rng(3), AssemblySettings(place_floor=1e-4, turn_floor=1e-3)
     for _ in range(2):
         q = quiet_pose(name, rng)
@@ -142,7 +143,7 @@ def exchanged(graph: LimbGraph, points: np.ndarray) -> np.ndarray:
     return points[list(graph.mirror)]
 
 
-def test_sides_taken_for_each_other_are_put_right_by_the_joints() -> None:
+def test_exchanged_sides_are_corrected_by_the_joints() -> None:
     rng, name = np.random.default_rng(5), "human34"
     for _ in range(3):
         q = quiet_pose(name, rng)
@@ -153,8 +154,8 @@ def test_sides_taken_for_each_other_are_put_right_by_the_joints() -> None:
         assert best.origin.penalty == AssemblySettings().exchange
 
 
-def test_who_is_believed_to_face_the_other_way_is_turned_by_the_pictures() -> None:
-    """The true heading is among the hypotheses, and what hardly tells one side from the other chooses it."""
+def test_a_person_believed_to_face_the_other_way_is_turned_by_the_pictures() -> None:
+    """The true heading is among the hypotheses, and a likelihood that hardly distinguishes the sides selects it."""
     name, rng = "human34", np.random.default_rng(6)
     body, q = body_of(name), body_of(name).neutral
     back = body.integrate(q, np.eye(body.nv)[5] * np.pi)
@@ -191,8 +192,8 @@ def legs(name: str) -> tuple[list[int], list[int]]:
 
 
 def test_two_legs_in_one_image_are_parted() -> None:
-    """Both believed where one is, a share of the second's belief at its own place: the pictures tell. Without these and
-    without the share they stay in one place, but not inside of each other."""
+    """Both believed to be where one is, with a share of the second's belief at its own place: the pictures decide.
+    Without the pictures or the share they stay in one place, but do not intersect."""
     rng, name = np.random.default_rng(7), "human34"
     left, right = legs(name)
     assert len(left) == 2
@@ -220,7 +221,7 @@ def test_two_legs_in_one_image_are_parted() -> None:
 
 
 def test_beliefs_beyond_limits_and_through_each_other() -> None:
-    """Limbs believed anyhow: poses stay within limits to the last bit and parts apart."""
+    """Arbitrary beliefs: poses stay within limits to the last bit, and parts do not overlap."""
     rng, name = np.random.default_rng(8), "human34"
     body, graph = body_of(name), graph_of(name)
     for _ in range(4):
@@ -238,7 +239,7 @@ def test_beliefs_beyond_limits_and_through_each_other() -> None:
 
 
 def test_noise_of_single_limbs_is_lowered() -> None:
-    """Limbs 30 mm and 0.2 rad off, each by itself: the joints tell more than any of them."""
+    """Limbs independently 30 mm and 0.2 rad off: the joints determine more than any single limb."""
     rng, name = np.random.default_rng(9), "human34"
     std, raw, put = np.repeat([0.03, 0.2], 3), [], []
     for _ in range(5):
@@ -283,8 +284,9 @@ def test_the_likelihood_near_modes_moves_them_and_a_flat_one_does_not() -> None:
     assert np.isfinite(nowhere.log_scores).all()
 
 
-def test_limbs_that_nothing_is_known_of() -> None:
-    """Without points, without weights, or explained by nothing: the others decide; without any the body is at rest."""
+def test_limbs_without_information() -> None:
+    """A limb without points, without weights or without an explanation leaves it to the others; without any the body is
+    at rest."""
     rng, name = np.random.default_rng(11), "human34"
     graph, body = graph_of(name), body_of(name)
     q = quiet_pose(name, rng)
@@ -310,7 +312,7 @@ def test_limbs_that_nothing_is_known_of() -> None:
     assert away(name, at_rest.modes[0].q, body.neutral) < 0.3
 
 
-def test_wrong_beliefs_are_told() -> None:
+def test_wrong_beliefs_are_reported() -> None:
     beliefs = about(np.random.default_rng(0), points_at("arm8", body_of("arm8").neutral), 0.01, 0.1)
     with pytest.raises(InputError, match="one for each of the"):
         put_together("arm8", beliefs[:-1])
@@ -350,7 +352,7 @@ def test_keypoints_choose_their_association() -> None:
     assert assembled(search, graph_of(name), beliefs, seen.exchanged(search.mirror)).modes[0].association == "exchanged"
 
 
-def test_one_camera_s_keypoints_are_heard_beside_sharp_beliefs_that_are_wrong() -> None:
+def test_one_cameras_keypoints_count_against_sharp_wrong_beliefs() -> None:
     rng, name = np.random.default_rng(19), "human34"
     body, off = body_of(name), np.repeat([0.05, 0.3], 3)
     errors = np.zeros((4, 2))

@@ -1,4 +1,4 @@
-"""The centre of mass over the feet that stand: segment masses, the term, and when it applies."""
+"""The centre of mass over the standing feet: segment masses, the term, and when it applies."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ def test_the_value_is_the_stated_mixture_of_the_offset() -> None:
     assert term.deviations(posed) == pytest.approx(np.sqrt(x))
 
 
-def test_the_tail_lets_people_be_held() -> None:
-    """Far from over the feet another step costs less and less, and nothing turns with the person's heading."""
+def test_the_tail_allows_for_external_support() -> None:
+    """Far from the feet each further step costs less, and the heading does not matter."""
     term, values = Balance(BODY, FEET, masses(), UP, STANCE), []
     for lean in np.linspace(0.0, 1.1, 12):
         q = BODY.neutral.copy()
@@ -107,7 +107,7 @@ def test_the_tail_lets_people_be_held() -> None:
     assert values[-1] < 16.0
 
 
-def test_balance_needs_feet_that_stand_and_counts_less_for_who_may_sit() -> None:
+def test_balance_needs_standing_feet_and_counts_less_for_a_seated_person() -> None:
     q, settings = bent(BODY, lumbar_flexion=1.2), BalanceSettings()
     value = {
         what: sum(term.value(BODY.at(q)) for term in balance_terms(BODY, seen, settings))
@@ -123,7 +123,7 @@ def test_balance_needs_feet_that_stand_and_counts_less_for_who_may_sit() -> None
     assert balance_terms(BODY, standing(q, *BOTH), replace(settings, weight=0.0)) == []
 
 
-def test_a_robot_balances_only_where_it_is_asked() -> None:
+def test_a_robot_balances_only_on_request() -> None:
     if "talos" not in installed():
         pytest.skip("example-robot-data is not installed")
     body = Body(load_subject("example-robot-data:talos"))
@@ -134,7 +134,7 @@ def test_a_robot_balances_only_where_it_is_asked() -> None:
     assert counts == [0, 1]
 
 
-def test_up_that_only_a_held_camera_says_is_less_sure() -> None:
+def test_up_from_a_held_camera_alone_is_less_certain() -> None:
     guess = guessed_camera("phone", (720, 1280))
     assert up_is_assumed((guess,))
     assert not up_is_assumed((CAMERA,))
@@ -148,7 +148,7 @@ def test_up_that_only_a_held_camera_says_is_less_sure() -> None:
     assert values[0] < values[1]
 
 
-def test_the_energy_of_a_frame_has_balance_unless_a_paper_has_not() -> None:
+def test_the_energy_of_a_frame_has_balance_except_in_reproductions() -> None:
     seen = standing(BODY.neutral, *BOTH)
     for tracker, expected in (("css", True), ("css-paper", False), ("condensation", False)):
         model = CostModel(BODY, settings_for(tracker).cost)
@@ -158,7 +158,7 @@ def test_the_energy_of_a_frame_has_balance_unless_a_paper_has_not() -> None:
 
 @pytest.mark.parametrize(("bend", "moves", "expected"), [(1.4, 0.0, True), (1.4, 0.4, False), (0.2, 0.0, False)])
 def test_hips_that_are_low_and_rest_may_be_seated(bend: float, moves: float, expected: bool) -> None:
-    """A person on a chair, seen from the side: low hips that rest; that rise and sink; that rest, but high."""
+    """A person on a chair, seen from the side: hips low and at rest, rising and sinking, or at rest but high."""
     camera, fps, frames = camera_at(90.0, distance=3.5), 30.0, int(30 * HIP_SPAN) + 10
     shots = []
     for t in range(frames):

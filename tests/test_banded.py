@@ -12,7 +12,7 @@ from estimator.tracking.smoothing.chain import inverse_diagonal
 @pytest.mark.parametrize("reach", [1, 2, 3])
 def test_diagonal_blocks_are_those_of_the_whole_inverse(count: int, reach: int) -> None:
     rng, n = np.random.default_rng(count), 4
-    rows = np.zeros((count * n, (count + reach) * n))  # every block of columns is met by some blocks of rows in a row
+    rows = np.zeros((count * n, (count + reach) * n))  # every block of columns has consecutive blocks of rows
     for t in range(count):
         rows[t * n : (t + 1) * n, t * n : (t + 1 + reach) * n] = rng.normal(size=(n, (1 + reach) * n))
     whole = rows @ rows.T + 0.1 * np.eye(count * n)

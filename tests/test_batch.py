@@ -1,4 +1,4 @@
-"""Many clips: each as a single track would do it, none twice, none stopped by another."""
+"""Many clips: each tracked as by a single `track`, none twice, none stopped by another."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def single(clips: Path, name: str, out: Path) -> Run:
 
 
 def content(run: Path) -> list[Any]:
-    """All that a run file has, but when it was made."""
+    """All content of a run file but its creation time."""
     with sqlite3.connect(f"file:{run}?mode=ro", uri=True) as connection:
         tables = sorted(name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'"))
         return [(t, sorted(connection.execute(f"SELECT * FROM {t}"))) for t in tables if t != "finished"]
@@ -96,20 +96,20 @@ def test_clips_are_tracked_as_alone_and_not_twice(clips: Path, tmp_path: Path) -
     assert done.table.read_text().count("\n") == 4
     assert "second.run" in done.page.read_text()
     before = {path: path.stat().st_mtime_ns for path in out.glob("clips/*/*") if path.parent.name != "broken"}
-    os.utime(clips / "first.json")  # its content is what it was
+    os.utime(clips / "first.json")  # same content
     assert km.batch(clips / "clips.csv", out=out, workers=1, export="csv").outcomes["first"] == done.outcomes["first"]
     assert {path: path.stat().st_mtime_ns for path in before} == before
     other = (clips / "clips.csv").read_text().splitlines()
     (clips / "other.csv").write_text("\n".join([f"{other[0]},seed", f"{other[1]},3", f"{other[3]},"]))
     run = (out / "clips" / "second" / "second.run").stat().st_mtime_ns
     changed = km.batch(clips / "other.csv", out=out, workers=1, export="csv,trc")
-    assert set(changed.outcomes["second"].runs[0].exports) == {"csv", "trc"}  # of the run as it is
+    assert set(changed.outcomes["second"].runs[0].exports) == {"csv", "trc"}  # of the current run
     assert (out / "clips" / "second" / "second.run").stat().st_mtime_ns == run
     assert km.open_run(out / changed.outcomes["first"].runs[0].run).header.seed == 3
 
 
-def test_a_clip_of_nobody_is_done_and_looked_at_first(tmp_path: Path) -> None:
-    """It has no picture and no report, which show poses, but all else."""
+def test_a_clip_without_a_person_is_done_and_reviewed_first(tmp_path: Path) -> None:
+    """It has no picture and no report, which show poses, but everything else."""
     root, subject, body = tmp_path.resolve(), load_subject("human34"), body_of("human34")
     task = BatchTask(BatchRow("clip", "row 1"), root, "", exports=("csv",), report=True)
     task.clip_folder.mkdir(parents=True)
@@ -129,7 +129,7 @@ def test_a_clip_of_nobody_is_done_and_looked_at_first(tmp_path: Path) -> None:
     assert look_ranks(shown.entries()) == (None, 1)
 
 
-def test_a_batch_that_is_killed_goes_on(clips: Path, tmp_path: Path) -> None:
+def test_a_killed_batch_resumes(clips: Path, tmp_path: Path) -> None:
     """SIGKILL of the leader as soon as the first clip is done: its workers end too, and the rest is as alone."""
     line = ["batch", clips / "clips.csv", "--out", tmp_path / "out", "--workers", 1]
     process = kinemode_process(line)
@@ -176,7 +176,7 @@ def km_rows(rows: Sequence[dict[str, Any]], folder: Path) -> tuple[BatchRow, ...
 
 
 class Inline:
-    """An engine that works at once, in this process."""
+    """An engine that runs each task immediately, in this process."""
 
     died = (KeyError,)
     deaths = 3
@@ -197,17 +197,19 @@ class Inline:
 
 
 def outcomes_of(rows: Sequence[BatchRow], root: Path, job: Callable[[BatchTask], TaskAnswer]) -> dict[str, ClipOutcome]:
-    told: dict[str, ClipOutcome] = {}
+    outcomes: dict[str, ClipOutcome] = {}
     with opened_root(root) as token:
-        Leader(BatchPlan(rows, root), Inline(), token, lambda outcome: told.update({outcome.name: outcome}), job).run()
-    return told
+        Leader(
+            BatchPlan(rows, root), Inline(), token, lambda outcome: outcomes.update({outcome.name: outcome}), job
+        ).run()
+    return outcomes
 
 
 def done_answer(task: BatchTask) -> TaskAnswer:
     return TaskAnswer(ClipOutcome(task.row.name, DONE, options=task.digest), "<robot/>" if task.fits else "")
 
 
-def test_who_kills_processes_is_given_up_and_the_others_are_done(tmp_path: Path) -> None:
+def test_a_clip_that_kills_its_workers_fails_and_the_others_finish(tmp_path: Path) -> None:
     tries: list[str] = []
 
     def job(task: BatchTask) -> TaskAnswer:
@@ -231,7 +233,7 @@ def test_clips_wait_for_their_person(tmp_path: Path, fits: bool) -> None:
     def job(task: BatchTask) -> TaskAnswer:
         order.append((task.row.name, task.fits, task.subject))
         if task.fits and not fits:
-            return TaskAnswer(ClipOutcome(task.row.name, FAILED, "nobody is seen"))
+            return TaskAnswer(ClipOutcome(task.row.name, FAILED, "no person is seen"))
         return done_answer(task)
 
     rows = [
@@ -246,7 +248,7 @@ def test_clips_wait_for_their_person(tmp_path: Path, fits: bool) -> None:
         assert {("a", False, "<robot/>"), ("b", False, "<robot/>"), ("c", False, "")} == set(order[1:])
     else:
         assert [name for name, *_ in order[1:]] == ["c"]
-        assert "fit from b failed: nobody is seen" in outcomes["a"].message
+        assert "fit from b failed: no person is seen" in outcomes["a"].message
 
 
 def test_a_worker_that_does_not_see_the_folder_sends_its_files(clips: Path, tmp_path: Path) -> None:
@@ -344,7 +346,7 @@ def test_an_engine_survives_what_kills_its_workers(kind: str) -> None:
         ({"workers": 0}, "1 to"),
     ],
 )
-def test_engines_that_cannot_be(how: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_engines(how: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kinemode.batches.engines._PATIENCE", 0.5)
     with pytest.raises(InputError, match=message):
         engine_of(**{"name": "processes", "workers": None, "scheduler": None, **how})
@@ -357,7 +359,7 @@ def test_workers_of_other_versions_are_refused() -> None:
         check_versions(own, {**own, "numpy": "1.0"}, "a")
 
 
-def test_the_command_says_what_failed_and_what_is_wrong(clips: Path, tmp_path: Path, capsys: Any) -> None:
+def test_the_command_reports_failures_and_errors(clips: Path, tmp_path: Path, capsys: Any) -> None:
     assert front.main(["batch", "--make", str(clips), "--out", str(tmp_path / "made.csv")]) == 2  # no video
     assert "no clip is in it" in capsys.readouterr().err
     (tmp_path / "bad.csv").write_text("name,clips\na,missing.mp4\n")

@@ -1,4 +1,4 @@
-"""Manifests that are made from a folder: each layout is met where it lies, and what is made is read without a fault."""
+"""Manifests made from a folder: each layout is recognised, and the manifest is read without a fault."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kinemode.batches.manifest import BatchRow, read_manifest
 
 
 def fill(folder: Path, files: Sequence[str]) -> Path:
-    """Make empty files, and cameras where a name says how many: "calibration.json cam01 cam02"."""
+    """Make empty files, and camera files whose cameras are listed after the name: "calibration.json cam01 cam02"."""
     for line in files:
         name, *cameras = line.split(" ") if " cam" in line else [line]
         path = folder / name
@@ -33,13 +33,13 @@ def camera(name: str) -> dict[str, Any]:
 
 
 def section(name: str) -> dict[str, Any]:
-    """A camera as Pose2Sim's files have it."""
+    """A camera in the form of Pose2Sim's files."""
     pose = {"rotation": [0.0, 0.0, 0.1], "translation": [float(len(name)), float(name[-1]), 4.0]}
     return {"name": name, "size": [640.0, 480.0], "matrix": camera(name)["K"], "distortions": [0.0] * 4, **pose}
 
 
 def made(folder: Path) -> tuple[list[dict[str, str]], str]:
-    """The rows and notes of a folder; the manifest, written beside the folder and in it, is read without a fault and
+    """The rows and notes of a folder. The manifest, written beside the folder and in it, is read without a fault and
     has all of them."""
     manifest = manifest_of(folder)
     notes = "\n".join(manifest.left_out)
@@ -75,7 +75,8 @@ def test_videos_beside_each_other(tmp_path: Path) -> None:
 
 
 def test_a_folder_of_folders(tmp_path: Path) -> None:
-    """A video is a clip; several are cameras where a camera file or their names say so; names are told apart."""
+    """A video is a clip; several are cameras where a camera file or their names imply it; equal names are made
+    distinct."""
     files = ["calibration.json cam01 cam02", "a/walk/cam01.mp4", "a/walk/cam02.mp4", "a/walk/keypoints/cam01.json",
              "a/walk/keypoints/cam02.json", "b/walk/film.mp4", "c/one.mp4", "c/two.mp4", "c/three.mp4", "d/left.mp4",
              "d/right.mp4", "d/cameras.json cam_l cam_r", "e/1.png", "e/2.png", "e/3.png"]  # fmt: skip
@@ -98,7 +99,8 @@ def test_a_folder_of_folders(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("session", ["", "S01_P02_Participant/"])
 def test_sessions_of_pose2sim(tmp_path: Path, session: str) -> None:
-    """One trial or several, the calibration above them; boards are no clips; JSON folders have the cameras' names."""
+    """One trial or several, the calibration above them; board videos are not clips; JSON folders have the cameras'
+    names."""
     trials = [f"{session}S01_P02_T0{i}_Trial/" for i in (1, 2)] if session else [""]
     files = [f"{t}{f}" for t in trials for f in ("videos/cam01.mp4", "videos/cam02.mp4", "Config.toml",
              "pose/cam01_json/cam01_00.json", "pose/cam02_json/cam02_00.json", "pose/cam01_pose.mp4")]  # fmt: skip
@@ -127,8 +129,8 @@ def test_a_session_of_opencap(tmp_path: Path) -> None:
     films = [f"Videos/Cam{i}/InputMedia/{film}" for i in (0, 1) for film in trials]
     pickles = [f"Videos/Cam{i}/cameraIntrinsicsExtrinsics.pickle" for i in (0, 1)]
     folder = fill(tmp_path / "data", [*films, *pickles, "Videos/Cam0/InputMedia/jump/jump.mov"])
-    told = "height_m: 1.78\nmass_kg: 70.0\nsubjectID: anna\niphoneModel:\n  Cam0: iPhone13,3\n  Cam1: iPhone13,3\n"
-    (folder / "sessionMetadata.yaml").write_text(told)
+    metadata = "height_m: 1.78\nmass_kg: 70.0\nsubjectID: anna\niphoneModel:\n  Cam0: iPhone13,3\n  Cam1: iPhone13,3\n"
+    (folder / "sessionMetadata.yaml").write_text(metadata)
     rows, notes = made(folder)
     anna = {"detect": "yes", "person": "anna", "height": "1.78"}
     media = "Cam{0}=Videos/Cam{0}/InputMedia/{1}"
@@ -154,7 +156,7 @@ def test_two_people_of_one_name(tmp_path: Path) -> None:
     assert "lab: the person 1 has several heights" in notes
 
 
-def test_names_are_told_apart(tmp_path: Path) -> None:
+def test_equal_names_are_made_distinct(tmp_path: Path) -> None:
     rows, _ = made(fill(tmp_path / "lab", ["x/a b/film.mp4", "x/a_b/film.mp4", "y/film.mp4", "z/Y/film.mp4"]))
     names = [row["name"] for row in rows]
     assert len({name.casefold() for name in names}) == len(names) == 4
@@ -173,7 +175,7 @@ def test_folders_of_nothing(tmp_path: Path) -> None:
             manifest_of(folder)
 
 
-def test_a_manifest_that_is_there_is_kept(tmp_path: Path) -> None:
+def test_an_existing_manifest_is_kept(tmp_path: Path) -> None:
     manifest = manifest_of(fill(tmp_path / "lab", ["walk.mp4"]))
     out = write_manifest(manifest, tmp_path / "made.csv")
     with pytest.raises(InputError, match="exists already"):

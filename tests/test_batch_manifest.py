@@ -1,4 +1,4 @@
-"""Manifests of batches: read whole, every fault named with its row, and nothing begun where there is any."""
+"""Manifests of batches: read whole, every fault named with its row, and no clip started where there is one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FILES = ("a.mp4", "b.mp4", "my walk.mp4", "a.json", "b.json", "cameras.json", "m
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Files that a manifest may name; nothing is in them."""
+    """Empty files that a manifest may name."""
     for name in FILES:
         (tmp_path / name).write_text("")
     return tmp_path
@@ -71,7 +71,7 @@ def test_all_faults_are_named_at_once(folder: Path) -> None:
         ("row 1", "'out' is not of a clip"),
         ("row 2, column cameras", "no such file: 'nowhere.json'"),
         ("row 2, column fps", "'0' cannot be used"),
-        ("row 2, column person_id", "everybody in the clip, and the column person has 'Anna'"),
+        ("row 2, column person_id", "all people in the clip, and the column person has 'Anna'"),
         ("row 3, column height", "1.9 for 'Anna', for whom row 2 has 1.8"),
         ("row 3, column name", "row 2 has the name 'A' too but for case"),
         ("row 3, column fits", "'Anna' is fitted from row 2 already"),
@@ -83,17 +83,17 @@ def test_all_faults_are_named_at_once(folder: Path) -> None:
         ("row 6, column clips", "no such clip: 'gone.mp4'"),
         ("row 6, column height", "must be"),
         ("row 6", "has 15 cells, the head has 14: 'beyond'"),
-        ("row 7, column name", "'../x' is no name for a folder"),
+        ("row 7, column name", "'../x' is not a valid folder name"),
         ("row 7", "has the name 'a' too"),
         ("row 7, column fits", "is for clips of a person"),
         ("row 8, column clips", "unclosed quotation mark"),
         ("row 8, column height", "'much' is not taken"),
-        ("row 8, column name", "'.' is no name for a folder"),
+        ("row 8, column name", "'.' is not a valid folder name"),
     ):
         hits = [i for i, fault in enumerate(faults) if fault.startswith(f"{place}: ") and problem in fault]
         assert len(hits) == 1, (place, problem, faults)
         faults.pop(hits[0])
-    assert [fault.split(":")[0] for fault in faults] == ["row 7, column detector"]  # nothing that is not wrong
+    assert [fault.split(":")[0] for fault in faults] == ["row 7, column detector"]  # no false positives
 
 
 def test_an_error_crosses_processes_and_is_printed_whole(
@@ -113,7 +113,7 @@ def test_an_error_crosses_processes_and_is_printed_whole(
     monkeypatch.setattr("kinemode.cli.run_command", refuse)
     assert front.main([str(folder / "m.csv")]) == front.BAD_INPUT
     head, *lines = capsys.readouterr().err.splitlines()
-    assert head == f"error: {folder / 'm.csv'}: 2 faults, nothing was begun"
+    assert head == f"error: {folder / 'm.csv'}: 2 faults, nothing was started"
     assert [line.split(":")[0] for line in lines] == ["  row 1", "  row 4, column clips"]
     assert "\\x1b[2J" in lines[1]
     assert all(line.isprintable() for line in (head, *lines))
@@ -130,19 +130,19 @@ def test_an_error_crosses_processes_and_is_printed_whole(
         ("m.csv", "clips,\na.mp4,x\n", "row 2: 'x' is in a column without a name"),
         ("m.txt", "clips\na.mp4\n", ": '.txt' is not the ending of a manifest"),
         ("m.toml", "[[clip]]\nclips =\n", "line 2: is not TOML"),
-        ("m.toml", "[clip]\nclips = 'a.mp4'\n", ": clip is no list of tables"),
+        ("m.toml", "[clip]\nclips = 'a.mp4'\n", ": clip is not a list of tables"),
         ("m.toml", "[[clips]]\n", ": there is no 'clips'"),
         ("m.toml", "[[clip]]\nclips='a.mp4'\n[people.Bob]\nheight=1.8", "[people.Bob]: no clip is of the person 'Bob'"),
         ("m.toml", "[[clip]]\nclips='a.mp4'\nup=2024-01-01", "row 1, column up: is of type date"),
         ("m.toml", "[[clip]]\nclips='a.mp4'\n[defaults]\nname='a'", "[defaults], column name: does not stand here"),
     ],
 )
-def test_files_that_are_no_manifest(folder: Path, name: str, text: str | bytes, fault: str) -> None:
+def test_files_that_are_not_manifests(folder: Path, name: str, text: str | bytes, fault: str) -> None:
     assert any(line.startswith(fault) for line in faults_of(folder, text, name)), faults_of(folder, text, name)
 
 
 def test_rows_are_lines_of_the_file(folder: Path) -> None:
-    """Also below a cell of two lines; backslashes, which paths of Windows have, are as they stand."""
+    """Also below a cell of two lines; the backslashes of Windows paths are kept."""
     text = 'clips,name,detect,detector\n"a.mp4\nb.mp4",a,,\n\n"gone\\x.mp4 b.mp4",b,maybe,onnx\n'
     assert faults_of(folder, text) == [
         "row 5, column clips: there is no such clip: 'gone\\\\x.mp4'",
@@ -150,7 +150,7 @@ def test_rows_are_lines_of_the_file(folder: Path) -> None:
     ]
 
 
-def test_a_fault_said_for_all_rows_is_said_once(folder: Path) -> None:
+def test_a_fault_common_to_all_rows_is_reported_once(folder: Path) -> None:
     text = "[defaults]\nheight = 9.0\ncameras = 'gone.json'\nfps = 'x'\n" + "[[clip]]\nclips = ['a.mp4']\n" * 1
     text += "[[clip]]\nclips = 'b.mp4'\nheight = 1.7\n"
     assert sorted(fault.split(":")[0] for fault in faults_of(folder, text, "m.toml")) == [
@@ -160,7 +160,7 @@ def test_a_fault_said_for_all_rows_is_said_once(folder: Path) -> None:
     ]
 
 
-def test_csv_and_toml_say_the_same(folder: Path) -> None:
+def test_csv_and_toml_are_equivalent(folder: Path) -> None:
     table = [
         {"name": "first", "clips": ["x=a.mp4", "y=b.mp4"], "cameras": "cameras.json", "person": "Anna", "height": 1.75,
          "keypoints": ["x=a.json", "y=b.json"], "fps": ["x=30", "y=60"], "reference": "truth.npz"},
@@ -196,7 +196,8 @@ def without_places(rows: Iterable[BatchRow]) -> list[dict[str, Any]]:
 
 
 def test_what_a_row_becomes(folder: Path) -> None:
-    """Only what was given, as `kinemode.track` takes it and JSON keeps it; paths start in the manifest's folder."""
+    """Only given values, in the form that `kinemode.track` takes and JSON stores; paths are relative to the manifest's
+    folder."""
     (folder / "below").mkdir()
     table = {"clips": ["c=../a.mp4", "../a=b.mp4"], "keypoints": "c=../a.json", "detect": "yes", "detector": "onnx",
              "model": "../a.json", "mask": "c=../b.mp4", "cameras": "auto", "lenses": "../cameras.json", "seed": 0,
@@ -238,7 +239,7 @@ def test_names(folder: Path, cells: dict[str, Any], name: str) -> None:
 
 
 def test_a_person_has_one_subject_and_one_height(folder: Path) -> None:
-    """What is said of a person once holds for all their clips, and goes before what is said of all."""
+    """A value given once for a person holds for all their clips and overrides the defaults of the batch."""
     rows = [{"name": n, "clips": "a.mp4", "person": p} for n, p in zip("abcde", ("A", "A", "B", "B", ""), strict=True)]
     rows[1]["height"] = "1.6"
     text = tomli_w.dumps({"clip": rows, "defaults": {"height": 1.8}, "people": {"B": {"height": 1.9}}})
@@ -284,13 +285,13 @@ OF_POINTS = list(options_of(PointOptions))
 
 
 def option_names() -> list[str]:
-    """Every option of `track` that the command line has."""
+    """Every option of `track` on the command line."""
     return [name for name in flag_types(TrackRequest) if name not in ("clips", *columns.OF_THE_BATCH)]
 
 
 @pytest.mark.parametrize("name", option_names())
 def test_every_option_of_track_is_a_column(folder: Path, name: str) -> None:
-    """By its name on the command line; its value reaches `kinemode.track`."""
+    """A column has the option's command-line name, and its value reaches `kinemode.track`."""
     row: dict[str, Any] = {"clips": "a.mp4"}
     column = "person-id" if name == "person" else name.replace("_", "-")
     if name in options_of(DetectorOptions):
@@ -324,7 +325,7 @@ def test_a_value_is_that_of_the_command_line(name: str) -> None:
 
 
 def test_lists_of_texts_are_files_or_values() -> None:
-    """A new option that takes a list says which, so that relative paths in it start in the manifest's folder."""
+    """A new option that takes a list declares its kind, so that relative paths in it start in the manifest's folder."""
     for declared in options_of(TrackRequest).values():
         assert bool(declared.files) == bool({"Named", "Clips", "Keypoints"} & {*declared.parts})
     assert all(get_origin(kind) is not dict for c in columns.columns().values() for kind in c.kinds)
@@ -340,12 +341,12 @@ def test_lists_of_texts_are_files_or_values() -> None:
         ({"clips": "", "keypoints": "a.json"}, "detect: there is no clip"),
     ],
 )
-def test_detectors_that_cannot_be_used(folder: Path, cells: dict[str, Any], fault: str) -> None:
-    with pytest.raises(ManifestError, match=f"1 fault, nothing was begun\n  row 1, column {fault}"):
+def test_unusable_detectors(folder: Path, cells: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ManifestError, match=f"1 fault, nothing was started\n  row 1, column {fault}"):
         rows_of([{"clips": "a.mp4", "detect": True} | cells], folder=folder)
 
 
-def test_missing_files_are_said_without_heavy_libraries(folder: Path) -> None:
+def test_missing_files_are_reported_without_heavy_imports(folder: Path) -> None:
     program = (
         "import sys; from kinemode.batches.manifest import rows_of\n"
         "try: rows_of([{'clips': 'gone.mp4', 'keypoints': 'gone.json', 'fps': '30'}])\n"

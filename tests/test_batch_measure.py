@@ -1,5 +1,5 @@
-"""The measure of batches measures right: runs that differ by a bit, clips that were done twice, and times on free
-processors are seen."""
+"""The measure of batches is right: it sees runs that differ by a bit, clips that were done twice, and times on free
+processors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run_of(root: Path, name: str, *, last_bit: bool = False) -> Path:
     return file
 
 
-def test_runs_that_differ_in_a_bit_and_those_that_are_missing_are_told(tmp_path: Path) -> None:
+def test_differing_and_missing_runs_are_reported(tmp_path: Path) -> None:
     alone, root = tmp_path / "alone", tmp_path / "batch"
     single = {name: run_of(alone, name) for name in "abc"}
     run_of(root, "a")
@@ -110,7 +110,7 @@ def test_moments_are_in_order_and_before_the_end() -> None:
     assert counts[-1] < 24 - WORKERS
 
 
-def test_growth_is_that_of_workers_that_are_there() -> None:
+def test_growth_counts_living_workers_alone() -> None:
     first = WorkerSample(10, {1: ResidentMemory(90.0, 100.0), 2: ResidentMemory(90.0, 100.0)})
     last = WorkerSample(200, {1: ResidentMemory(80.0, 110.0), 3: ResidentMemory(500.0, 500.0)})
     assert grown([first, last]) == [pytest.approx(1.1)]
@@ -122,7 +122,7 @@ def test_a_soak_of_less_than_two_windows_is_refused(tmp_path: Path, window: int)
         measure_soak(tmp_path, 100, window, "off", None)
 
 
-def test_the_system_tells_of_processes() -> None:
+def test_processes_are_read_from_the_system() -> None:
     own = memory()
     assert 0.0 < own.now <= own.peak
     context = multiprocessing.get_context("spawn")

@@ -1,4 +1,4 @@
-"""A batch's page says what its clips say, in the order in which they are to be looked at, and needs no server."""
+"""A batch's page shows the results of its clips in the order of review, and needs no server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class BatchReader(HTMLParser):
         self.links: list[str] = []
         self.tags: list[str] = []
         self.rows: list[list[str]] = []
-        self.inside = False  # of a cell
+        self.inside = False  # a cell
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -44,7 +44,7 @@ class BatchReader(HTMLParser):
 def test_the_page_has_every_clip_as_text_and_nothing_from_elsewhere(tmp_path: Path) -> None:
     text = write_batch_page(tmp_path / "index.html", ENTRIES, f"spring {ODD}").read_text(encoding="utf-8")
     reader = BatchReader(text)
-    # a name of a file is neither a scheme nor a query, and a name is no element
+    # a file name is neither a scheme nor a query, and a clip's name is not markup
     assert sorted(reader.links) == ["a%20b%231.jpg", "data:,", "javascript%3Aalert%281%29", "r/50%25%3F.run"]
     assert reader.tags.count("script") == 1
     assert "<script>alert" not in text
@@ -80,7 +80,7 @@ IN_PAGE = "return [...document.querySelectorAll('tbody tr b')].map(name => name.
 def opened(browser: Any, tmp_path: Path) -> Iterator[Any]:
     """The browser with the page of `ENTRIES`, from its file; others find it as it was."""
     browser.get("about:blank")
-    browser.get_log("browser")  # what pages before this have said
+    browser.get_log("browser")  # discard messages of earlier pages
     browser.get(write_batch_page(tmp_path / "index.html", ENTRIES, "batch").as_uri())
     yield browser
     browser.get("about:blank")
@@ -88,7 +88,7 @@ def opened(browser: Any, tmp_path: Path) -> Iterator[Any]:
 
 
 def test_the_page_is_sorted_by_its_heads(opened: Any) -> None:
-    """Numbers as numbers, names with numbers as people count, what is missing last in both ways, by keys too."""
+    """Numbers sort as numbers, names in natural order, missing values last in both directions; by keys too."""
     waiting = ENTRIES[2].name
     assert opened.execute_script(IN_PAGE) == [*FIRST, "clip9", waiting]
     heads = {head.text.split()[0]: head for head in opened.find_elements("tag name", "th") if head.text}
@@ -109,10 +109,10 @@ def test_the_page_is_sorted_by_its_heads(opened: Any) -> None:
     assert sort("person")[0][:2] == [waiting, "clip2"]
     assert sort("look") == ([*FIRST, waiting, "clip9"], "ascending")
     wrong = [entry["message"] for entry in opened.get_log("browser") if entry["level"] == "SEVERE"]
-    assert all("a%20b" in message for message in wrong), wrong  # the picture, which is not there
+    assert all("a%20b" in message for message in wrong), wrong  # the missing picture
 
 
-def test_the_page_shows_the_clips_that_are_asked_for(opened: Any) -> None:
+def test_the_page_shows_the_requested_clips(opened: Any) -> None:
     words = opened.find_element("id", "words")
     words.send_keys(" ANN")
     assert opened.execute_script(SHOWN) == ["clip2", "clip9"]

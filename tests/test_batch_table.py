@@ -1,4 +1,4 @@
-"""What a batch says of its clips: facts of runs, which clips are to be looked at, and the table of them."""
+"""A batch's summary of its clips: facts of runs, which clips to review, and their table."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ ENTRIES = (
     ),
 )  # fmt: skip
 FIRST = ("bad", "clip2", "clip10", "found")
-"""Those to look at, the first first."""
+"""The clips to review, in order."""
 
 
-def test_clips_to_look_at_first() -> None:
-    """Failed ones, by doubtful frames, by hard ones, and those with a finding; none that nothing speaks against."""
+def test_clips_to_review_first() -> None:
+    """Failed clips first, then by doubtful frames, by hard ones, then those with a finding; good clips are not
+    listed."""
     worse = BatchEntry("worse", "done", frames=100, hard=0, unobserved=21, doubtful=0.21)
     entries = (*ENTRIES, worse)
     ranks = {rank: entry.name for entry, rank in zip(entries, look_ranks(entries), strict=True) if rank}
@@ -47,8 +48,8 @@ def test_another_status_is_refused() -> None:
         BatchEntry("a", "lost")
 
 
-def test_facts_of_a_run_are_those_it_says(tmp_path: Path) -> None:
-    """Frames that findings speak against are hard, whatever the tracker called them; no number of no frame."""
+def test_facts_of_a_run_match_the_run(tmp_path: Path) -> None:
+    """Frames with findings are hard, whatever their status; without frames there is no number."""
     subject = load_subject("arm8")
     q = np.tile(pin.neutral(subject.model), (8, 1, 1))
     status = ["tracked", "hard", "unobserved", "unobserved", "tracked", "tracked", "tracked", "tracked"]

@@ -1,4 +1,4 @@
-"""Thumbnails of runs: the skeleton lies on the person, and a clip that is gone keeps none from being made."""
+"""Thumbnails of runs: the skeleton lies on the person, and a missing clip does not prevent them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from viz.scene import Scene
 
 
 def coordinates_picture(width: int = 640, height: int = 480) -> np.ndarray:
-    """Blue tells how far right a pixel is, green how far down; no red."""
+    """Blue encodes a pixel's column, green its row; no red."""
     x, y = np.meshgrid(np.arange(width) * 255.0 / width, np.arange(height) * 255.0 / height)
     return np.round(np.stack([x, y, 0.0 * x], axis=2)).astype(np.uint8)
 
@@ -29,7 +29,7 @@ def of_pictures(picture: np.ndarray, scene: Scene) -> Scene:
 
 
 def test_the_thumbnail_has_the_skeleton_where_the_picture_has_the_person() -> None:
-    """The picture says which pixel is shown where: there the projected joints are drawn, and all are in it."""
+    """The colours give the source pixel of every place: the projected joints are drawn there, and all are inside."""
     scene = of_pictures(coordinates_picture(), moving_scene(5))
     small = thumbnail(scene).astype(float)
     assert small.shape == (HEIGHT, WIDTH, 3)
@@ -74,7 +74,7 @@ def test_a_thumbnail_without_its_clip_is_plain_and_all_are_small(tmp_path: Path)
 
 
 def test_a_run_file_has_a_thumbnail_wherever_the_person_is(tmp_path: Path) -> None:
-    """Behind the camera, or beside its picture, too; without a pose there is none to show."""
+    """Also behind the camera or outside its picture; without a pose there is no skeleton."""
     subject = load_subject("human34")
     q = np.tile(pin.neutral(subject.model), (3, 1, 1))
     for k, place in enumerate(([3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 50.0, 0.0])):

@@ -81,7 +81,7 @@ def test_a_narrow_kernel_is_a_normal_density_of_the_tangent() -> None:
 @pytest.mark.parametrize("std", [(0.3, 0.3, 0.3), (2.0, 2.0, 2.0), (0.2, 0.8, 3.0)])
 @pytest.mark.parametrize("space", [TURNS, PLANE_AND_TURNS, PLACEMENTS])
 def test_densities_integrate_to_one(space: Space, std: tuple[float, float, float]) -> None:
-    """Over all rotations, also where half of a normal density would be beyond 180 degrees; and draws have that
+    """Over all rotations, also where half of a normal density would be beyond 180 degrees; samples have that
     density."""
     rng = np.random.default_rng(2)
     mean = np.zeros((2, space.size))
@@ -91,7 +91,7 @@ def test_densities_integrate_to_one(space: Space, std: tuple[float, float, float
     mixed = KernelMixture(mixture.log_weight, mean, mixture.shape, mixture.shapes, box, 0.25)
     points = np.concatenate([box.sample(rng, 20_000), mixture.sample(rng, 20_000)])
     p, even = np.exp(mixture.log_density(points)), np.exp(box.log_density(points))
-    ratio = p / (0.5 * p + 0.5 * even)  # both sources have as many points
+    ratio = p / (0.5 * p + 0.5 * even)  # both sources have equal numbers of points
     assert ratio.mean() == pytest.approx(1.0, abs=4.0 * ratio.std() / 200.0)
     by_box = p[:20_000] / even[:20_000]
     assert by_box.mean() == pytest.approx(1.0, abs=4.0 * by_box.std() / 141.0)
@@ -113,7 +113,7 @@ def test_the_mean_near_half_a_turn() -> None:
     np.testing.assert_allclose(covariance, steps.T @ steps / 40, atol=1e-9)
 
 
-def test_potentials_there_and_back_again() -> None:
+def test_potentials_round_trip() -> None:
     """F_ij o F_ji is the identity, and to first order both directions are the same function."""
     rng = np.random.default_rng(4)
     covariance = covariances(rng, 3, np.repeat([0.0005, 0.0025], 3))
@@ -180,7 +180,8 @@ def test_products_are_those_of_quadrature(method: str, most: float, apart: float
 
 @pytest.mark.parametrize("method", METHODS)
 def test_products_of_placements(method: str) -> None:
-    """Of all, and of all but one of three messages: means within 3 mm and 1 degree of many weighted candidates'."""
+    """Of all, and of all but one of three messages: means within 3 mm and 1 degree of those of many weighted
+    candidates."""
     rng = np.random.default_rng(9)
     factors = [mixture_of(PLACEMENTS, placed(rng, 8, 0.02, 0.1), covariances(rng, 8, np.repeat([0.02, 0.1], 3)))
                for _ in range(3)]  # fmt: skip
@@ -207,7 +208,7 @@ def test_a_product_of_two_kernels_is_known() -> None:
     assert log_weight[0] == pytest.approx(multivariate_normal(mean[1], a + b).logpdf(mean[0]))
 
 
-def test_what_cannot_work_is_said() -> None:
+def test_invalid_arguments_are_refused() -> None:
     rng = np.random.default_rng(11)
     factors = line_mixtures(rng, 3, 12, 0.0)
     for wrong, message in (

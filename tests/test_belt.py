@@ -1,5 +1,5 @@
-"""A floor that moves: who walks on a treadmill has the contact and the strides of who walks on a floor, seen from the
-belt, and what is no treadmill has none."""
+"""A moving floor: walking on a treadmill has the contact and strides of walking on a floor seen from the belt, and
+motions without a treadmill have no belt."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def contact_and_gait(time: np.ndarray, points: np.ndarray) -> tuple[Contact, Gai
 
 
 def on_belt(time: np.ndarray, points: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Points of who walks on a floor, on one that moves with a velocity (3,) [m/s]."""
+    """Points of a walk on a floor, placed on one that moves with a velocity (3,) [m/s]."""
     return points + (time - time[0])[:, None, None] * velocity
 
 
@@ -43,7 +43,7 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def cranks(radius: float, height: float, per_second: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and landmarks of who moves the feet along ellipses, by turns."""
+    """Times and landmarks of feet that move along ellipses in turn."""
     time = np.arange(240) / 60.0
     points = np.zeros((len(time), 5, 3))
     points[:, 0, 2] = 1.0
@@ -109,8 +109,8 @@ def test_a_belt_may_slope(steps: tuple[float, float, float], slope: float) -> No
 
 
 def paced(steps: tuple[float, float, float], pace: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Landmarks of who walks on a floor with a share `pace` (T,) of the full pace, and the ways (T, 3) of a belt that
-    keeps them in place."""
+    """Landmarks of a walk on a floor at a share `pace` (T,) of the full pace, and the displacements (T, 3) of a belt
+    that keeps the walker in place."""
     fine, points = stepping(*steps, 240.0)
     elapsed = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) / fps)])
     columns = [np.interp(elapsed, fine, column) for column in points.reshape(len(fine), -1).T]
@@ -120,7 +120,7 @@ def paced(steps: tuple[float, float, float], pace: np.ndarray, fps: float) -> tu
 @pytest.mark.parametrize("steps", [WALK, RUN])
 @pytest.mark.parametrize(("starts", "ramp", "stops"), [(1.0, 1.0, 9.0), (0.0, 2.5, 9.0), (-2.0, 1.0, 4.0)])
 def test_a_belt_may_start_and_stop(steps: tuple[float, float, float], starts: float, ramp: float, stops: float) -> None:
-    """Who waits for it stands."""
+    """Before it starts the person stands."""
     fps = 60.0
     time = np.arange(330) / fps
     pace = np.clip(np.minimum((time - starts) / ramp, stops + ramp - time), 0.0, 1.0)
@@ -135,8 +135,8 @@ def test_a_belt_may_start_and_stop(steps: tuple[float, float, float], starts: fl
 
 
 @pytest.mark.parametrize(("steps", "starts"), [(WALK, 2.0), (RUN, 1.0)])
-def test_a_belt_may_start_below_who_walks(steps: tuple[float, float, float], starts: float) -> None:
-    """As after stepping onto it: the floor was at rest for up to two fifths of the clip."""
+def test_a_belt_may_start_during_the_walk(steps: tuple[float, float, float], starts: float) -> None:
+    """As when stepping onto it: the floor was at rest for up to two fifths of the clip."""
     time, points = stepping(*steps)
     way = -steps[2] * np.maximum(time - starts, 0.0)
     treads = points + way[:, None, None] * np.array([1.0, 0.0, 0.0])
@@ -148,7 +148,7 @@ def test_a_belt_may_start_below_who_walks(steps: tuple[float, float, float], sta
 
 
 def test_an_even_belt_has_one_speed() -> None:
-    """To the bit, whatever noise there is, and though its speed is not quite constant."""
+    """To the bit, at any noise, even though the speed is not quite constant."""
     fps = 60.0
     time = np.arange(290) / fps
     walks, way = paced(WALK, 1.0 + 0.04 * np.sin(time), fps)
@@ -182,7 +182,7 @@ def test_without_a_belt_every_bit_is_as_without_a_search(monkeypatch: pytest.Mon
 
 
 def test_no_belt() -> None:
-    """Who walks on a floor, stands, sits down, glides, is on a bicycle, or is followed by a camera half as fast."""
+    """Walking on a floor, standing, sitting down, gliding, cycling, or followed by a camera at half the speed."""
     time, points = stepping(*WALK)
     feet = points[:, 1:]
     still = np.tile(feet[:1], (len(time), 1, 1))
@@ -203,7 +203,7 @@ def test_no_belt() -> None:
 
 
 @pytest.mark.parametrize(("radius", "height", "per_second"), [(0.25, 0.05, 0.9), (0.3, 0.03, 0.8)])
-def test_feet_without_a_common_speed_stand_nobody_knows_when(
+def test_feet_without_a_common_speed_have_no_stances(
     radius: float, height: float, per_second: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Strides have times, by the pelvis, and no lengths."""
@@ -229,7 +229,7 @@ def test_feet_without_a_common_speed_stand_nobody_knows_when(
 
 
 def test_what_stands_on_a_belt_moves_with_it() -> None:
-    """It does not slide or skate, and is held along the belt's way."""
+    """A standing foot does not slide or skate, and is held along the belt's path."""
     time, points = stepping(*WALK)
     velocity = np.array([-1.3, 0.0, 0.0])
     treads = on_belt(time, points, velocity)

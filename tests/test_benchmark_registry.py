@@ -1,4 +1,4 @@
-"""The measures of `benchmarks`: each is registered, says what it needs, and runs by its name."""
+"""The measures of `benchmarks`: each is registered, declares what it needs, and runs by its name."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ SIGNS = {
     CHROMIUM: r"\bopened_browser\(",
     EXTRA: r"^import pink|\bmissing\(\)",
 }
-"""What in the source of a measure shows that it needs, or uses, a thing."""
-FEWEST = 3  # modules of a folder, its `__init__` not counted
+"""Marks in the source of a measure that show what it needs or uses."""
+FEWEST = 3  # modules in a folder, without `__init__`
 
 
 def modules_with_main(root: Path) -> dict[str, Path]:
-    """The modules that define `main`, but the command itself, by their dotted names."""
+    """Dotted names of the modules that define `main`, without the command itself."""
     paths = {
         ".".join(path.relative_to(root).with_suffix("").parts): path
         for path in sorted((root / "benchmarks").rglob("*.py"))
@@ -57,7 +57,7 @@ def defines_main(source: str) -> bool:
 
 
 def faults(root: Path, measures: Sequence[Measure]) -> list[str]:
-    """What is wrong with a registry of the modules below a folder."""
+    """Faults of a registry of the modules below a folder."""
     modules, registered = modules_with_main(root), [measure.module for measure in measures]
     names = [measure.name for measure in measures]
     wrong = [f"{module} has a main and is not registered" for module in modules if module not in registered]
@@ -73,7 +73,7 @@ def faults(root: Path, measures: Sequence[Measure]) -> list[str]:
 def faults_of(measure: Measure, source: str) -> Iterable[str]:
     declared = (*measure.needs, *measure.uses)
     if not re.fullmatch(r"\S[^\n]+[^.]\.", measure.summary):
-        yield f"{measure.name}: the summary is no sentence"
+        yield f"{measure.name}: the summary is not a sentence"
     if not measure.needs or (NOTHING in measure.needs and len(measure.needs) > 1) or NOTHING in measure.uses:
         yield f"{measure.name} does not name what it needs"
     yield from (f"{measure.name} names the unknown {need!r}" for need in declared if need not in NEEDS)
@@ -87,7 +87,7 @@ def test_the_registry_is_true() -> None:
     assert faults(ROOT, MEASURES) == []
 
 
-def test_no_folder_holds_next_to_nothing() -> None:
+def test_no_folder_is_nearly_empty() -> None:
     folders = [path for path in (ROOT / "benchmarks").rglob("*") if path.is_dir() and path.name != "__pycache__"]
     assert len(folders) > 7
     few = [f.name for f in folders if len([p for p in f.glob("*.py") if p.name != "__init__.py"]) < FEWEST]
@@ -104,7 +104,7 @@ GOOD = Measure("benchmarks.speed.a", "Time of a.", "1 s", (NOTHING,))
         ([], "def main(): pass", ["benchmarks.speed.a has a main and is not registered"]),
         ([GOOD], "def other(): pass", ["benchmarks.speed.a is registered and has no main"]),
         ([GOOD, GOOD], "def main(): pass", ["a appears twice"]),
-        ([replace(GOOD, summary="Time of a")], "def main(): pass", ["a: the summary is no sentence"]),
+        ([replace(GOOD, summary="Time of a")], "def main(): pass", ["a: the summary is not a sentence"]),
         ([replace(GOOD, needs=())], "def main(): pass", ["a does not name what it needs"]),
         ([replace(GOOD, needs=(NOTHING, INDEX))], "def main(): pass", ["a does not name what it needs"]),
         ([replace(GOOD, uses=("a disk",))], "def main(): pass", ["a names the unknown 'a disk'"]),
@@ -121,8 +121,8 @@ def test_planted_faults_are_found(tmp_path: Path, measures: list[Measure], sourc
     assert faults(tmp_path, measures) == wrong
 
 
-def test_every_sign_is_there() -> None:
-    """A sign that no source shows any more would keep nothing true."""
+def test_every_reference_mark_exists() -> None:
+    """A mark that no source contains would check nothing."""
     sources = [path.read_text(encoding="utf-8") for path in modules_with_main(ROOT).values()]
     assert [need for need, sign in SIGNS.items() if not any(re.search(sign, s, re.MULTILINE) for s in sources)] == []
 
@@ -145,7 +145,7 @@ def test_a_list_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["stpe"], "no measure 'stpe' (did you mean step"),
         (["loose_limb"], "loose_limbed"),
@@ -154,12 +154,12 @@ def test_a_list_imports_nothing_heavy() -> None:
         (["--list", "speed"], "no option --list speed"),
     ],
 )
-def test_a_bad_name_is_one_line(words: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_name_is_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     out, error = capsys.readouterr()
     assert out == ""
     assert error.startswith("error: benchmarks: ")
-    assert says in error
+    assert message in error
     assert error.count("\n") == 1
 
 
@@ -170,7 +170,7 @@ def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         replace(GOOD, module="measure_of_nothing").main()
 
 
-def test_help_is_of_the_measure(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_describes_the_measure(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["starting", "--help"])
     assert not ended.value.code

@@ -1,4 +1,4 @@
-"""The measures measure right: known errors come out as they are, and lost frames are found."""
+"""The measures are right: known errors are reproduced and lost frames found."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_the_first_lost_frame(shift: np.ndarray, lost: int | None) -> None:
 def test_size_weighs_on_the_world_alone() -> None:
     truth = joints(2)
     hips = truth[:, [LIMB_JOINTS.index(f"{side}_hip") for side in ("left", "right")]].mean(axis=1, keepdims=True)
-    errors = errors_of(1.1 * truth, truth)  # as one camera sees it the same body
+    errors = errors_of(1.1 * truth, truth)  # the same body as seen by one camera
     assert errors.pixels == pytest.approx(0.0, abs=1e-9)
     assert errors.mean == pytest.approx(100.0 * np.linalg.norm(truth, axis=-1).mean())
     assert errors.aligned == pytest.approx(100.0 * np.linalg.norm(truth - hips, axis=-1).mean())

@@ -45,7 +45,7 @@ def energy_of(body: Body, q: np.ndarray, times: np.ndarray, motion: MotionPrior)
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_other_path_has_less_energy(seed: int) -> None:
-    """Against every path there is, with uneven times and numbers of modes."""
+    """Against all possible paths, with uneven times and numbers of modes."""
     body, rng = body_of("arm8"), np.random.default_rng(seed)
     counts = [3, 2, 4, 1, 3]
     q = [np.array([body.integrate(body.neutral, rng.normal(0.0, 0.3, body.nv)) for _ in range(k)]) for k in counts]

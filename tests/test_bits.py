@@ -1,4 +1,4 @@
-"""Bits compared: the same code gives the same, and whatever differs is told from what does not."""
+"""Bits compared: the same code gives equal bits, and differences are found."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def test_a_second_run_is_equal_and_another_seed_is_not(tmp_path: Path, capsys: p
     assert "1 of 1 cases equal" in capsys.readouterr().out
     with pytest.raises(SystemExit) as ended:
         bits.main(compare=file, keep=arrays, cases=("css",), seed=1)
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     assert ended.value.code == 1
-    assert "different: css" in said
-    assert "keypoints" not in said  # they are the clip's
+    assert "different: css" in printed
+    assert "keypoints" not in printed  # they are the clip's
     assert {path: path.read_bytes() for path in arrays.iterdir()} == stored
 
 
@@ -59,7 +59,7 @@ def test_differences_are_named_and_measured(tmp_path: Path) -> None:
     assert bits.compared(records[0], records[0], old, old) == {"css": {}}
 
 
-def test_what_cannot_be_run_is_said(
+def test_cases_that_cannot_run_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("KINEMODE_DATA", str(tmp_path))

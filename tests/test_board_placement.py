@@ -35,7 +35,7 @@ def exact(rig: BoardRig) -> tuple[dict[str, Pose], dict[int, Pose], BoardRig]:
     return cameras, boards, replace(rig, views=views)
 
 
-@pytest.mark.parametrize("seed", [4, 5, 24, 25])  # mirrored where the best solution of each view is taken
+@pytest.mark.parametrize("seed", [4, 5, 24, 25])  # mirrored if the best solution of each view is used
 def test_the_mirrored_solution_is_seen_through(seed: int) -> None:
     rig = rig_of(seed)
     cameras, _, notes = place_cameras(rig.fits(), rig.board, rig.views, FLOOR)
@@ -70,7 +70,7 @@ def test_adjustment_finds_the_poses_again() -> None:
 
 
 def test_the_placement_that_most_frames_support_comes_first() -> None:
-    """A mirrored solution that comes first in some frames is outvoted; another cluster is kept."""
+    """A mirrored solution that is best in some frames is outvoted; another cluster is kept."""
     rng = np.random.default_rng(2)
     true = cv2.Rodrigues(np.array([0.1, 0.9, 0.0]))[0], np.array([-2.0, 0.1, 1.0])
     _, _, rig = exact(rig_of(1))
@@ -87,18 +87,18 @@ def test_the_placement_that_most_frames_support_comes_first() -> None:
 
 
 @pytest.mark.parametrize(
-    ("R", "said"),
+    ("R", "texts"),
     [
         (np.diag([1.0, -1.0, -1.0]), ["below the floor", "up along -z"]),
         (cv2.Rodrigues(np.array([-np.pi / 2.0, 0.0, 0.0]))[0], ["below the floor", "track with --up="]),
         (np.eye(3), []),
     ],
 )
-def test_a_floor_that_the_cameras_contradict_is_said(R: np.ndarray, said: list[str]) -> None:
+def test_a_floor_that_contradicts_the_cameras_is_reported(R: np.ndarray, texts: list[str]) -> None:
     level = rig_of(3).cameras
     turned = {name: replace(c, R_camera_world=c.R_camera_world @ R.T) for name, c in level.items()}
     notes = floor_notes(turned, 7)
-    for word in said:
+    for word in texts:
         assert any(word in note for note in notes), (word, notes)
     assert all("picture 7" in note for note in notes)
-    assert bool(notes) == bool(said)
+    assert bool(notes) == bool(texts)

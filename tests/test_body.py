@@ -116,7 +116,7 @@ def test_landmark_derivatives_in_the_scales(body: Body) -> None:
             sides.append(other.landmarks(other.at(q)))
         # landmarks are linear in the scales, so that the difference is exact
         assert np.abs((sides[0] - sides[1]) / 2e-3 - derivatives[:, :, k]).max() < 1e-10
-    assert np.abs(derivatives).max(axis=(0, 1)).min() > 1e-2  # every proportion moves something
+    assert np.abs(derivatives).max(axis=(0, 1)).min() > 1e-2  # every proportion has an effect
 
 
 def test_a_left_proportion_moves_the_right_side_as_far() -> None:
@@ -140,7 +140,7 @@ def test_placements_are_the_same_read_at_once_or_joint_by_joint(name: str, monke
 
 
 def test_kinematics_joint_by_joint_are_the_same() -> None:
-    """What large models use, on models of every kind of joint."""
+    """The code path of large models, on every kind of joint."""
     bodies = [*(body_of(name) for name in SUBJECTS), Body(of_all_joints()), Body(of_all_joints("free"))]
     for body in bodies:
         q = pin.integrate(body.model, body.neutral, np.random.default_rng(32).normal(size=body.nv))
@@ -151,7 +151,7 @@ def test_kinematics_joint_by_joint_are_the_same() -> None:
 
 
 def test_a_long_chain_does_without_the_memory_of_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`pin.Data` of 400 joints takes 2 GB, of 800 more than most machines have."""
+    """`pin.Data` of 400 joints takes 2 GB; of 800, more than most machines have."""
     monkeypatch.setattr(pin.Model, "createData", None)
     count = 400
     body = Body(subject_from_text(chain(count), source="test"))
@@ -192,7 +192,7 @@ def chain(count: int) -> str:
 
 
 def test_every_entry_of_q_has_its_own_name() -> None:
-    """A planar joint is x, y and the cosine and sine of its turn; a continuous one the last two alone."""
+    """A planar joint has x, y and the cosine and sine of its angle; a continuous one only the last two."""
     body = Body(of_all_joints())
     planar = tuple(f"planar_{s}" for s in ("x", "y", "cos", "sin"))
     assert body.q_names == (*planar, "continuous_cos", "continuous_sin", "revolute", "prismatic")

@@ -1,4 +1,4 @@
-"""The budget of a frame, and what modes weigh."""
+"""The budget of a frame, and the weights of modes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_frame_never_has_more_searches_than_its_budget(searches: int, monkeypa
     body, rng = body_of("human34"), np.random.default_rng(2)
     frames: list[Observation] = []
     for i in range(5):
-        q = random_pose(body, rng) if i == 3 else body.neutral  # nothing prepares for the fourth frame
+        q = random_pose(body, rng) if i == 3 else body.neutral  # the fourth frame comes as a surprise
         frames.append(observe(body, q, [camera_at(20.0, distance=4.0)], noise=2.0, rng=rng, index=i, time=0.04 * i))
     tracker = make_tracker("css", body, settings_for("css", changes={"css": {"budget": {"searches": searches}}}))
     counts: list[int] = []
@@ -110,7 +110,8 @@ def bowl(seed: int, at_limit: int | None = None) -> tuple[Body, Cost, QuadraticM
 
 @pytest.mark.parametrize("at_limit", [None, 2])
 def test_the_volume_of_a_gaussian_is_known(at_limit: int | None) -> None:
-    """Both ways, up to the weak prior on what nothing observes; against a limit the density is exponential."""
+    """Both estimates agree up to the weak prior on unobserved directions; against a limit the density is
+    exponential."""
     body, cost, at = bowl(4, at_limit)
     free = [k for k in range(body.nv) if k != at_limit]
     known = 0.5 * (len(free) * np.log(2.0 * np.pi) - np.linalg.slogdet(at.hessian[np.ix_(free, free)])[1])
@@ -121,8 +122,8 @@ def test_the_volume_of_a_gaussian_is_known(at_limit: int | None) -> None:
 
 
 def test_surroundings_are_a_density() -> None:
-    """Their own samples follow it, and its integral is one: the mean over them of another density that is known, over
-    theirs, is that one's integral."""
+    """Its own samples follow it, and its integral is one: the mean of another known density over it, taken over its
+    samples, is that density's integral."""
     body, _, at = bowl(5)
     about = Surroundings(body, at)
     rng = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""Motion capture files: read as they stand, put upright in metres, and followed by a subject."""
+"""Motion capture files: read unchanged, put upright in metres, and followed by a subject."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def test_axes_heading_and_unit_do_not_matter(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_skeleton_whose_zero_pose_does_not_stand_is_upright(seed: int, tmp_path: Path) -> None:
-    """Whatever the zero pose is, the frames tell; as in rigs whose bones lie along their joints' own axes."""
+    """The frames decide, whatever the zero pose; as in rigs whose bones lie along their joints' own axes."""
     plain = load_mocap(written(tmp_path, puppet(np.eye(3), 0.0, 1.0)))
     rng = np.random.default_rng(seed)
     along_x = {
@@ -218,8 +218,8 @@ def _child(name: str) -> np.ndarray:
     return next((np.array(o, dtype=float) for p, o in BONES.values() if p == name and np.any(o)), np.ones(3))
 
 
-def test_where_nobody_can_know_which_way_is_up_it_is_asked_for(tmp_path: Path) -> None:
-    """A person who lies, by a rest pose that stands, may as well be one who stands in a world of other axes."""
+def test_an_undeterminable_up_axis_is_requested(tmp_path: Path) -> None:
+    """A person lying, in a file with a standing rest pose, could also be one standing in a world with other axes."""
     lying = written(tmp_path, puppet(np.eye(3), 0.0, 1.0, tilt=0.5 * np.pi))
     with pytest.raises(InputError, match=r"which way is up\? its rest pose stands along y, the person along z .*--up"):
         load_mocap(lying)
@@ -238,7 +238,7 @@ def test_where_nobody_can_know_which_way_is_up_it_is_asked_for(tmp_path: Path) -
 
 
 def captured(body: Body, q: np.ndarray, fps: float) -> Mocap:
-    """The landmarks of a known motion, as a capture of it would have them."""
+    """The landmarks of a known motion, as a capture would give them."""
     names = tuple(f"{side}_{n}" for n in ("hip", "knee", "ankle", "toe", "shoulder", "elbow", "wrist")
                   for side in ("left", "right"))  # fmt: skip
     own = [n.replace("_toe", "_big_toe") for n in (*names, "head_top")]
@@ -264,7 +264,7 @@ def test_a_known_motion_is_recovered_on_a_body_of_other_lengths() -> None:
         assert np.abs(fitted.q[:, at] - q[:, at]).mean() < np.radians(4.0)
 
 
-def test_a_body_that_is_no_whole_person_is_refused() -> None:
+def test_a_body_that_is_not_a_whole_person_is_refused() -> None:
     body = body_of("human34")
     q = authored_motion(body, np.zeros(2))
     with pytest.raises(InputError, match="no landmark left_hip"):

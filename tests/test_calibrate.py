@@ -1,4 +1,4 @@
-"""`calibrate` on pictures of boards as known cameras see them: lenses, placements, and what is refused."""
+"""`calibrate` on pictures of boards from known cameras: lenses, placements, and what is refused."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def half_size(camera: Camera) -> Camera:
 
 
 def write_views(folder: Path, camera: Camera, board: Board, poses: Sequence[Pose | None]) -> Path:
-    """Pictures of the board in these poses, None where it is nowhere to be seen."""
+    """Pictures of the board in these poses, None where it is not visible."""
     folder.mkdir()
     rays = rays_of(camera)
     nothing = np.full((*camera.image_size[::-1], 3), 128, np.uint8)
@@ -95,7 +95,7 @@ def test_a_chessboard_shows_the_lens(chess: tuple[Camera, Path], tmp_path: Path)
 def test_corners_have_their_order_however_the_board_is_held(
     board: Board, blurred: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Upside down and on its side too, to a quarter of a pixel: several cameras mean the same corner. Blurred: the
+    """Upside down and on its side too, to a quarter of a pixel: several cameras name the same corner. Blurred: the
     first of OpenCV's detectors fails."""
     if blurred:
         monkeypatch.setattr(cv2, "findChessboardCorners", lambda *_, **__: (False, None))
@@ -131,7 +131,7 @@ def test_a_charuco_board_shows_the_lens(model: str, lens: str, tmp_path: Path) -
 
 def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Three in a chain: a and c never see the board at the same time, but both see it with b. In picture 2 it lies on
-    the floor before a and b, and makes the world. Their clips go through the command."""
+    the floor before a and b, and defines the world. Their clips go through the command."""
     aim = (0.13, -0.08, 0.0)
     cameras = {
         "a": camera_at(0.0, distance=0.6, focal=600.0, height=0.5, aim=aim, distortion=BROWN),
@@ -152,9 +152,9 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
         write_views(tmp_path / name, camera, CHESS, [None if i in hidden else pose for i, pose in enumerate(poses)])
     line = ["calibrate", *(f"{name}={tmp_path / name}" for name in cameras), "--square", "0.03", "--origin", "2"]
     assert front.main([*line, "--out", str(tmp_path / "cameras.json"), "--picture", str(tmp_path / "all.png")]) == 0
-    said = capsys.readouterr().out
-    assert "error across cameras" in said
-    assert "the board in picture 2" in said
+    printed = capsys.readouterr().out
+    assert "error across cameras" in printed
+    assert "the board in picture 2" in printed
     placed = km.load_cameras(tmp_path / "cameras.json")
     for name, camera in cameras.items():
         np.testing.assert_allclose(placed[name].centre_world, camera.centre_world, atol=0.006)
@@ -165,7 +165,7 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         (
             {"size": "8x6"},
@@ -176,22 +176,22 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
         ({"size": "nine"}, "size: 'nine' cannot be used"),
         ({"size": "1x6"}, "inner corners a side, got 1x6"),
         ({"square": 0.0}, "square: must be above 0 and below 10 m, got 0"),
-        ({"board": "charuco", "marker": 0.04}, "marker: 0.04 m is no marker in a square of 0.03 m"),
+        ({"board": "charuco", "marker": 0.04}, "marker: 0.04 m does not fit as a marker in a square of 0.03 m"),
         ({"board": "charuco", "dictionary": "9X9"}, "dictionary: '9X9' is unknown"),
         ({"lens": "wide"}, "lens: 'wide' is unknown"),
         ({"board": "dots"}, "board: 'dots' is unknown"),
         ({"origin": 90}, "origin: there is no picture 90 .*0 to 8"),
-        ({"picture": "a.txt"}, "no name for a PNG"),
+        ({"picture": "a.txt"}, "not a .png file"),
     ],
 )
-def test_what_cannot_be_is_refused(changed: dict[str, object], said: str, small: tuple[Camera, Path]) -> None:
-    pictures = sorted(small[1].iterdir())  # where no board is found, in few of them as in all
+def test_invalid_input_is_refused(changed: dict[str, object], message: str, small: tuple[Camera, Path]) -> None:
+    pictures = sorted(small[1].iterdir())  # no board is found in these few, as in all of them
     given = pictures[:2] if "8x6" in changed.values() or "10x7" in changed.values() else pictures
-    with pytest.raises(km.InputError, match=said):
+    with pytest.raises(km.InputError, match=message):
         km.calibrate(given, **({"size": "9x6", "square": 0.03} | changed))  # type: ignore[arg-type]
 
 
-def test_markers_of_another_dictionary_are_told(small: tuple[Camera, Path], tmp_path: Path) -> None:
+def test_markers_of_another_dictionary_are_reported(small: tuple[Camera, Path], tmp_path: Path) -> None:
     camera = small[0]
     folder = write_views(tmp_path / "cam", camera, CHARUCO, tilted(camera, CHARUCO, 2))
     with pytest.raises(km.InputError, match="markers of 4X4_1000: --dictionary 4X4_1000"):

@@ -1,4 +1,4 @@
-"""Ranks of truths: known answers, a right posterior, and posteriors that are too narrow, too wide or off."""
+"""Ranks of truths: known answers, a right posterior, and posteriors that are too narrow, too wide or biased."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ BODY = two_joints()
 
 
 class Conjugate:
-    """Knows the answer: angles from the prior, read with Gaussian noise, have a Gaussian posterior. width: factor on
-    its standard deviations. bias: of its mean, in standard deviations."""
+    """A tracker with the exact answer: angles from the prior, read with Gaussian noise, have a Gaussian posterior.
+    width: factor on its standard deviations. bias: of its mean, in standard deviations."""
 
     width, bias = 1.0, 0.0
     body = BODY
@@ -96,7 +96,7 @@ def test_a_right_posterior_passes(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tracker", "said"),
+    ("tracker", "message"),
     [
         (Narrow, r"central intervals of [89]\d% have [45]\d% of 150 truths in them, [34]\d% off"),
         (Wide, r"central intervals of [3-6]\d% have [789]\d% of 150 truths in them, [34]\d% off"),
@@ -104,10 +104,10 @@ def test_a_right_posterior_passes(seed: int) -> None:
     ],
     ids=["narrow", "wide", "biased"],
 )
-def test_a_wrong_posterior_is_found_and_told(tracker: type[Conjugate], said: str) -> None:
-    """Of very many truths, intervals are 32 % off where the posterior is too narrow or too wide by a factor of two, and
-    ranks 38 % where it is off by its deviation."""
-    with pytest.raises(ContractError, match=rf": (shoulder|elbow): {said}; the band is 1\d%") as broken:
+def test_a_wrong_posterior_is_found_and_reported(tracker: type[Conjugate], message: str) -> None:
+    """With very many truths, intervals are 32 % off where the posterior is too narrow or too wide by a factor of two,
+    and ranks 38 % where its mean is off by its deviation."""
+    with pytest.raises(ContractError, match=rf": (shoulder|elbow): {message}; the band is 1\d%") as broken:
         check_calibration(tracker, readings(150, 1), calibration=AS_TOLD)
     assert broken.value.law == LAW
     lenient = check_calibration(tracker, readings(150, 1), calibration=AS_TOLD, band=0.5)
@@ -139,7 +139,7 @@ def test_ties_are_broken_evenly() -> None:
     assert np.bincount(ranks[:, 0], minlength=10) == pytest.approx(np.full(10, 400), abs=100)
 
 
-def test_the_band_is_left_by_chance_as_seldom_as_it_says() -> None:
+def test_the_band_has_its_stated_false_alarm_rate() -> None:
     rng, chance = np.random.default_rng(5), 0.2
     drawn = [RankStatistics(("a", "b"), rng.integers(0, 100, (60, 2)), 99) for _ in range(400)]
     band = drawn[0].band(chance)

@@ -104,7 +104,7 @@ QUALISYS = """<?xml version='1.0' encoding='ASCII'?>
     <camera active="1" model="Oqus" serial="marker"><fov_marker bottom="1" left="0" right="1" top="0"/></camera>
   </cameras>
 </calibration>
-"""  # a camera of beam4cam's file, and one that takes no videos
+"""  # a camera of beam4cam's file, and one that records no video
 GOOD = {"model": "Miqus Video", "turn": "0", "sensor": "69568"}
 
 
@@ -115,7 +115,7 @@ def read(tmp_path: Path, name: str, text: str) -> dict[str, Camera]:
 
 
 def test_pose2sim(tmp_path: Path) -> None:
-    """As its `computeP` and `cv2.projectPoints` have it; the beam lies between the cameras at the world's origin."""
+    """As in its `computeP` and `cv2.projectPoints`; the beam lies between the cameras at the world's origin."""
     cameras = read(tmp_path, "Calib_scene.toml", POSE2SIM)
     assert list(cameras) == ["int_cam01_img", "int_cam04_img"]
     camera = cameras["int_cam01_img"]
@@ -128,7 +128,7 @@ def test_pose2sim(tmp_path: Path) -> None:
 
 
 def test_anipose(tmp_path: Path) -> None:
-    """Its unit is that of its board: 1.4 km between cameras is doubted, not taken; a word in the file settles it."""
+    """Its unit is that of its board: 1.4 km between cameras is refused; a unit in the file settles it."""
     with pytest.raises(
         InputError, match=r'Anipose TOML: the cameras are 1\d{3} m apart.*units = "mm" below \[metadata'
     ):
@@ -142,7 +142,7 @@ def test_anipose(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", LENSES)
 def test_opencv_yaml(model: str, tmp_path: Path) -> None:
-    """Intrinsics alone: the camera stands as a guessed one does, and sees what OpenCV says."""
+    """Intrinsics alone: the camera stands as a guessed one does, and projects as OpenCV does."""
     lens = LENSES[model]
     fisheye = "fisheye_model: 1\n" if model == "fisheye" else ""
     text = OPENCV.format(fisheye=fisheye, count=len(lens), distortion=", ".join(f"{k:.16e}" for k in lens))
@@ -170,14 +170,14 @@ def test_rostopic_yaml_has_no_tags(tmp_path: Path) -> None:
 
 
 def test_qualisys(tmp_path: Path) -> None:
-    """What is known of the scene: where the camera stood, its lens, and that a standing person is upright in it."""
+    """Known of the scene: where the camera stood, its lens, and that a standing person is upright in it."""
     (camera,) = read(tmp_path, "Calib.qca.txt", QUALISYS.format(**GOOD)).values()
     assert camera.name == "cam03"
     assert camera.image_size == (1088, 1920)
     np.testing.assert_allclose(camera.centre_world, [-3.21686587, 2.23117864, 2.08819103], atol=1e-6)
     np.testing.assert_allclose(camera.K[0, [0, 2]], [1681.59839, 513.20837], atol=1e-4)
     np.testing.assert_array_equal(camera.distortion, [-0.046705, 0.137622, -0.000542, -0.000517, 0.0])
-    feet, chest = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))  # of who stands on the beam's middle
+    feet, chest = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))  # a person standing at the beam's middle
     assert ((feet > 0) & (feet < camera.image_size)).all()
     assert ((chest > 0) & (chest < camera.image_size)).all()
     assert feet[1] - chest[1] > 300.0
@@ -204,7 +204,7 @@ def _pose2sim(path: Path, cameras: list[Camera]) -> None:
 
 @writer("calibration.toml")
 def _anipose(path: Path, cameras: list[Camera]) -> None:
-    """In millimetres, and said so."""
+    """In millimetres, with a note."""
     sections = {f"cam_{i}": section for i, section in enumerate(toml_sections(cameras).values())}
     for section, camera in zip(sections.values(), cameras, strict=True):
         section["translation"] = (1e3 * camera.t_camera_world).tolist()
@@ -261,7 +261,7 @@ def _ours(path: Path, cameras: list[Camera]) -> None:
 
 @writer("camera_array.toml")
 def _caliscope(path: Path, cameras: list[Camera]) -> None:
-    """Rotations as matrices, beside a camera that is left out and members that nobody needs."""
+    """Rotations as matrices, with a camera that is left out and unused members."""
     sections = {
         c.name.removeprefix("cam_"): {
             "cam_id": i, "rotation_count": -1, "error": 0.2, "ignore": False, "size": list(c.image_size),
@@ -309,7 +309,7 @@ def _easymocap(path: Path, cameras: list[Camera]) -> None:
 
 
 FITS = {"calib.qca.txt": "Brown's model", "extri.yml": "no fisheye", "panoptic.json": "no fisheye"}
-"""What lenses these formats have."""
+"""Lens models that these formats support."""
 
 
 def check_round(tmp_path: Path, layout: str, cameras: list[Camera], points: np.ndarray) -> None:
@@ -366,7 +366,7 @@ def kalibr(cameras: list[Camera]) -> str:
 
 
 def test_kalibr(tmp_path: Path) -> None:
-    """In the frame of the first camera."""
+    """Cameras in the frame of the first one."""
     brown, fisheye = np.append(BROWN[:4], 0.0), lens_camera("fisheye", 75.0)
     cameras = [camera_at(20.0, distortion=brown), camera_at(110.0, focal=710.0, distortion=brown), fisheye]
     cameras = [replace(c, K=c.K * (1.0 - np.eye(3, k=1))) for c in cameras]  # Kalibr's has no skew
@@ -393,7 +393,7 @@ def test_either_file_of_easymocap_stands_for_both(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("layout", ["ours.json", "camera_array.toml", "extri.yml", "cameras.yml", "calibration.toml"])
-def test_lengths_that_cannot_be_metres_are_refused(layout: str, tmp_path: Path) -> None:
+def test_lengths_implausible_as_metres_are_refused(layout: str, tmp_path: Path) -> None:
     cameras = [camera_at(20.0, distance=3.1), replace(camera_at(110.0, distance=4.3), name="b")]
     far = [replace(c, t_camera_world=1e3 * c.t_camera_world, name=f"cam_{i}") for i, c in enumerate(cameras)]
     WRITERS[layout](tmp_path / layout, far)
@@ -404,7 +404,7 @@ def test_lengths_that_cannot_be_metres_are_refused(layout: str, tmp_path: Path) 
         load_cameras(tmp_path / layout)
 
 
-def test_our_own_file_may_say_its_unit(tmp_path: Path) -> None:
+def test_our_own_file_may_declare_its_unit(tmp_path: Path) -> None:
     camera = camera_at(20.0, distance=3.1)
     entry = camera_to_json(replace(camera, t_camera_world=1e3 * camera.t_camera_world))
     (again,) = read(tmp_path, "a.json", json.dumps({"units": "mm", "cameras": [entry]})).values()
@@ -412,7 +412,7 @@ def test_our_own_file_may_say_its_unit(tmp_path: Path) -> None:
 
 
 def test_the_real_qualisys_file(shared_data: Path) -> None:
-    """The published conversion, of the two cameras whose pictures nobody resized."""
+    """The published conversion, of the two cameras with pictures of the original size."""
     folder = shared_data / "beam4cam"
     read_now, published = load_cameras(folder / "Calib.qca.txt"), load_cameras(folder / "calibration_qualisys.json")
     points = np.load(folder / "reference3d.npz")["points"].reshape(-1, 3)
@@ -438,7 +438,7 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("a.toml", POSE2SIM.replace("matrix =", "matriks =", 1), r"\[int_cam01_img\]\.matrix: is missing"),
         ("a.toml", POSE2SIM.replace("[ 1.678784562972848,", "[ ", 1), r"Pose2Sim TOML, \[int_cam01_img\]\.rotation"),
@@ -475,15 +475,15 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.yaml", kalibr([camera_at(0.0)] * 2).replace("T_cn_cnm1", "T"), r"Kalibr YAML, cam1\.T_cn_cnm1: is missing"),
     ],
 )  # fmt: skip
-def test_faults_name_format_and_place(name: str, text: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+def test_faults_name_format_and_place(name: str, text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message) as caught:
         read(tmp_path, name, text)
     assert "\n" not in str(caught.value)
     assert caught.value.source.endswith(name)
 
 
 def test_pickles_are_never_loaded(tmp_path: Path) -> None:
-    """Neither by their ending nor by what they hold."""
+    """Neither by their ending nor by their content."""
 
     class Trap:
         def __reduce__(self) -> tuple[object, ...]:
@@ -496,7 +496,7 @@ def test_pickles_are_never_loaded(tmp_path: Path) -> None:
     assert not (tmp_path / "sprung").exists()
 
 
-def test_intrinsics_of_several_cameras_are_no_placements(tmp_path: Path) -> None:
+def test_intrinsics_of_several_cameras_give_no_placements(tmp_path: Path) -> None:
     """Pose2Sim writes zeros where it has calibrated the lenses alone."""
     cameras = [
         replace(camera_at(a), name=f"c{a:g}", R_camera_world=np.eye(3), t_camera_world=np.zeros(3)) for a in (0, 9)

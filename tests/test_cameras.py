@@ -114,14 +114,14 @@ def test_other_faults(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"cameras\[0\]: an object"):
         load(tmp_path, 3)
     path = tmp_path / "b.json"
-    for text, said in (
+    for text, message in (
         ("", "empty"),
         ('{"cameras": [\n{"name" 3}]}', "line 2"),
         ("[]", "object"),
         ("[" * 10**5, "JSON"),
     ):
         path.write_text(text)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             load_cameras(path)
     path.write_bytes(b"\xff\xfe\x00\x01")
     for bad in (path, tmp_path, tmp_path / "absent.json"):

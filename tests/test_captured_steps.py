@@ -1,4 +1,4 @@
-"""The measure of gait's events measures right: known differences, known noise, a captured walk."""
+"""The measure of gait events is right: known differences, known noise, a captured walk."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_known_differences() -> None:
     truth = strikes("left", 0.05, 1.0, 2.0, 3.0) + strikes("right", 1.5)
     ours = [*strikes("left", 0.9, 2.05, 4.0), *strikes("right", 1.49, 3.0), Event("left", "off", 3.0, 0)]
     errors = EventErrors.of(ours, truth, "strike", (0.0, 5.0))
-    np.testing.assert_allclose(errors.off, [-0.1, 0.05, np.nan, -0.01])  # that at the clip's end does not count
+    np.testing.assert_allclose(errors.off, [-0.1, 0.05, np.nan, -0.01])  # the event at the clip's end does not count
     assert errors.extra == 2
     assert errors.within == 0.5
     twice = EventErrors.joined([errors, errors])
@@ -35,7 +35,7 @@ def test_loads_are_events_between_frames() -> None:
     assert [(e.side, e.kind, round(e.time, 6)) for e in events] == [("left", "strike", 0.05), ("left", "off", 0.25)]
 
 
-def test_noise_is_as_large_and_lasts_as_long_as_is_said() -> None:
+def test_noise_has_the_stated_size_and_duration() -> None:
     noise = lasting((20000, 3), np.random.default_rng(0))
     assert noise.std() == pytest.approx(NOISE, rel=0.03)
     frames = round(LASTS * FPS)

@@ -21,7 +21,7 @@ STAY = np.zeros(COUNT, dtype=bool)
 
 
 def pulled(body: Body, rng: np.random.Generator) -> FrameChain:
-    """Each frame is drawn to a pose some of whose joints are beyond their limits."""
+    """Each frame is pulled towards a pose with joints beyond their limits."""
     motion = MotionPrior(np.full(body.nv, 1.0), np.full(body.nv, 5.0), 8.0)
     targets = [body.neutral + rng.normal(scale=1.5, size=body.nq) for _ in range(COUNT)]
     costs = [Cost(body, [Transition(body, target, np.full(body.nv, 0.1))]) for target in targets]
@@ -29,7 +29,7 @@ def pulled(body: Body, rng: np.random.Generator) -> FrameChain:
 
 
 def observed(body: Body, seed: int, tolerance: float) -> tuple[FrameChain, np.ndarray]:
-    """Noisy keypoints of a body that turns, and poses beside it."""
+    """Noisy keypoints of a turning body, and poses near it."""
     rng, model, camera = np.random.default_rng(seed), CostModel(body), camera_at(15.0, distance=3.5)
     pose, turn = random_pose(body, rng, share=0.3, turn=0.2), 0.02 * rng.normal(size=body.nv)
     truth = np.array([body.integrate(pose, t * turn) for t in range(COUNT)])
@@ -73,7 +73,7 @@ def test_exact_models_end_lower_in_fewer_steps(seed: int, monkeypatch: pytest.Mo
     assert exact[2] < plain[2]
 
 
-def test_where_an_exact_model_has_no_minimum_gauss_newton_goes_on() -> None:
+def test_gauss_newton_continues_where_an_exact_model_has_no_minimum() -> None:
     """All models are exact at once, far from the minimum."""
     body = body_of("human34")
     with pytest.MonkeyPatch.context() as patched:

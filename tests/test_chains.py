@@ -1,4 +1,5 @@
-"""Several chains of one image: exact where the graph is a tree, no chain hears itself, gated messages are no echo."""
+"""Several chains of one image: exact where the graph is a tree, no chain receives its own message, gated messages do
+not echo."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ START = Belief(np.zeros(2), 1.0)
 
 
 def test_messages_are_exact_inference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Eq. 3 at first, eq. 5 later, both on a grid; Kalman's filter beside a chain that knows nothing."""
+    """Eq. 3 in the first frame, eq. 5 later, both on a grid; the Kalman filter beside an uninformative chain."""
     for module in (chains, chains_toy):
         monkeypatch.setattr(module, "GRID", np.linspace(-14.0, 14.0, 701))  # sums are as exact on a quarter of it
     figures = {check.what: check for check in exactness(1, frames=5)}
@@ -34,8 +35,8 @@ def test_messages_are_exact_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "what is impossible in one chain: density in the other" in figures
 
 
-def test_a_chain_does_not_hear_itself() -> None:
-    """What goes to each is phi times what the others expect, of three chains."""
+def test_a_chain_does_not_receive_its_own_message() -> None:
+    """The message to each of three chains is phi times the expectations of the others."""
     expected = [gaussian(POINT, np.full((1, 2), float(k)), (k + 1.0) * np.eye(2)) for k in range(3)]
     received = messages(expected, seen(np.array([0.3, 0.1])), PRINTED)
     phi = seen(np.array([0.3, 0.1])).density
@@ -58,7 +59,8 @@ def test_the_order_of_chains_does_not_matter() -> None:
 
 @pytest.mark.parametrize("exchange", [GATED, PRINTED, ONE_WAY, APART])
 def test_in_the_dark(exchange: str) -> None:
-    """As printed a chain becomes surer of what nobody sees; gated it is as sure as alone, and knows where to look."""
+    """As printed a chain grows more certain of unseen features; gated it is as certain as alone, and knows where to
+    search."""
     states = [START, START]
     for _ in range(15):
         states, received = step([Walk(), Walk()], states, seen(None), 1.0, exchange)
@@ -101,7 +103,7 @@ def test_chains_without_a_common_feature_are_refused() -> None:
 
 
 def blobs(*places: tuple[float, float], merged: bool = False) -> Detections:
-    """Detections that may be of any hand; the first may be of the head."""
+    """Detections that may be either hand; the first may be the head."""
     suits = np.tile([0.0, 1.0, 1.0], (len(places), 1))
     suits[0, 0] = 1.0
     suits[0, 1:] = 0.01
@@ -120,7 +122,7 @@ def likeliest(detections: Detections, prior: FeatureDensity) -> tuple[int, ...]:
 
 
 def test_two_hands_do_not_take_one_detection() -> None:
-    """Though it is as near to both: unless it is merged, or there is no room for a miss."""
+    """Although equally near to both, unless it is merged or misses are excluded."""
     prior = expected_at((100, 50), (100, 200), (110, 200))
     alone = likeliest(blobs((100, 50), (105, 200)), prior)
     assert sorted(alone[1:]) == [-1, 1] or alone[1:] == (1, 1)
@@ -129,14 +131,14 @@ def test_two_hands_do_not_take_one_detection() -> None:
     assert likeliest(blobs((100, 50), (105, 200), merged=True), prior)[1:] == (1, 1)
 
 
-def test_identity_goes_by_what_is_expected() -> None:
+def test_identity_follows_the_expectation() -> None:
     detections = blobs((100, 50), (60, 200), (140, 200))
     assert likeliest(detections, expected_at((100, 50), (62, 205), (138, 195))) == (0, 1, 2)
     assert likeliest(detections, expected_at((100, 50), (138, 195), (62, 205))) == (0, 2, 1)
 
 
-def test_a_chain_that_has_hands_the_wrong_way_round_is_told_of_the_other() -> None:
-    """However sure it is; that it is unlikely is for its own weights to say."""
+def test_a_chain_with_exchanged_hands_receives_the_other_association() -> None:
+    """However certain it is; its own weights express that the association is unlikely."""
     detections = blobs((100, 50), (60, 200), (140, 200))
     wrong = expected_at((100, 50), (140, 200), (60, 200), spread=2.0)
     evidence = evidence_of(detections, EvidenceSettings(), wrong)
@@ -148,15 +150,16 @@ def test_a_chain_that_has_hands_the_wrong_way_round_is_told_of_the_other() -> No
 
 
 def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
-    """The face stays the head's. Who is not sure where the hand is rather thinks it missed, for the face is small."""
+    """The face stays the head's. A chain uncertain of the hand's place prefers a missed detection, for the face is
+    small."""
     detections = blobs((100, 50), (60, 200))
     assert likeliest(detections, expected_at((100, 50), (60, 200), (101, 52), spread=3.0)) == (0, 1, 0)
     assert likeliest(detections, expected_at((100, 50), (60, 200), (101, 52), spread=20.0)) == (0, 1, -1)
     assert likeliest(detections, expected_at((100, 50), (60, 200), (220, 120))) == (0, 1, -1)
 
 
-def test_a_hidden_feature_is_as_likely_detected_as_settings_say() -> None:
-    """As evidence would be that knew it from the start."""
+def test_a_hidden_feature_has_the_detection_probability_of_the_settings() -> None:
+    """Equal to evidence with this knowledge from the start."""
     settings, points = EvidenceSettings(), np.array([[[100.0, 50.0]], [[300.0, 10.0]]])
     hand = Detections(HANDS[1:2], points[0], np.tile(16.0 * np.eye(2), (1, 1, 1)), np.ones((1, 1)), np.zeros(1, bool))
     hidden = evidence_of(hand, settings).density.if_hidden(np.ones(1, bool), *settings.if_hidden)
@@ -165,7 +168,7 @@ def test_a_hidden_feature_is_as_likely_detected_as_settings_say() -> None:
 
 
 def test_two_hands_in_one_blob_are_further_from_its_middle_than_one() -> None:
-    """In the association in which both are in it each has the whole blob to be in; alone one is near its middle."""
+    """Where both are in the blob, each may be anywhere in it; a single hand is near its middle."""
     blob = replace(blobs((100, 50), (105, 200)), together=np.tile(64.0 * np.eye(2), (2, 1, 1)))
     evidence = evidence_of(blob, EvidenceSettings())
     for way, variance in (((0, 1, 1), 64.0), ((0, 1, -1), 16.0)):
@@ -176,8 +179,9 @@ def test_two_hands_in_one_blob_are_further_from_its_middle_than_one() -> None:
 
 
 @pytest.mark.parametrize("exchange", [GATED, PRINTED, ONE_WAY])
-def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: str) -> None:
-    """What another feature hides is in that one's detection. The other chain's message changes nothing of this."""
+def test_only_its_own_detection_is_evidence_against_a_hidden_feature(exchange: str) -> None:
+    """A hidden feature is in the detection of the one that hides it. The other chain's message changes nothing of
+    this."""
     detections, prior = blobs((100, 50), (60, 200)), expected_at((100, 50), (60, 200), (101, 52))
     evidence = evidence_of(detections, EvidenceSettings(), prior)
     received = messages([prior, prior], evidence, exchange)[0].evidence.reduced(1, expected=prior)
@@ -211,7 +215,7 @@ def test_only_the_likeliest_associations_are_kept_and_they_keep_their_weights() 
 
 
 @pytest.mark.parametrize("exchange", [GATED, PRINTED, WHICH])
-def test_what_chains_are_told_does_not_depend_on_the_unit(exchange: str) -> None:
+def test_messages_do_not_depend_on_the_unit(exchange: str) -> None:
     """All lengths ten times as many, and false detections a hundredth as dense: every association weighs the same."""
     shares = []
     for scale in (1.0, 10.0):
@@ -230,8 +234,8 @@ def test_what_chains_are_told_does_not_depend_on_the_unit(exchange: str) -> None
     np.testing.assert_allclose(shares[0], shares[1], rtol=1e-6)
 
 
-def test_which_is_no_evidence_of_where() -> None:
-    """Of two detections the other chain says which one it is; where, says the detection alone."""
+def test_identity_is_not_evidence_of_position() -> None:
+    """The other chain selects one of two detections; the position comes from the detection alone."""
     seen = blobs((0.0, 0.0), (100.0, 0.0))
     seen = replace(seen, names=HANDS[1:2], suits=seen.suits[:, 1:2])
     own, other = (gaussian(HANDS[1:2], np.array([[x, 0.0]]), 900.0 * np.eye(2)) for x in (50.0, 95.0))
@@ -243,7 +247,8 @@ def test_which_is_no_evidence_of_where() -> None:
 
 
 def test_many_keypoints_keep_the_likeliest_ways() -> None:
-    """20 keypoints, each of its own feature or wrong: 2^20 ways, of which those are kept that flip the unlikeliest."""
+    """20 keypoints, each of its own feature or wrong: of 2^20 associations those that flip the least certain are
+    kept."""
     names = tuple(f"f{k}" for k in range(20))
     places = np.stack([20.0 * np.arange(20), np.zeros(20)], axis=1)
     off = np.where(np.arange(20) < 3, 60.0, 0.0)  # the first three are far from where they are expected
@@ -255,8 +260,9 @@ def test_many_keypoints_keep_the_likeliest_ways() -> None:
     np.testing.assert_array_equal(best, np.where(off > 0.0, -1, np.arange(20)))
 
 
-def test_there_is_a_way_where_two_want_each_of_many_detections() -> None:
-    """24 features in pairs that are expected at one place, where one keypoint is: each is of either, never of both."""
+def test_an_association_exists_where_two_features_claim_each_detection() -> None:
+    """24 features in pairs expected at one place with one keypoint each: the keypoint belongs to either, never to
+    both."""
     names = tuple(f"f{k}" for k in range(24))
     places = np.repeat(np.stack([40.0 * np.arange(12), np.zeros(12)], axis=1), 2, axis=0)
     suits = np.repeat(np.eye(12), 2, axis=1)
@@ -267,7 +273,7 @@ def test_there_is_a_way_where_two_want_each_of_many_detections() -> None:
     assert np.array_equal(best.min(axis=1), np.full(12, -1))
 
 
-def test_nothing_detected_says_nothing() -> None:
+def test_no_detection_gives_no_evidence() -> None:
     evidence = evidence_of(Detections.none(HANDS), EvidenceSettings())
     assert not evidence.density.known.any()
     assert evidence.density.log_weight[0] == pytest.approx(3.0 * np.log(0.1))
@@ -312,7 +318,7 @@ def test_a_moving_point_is_followed_with_its_velocity() -> None:
 
 
 def shared(places: dict[int, tuple[float, float]], covariance: np.ndarray, sharers: int) -> FeatureDensity:
-    """Of some features, by number, each in a detection of so many."""
+    """Evidence on some features, by number, each in a detection of so many."""
     known = np.isin(np.arange(3), list(places))
     mean = np.array([places.get(f, (0.0, 0.0)) for f in range(3)])
     return FeatureDensity(
@@ -320,9 +326,9 @@ def shared(places: dict[int, tuple[float, float]], covariance: np.ndarray, share
     )
 
 
-def test_a_detection_of_several_points_hardly_tells_each_more_than_once() -> None:
-    """However often it is told, a hand before the face is somewhere in its blob, one with a blob of its own is there.
-    Of what was known before a tenth is news, and of the weight nothing is lost."""
+def test_a_detection_of_several_points_informs_each_about_once() -> None:
+    """However often it is received, a hand before the face is somewhere in its blob, and one with a blob of its own is
+    there. A tenth of what was known before counts as new, and no weight is lost."""
     region = np.array([[900.0, 300.0], [300.0, 400.0]])
     received = {n: Message(shared({1: (75.0, 210.0)}, region, n), uniform(HANDS)) for n in (1, 2)}
     place = np.ix_([4, 5], [4, 5])
@@ -340,7 +346,7 @@ def test_a_detection_of_several_points_hardly_tells_each_more_than_once() -> Non
 
 
 def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
-    """It was somewhere in the face's blob for half a second, and comes out of it far from the blob's middle."""
+    """It was somewhere in the face's blob for half a second and leaves it far from the blob's middle."""
     face, left, right = (100.0, 50.0), (45.0, 100.0), (140.0, 200.0)
     suits = np.array([[1.0, 0.2, 0.2], [0.01, 1.0, 1.0], [0.01, 1.0, 1.0]])
     covariance = np.array([900.0, 16.0, 16.0])[:, None, None] * np.eye(2)
@@ -366,8 +372,8 @@ def test_points_are_stored_to_the_bit() -> None:
     np.testing.assert_array_equal(again.covariance, state.covariance)
 
 
-def test_a_point_that_follows_clutter_is_put_right() -> None:
-    """It has a hand in a piece of the face, and is sure of it; another chain knows which blob it is."""
+def test_a_point_that_follows_clutter_is_corrected() -> None:
+    """The chain is certain of a hand in a piece of the face; another chain knows the right blob."""
     right = np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]])
     phi = evidence_of(blobs(*(tuple(p) for p in right)), EvidenceSettings())
     pose = gaussian(HANDS, right, 400.0 * np.eye(6))
@@ -385,9 +391,9 @@ def test_a_point_that_follows_clutter_is_put_right() -> None:
     assert np.abs(after[0.0] - right).max() > 40.0
 
 
-def test_points_taken_for_each_other_are_put_right() -> None:
-    """A chain of points that has both hands exchanged listens to another that has them right, once it knows that they
-    look alike; one that is not told so does not."""
+def test_exchanged_points_are_corrected() -> None:
+    """A chain of points with exchanged hands follows another that has them right if it knows that they look alike;
+    otherwise it does not."""
     right = np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]])
     wrong = initial_state()
     wrong = PointStates(wrong.mean[[0, 2, 1]], wrong.covariance)

@@ -1,4 +1,4 @@
-"""The front door: every command can be found, and whatever is wrong is one line and an exit code."""
+"""The command line: every command can be found, and every error is one line and an exit code."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def camera(name: str, x: float) -> Camera:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Keypoints of human34 standing before two cameras, and the camera file."""
-    made: Path = tmp_path_factory.mktemp("front door")  # a space in the name, on purpose
+    made: Path = tmp_path_factory.mktemp("with space")  # the space is on purpose
     body = Body(load_subject("human34"))
     q = body.clamp(pin.neutral(body.model))
     q[2] = 1.0
@@ -139,13 +139,13 @@ BAD = {
         "no such background",
     ),
     "no such settings": (["track", "--keypoints", "{left}", "--settings", "s.toml", "--out", "{out}"], "s.toml"),
-    "settings that are none": (
+    "invalid settings": (
         ["track", "--keypoints", "{left}", "--settings", "{left}", "--out", "{out}"],
         "not TOML",
     ),
-    "settings of no tracker": (["settings", "--tracker", "cs"], "css"),
-    "explanation of no run": (["explain", "none.run", "--frame", "0"], "none.run"),
-    "explanation of no frame": (["explain", "none.run"], "--frame"),
+    "settings of an unknown tracker": (["settings", "--tracker", "cs"], "css"),
+    "explanation of a missing run": (["explain", "none.run", "--frame", "0"], "none.run"),
+    "explanation without a frame": (["explain", "none.run"], "--frame"),
     "no such keypoint file": (["track", "--keypoints", "none.json", "--out", "{out}"], "none.json"),
     "empty keypoint file": (["track", "--keypoints", "{folder}/empty.json", "--out", "{out}"], "is empty"),
     "bad NAME=": (["track", "--keypoints", "={left}", "--out", "{out}"], "NAME=PATH"),
@@ -167,8 +167,8 @@ BAD = {
     "fit output missing": (["fit", "--keypoints", "{left}", "--out", "{folder}/a/b.urdf"], "does not exist"),
     "no such run": (["view", "none.run"], "none.run"),
     "not a run": (["overlay", "{left}", "--out", "{out}.mp4"], "left.json"),
-    "export of no run": (["export", "none.run", "a.csv", "--format", "csv"], "none.run"),
-    "evaluation of no run": (["evaluate", "none.run", "--reference", "r.npz"], "none.run"),
+    "export of a missing run": (["export", "none.run", "a.csv", "--format", "csv"], "none.run"),
+    "evaluation of a missing run": (["evaluate", "none.run", "--reference", "r.npz"], "none.run"),
 }
 
 
@@ -178,9 +178,9 @@ def test_bad_input_is_one_line_and_exit_code_2(case: str, folder: Path, capsys: 
     places = {name: folder / f"{name}.json" for name in ("left", "right")}
     places |= {"folder": folder, "clip": folder / "clip", "out": folder / "x.run"}
     assert front.main([a.format(**places) for a in arguments]) == front.BAD_INPUT
-    said = capsys.readouterr()
-    errors = [line for line in said.err.splitlines() if not line.startswith("note:")]
-    assert len(errors) == 1, said.err
+    printed = capsys.readouterr()
+    errors = [line for line in printed.err.splitlines() if not line.startswith("note:")]
+    assert len(errors) == 1, printed.err
     assert errors[0].startswith("error: ")
     assert expected in errors[0]
     assert not (folder / "x.run").exists()
@@ -194,7 +194,7 @@ def test_the_process_itself_ends_with_2_and_debug_shows_the_traceback() -> None:
     assert "Traceback" in debug.stderr
 
 
-def test_our_own_faults_are_said_to_be_ours(
+def test_internal_errors_are_reported_as_internal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken(path: object) -> None:
@@ -202,12 +202,12 @@ def test_our_own_faults_are_said_to_be_ours(
 
     monkeypatch.setattr(results, "open_run", broken)
     assert front.main(["view", "a.run"]) == front.INTERNAL_ERROR
-    said = capsys.readouterr().err
-    assert said.startswith("internal error: ZeroDivisionError: division by zero; run with --debug")
-    assert len(said.splitlines()) == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("internal error: ZeroDivisionError: division by zero; run with --debug")
+    assert len(printed.splitlines()) == 1
 
 
-def test_an_interrupted_run_goes_on_to_the_same_result(
+def test_an_interrupted_run_resumes_to_the_same_result(
     folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = folder / "stopped.run"

@@ -28,7 +28,7 @@ COUNT, SIZE = 90, (96, 64)
 
 
 def picture(i: int) -> np.ndarray:
-    """A frame that tells its number: 7 blocks, black or white."""
+    """A frame that encodes its number in 7 blocks, black or white."""
     image = np.full((SIZE[1], SIZE[0], 3), 128, np.uint8)
     for bit in range(7):
         image[16:48, 4 + 12 * bit : 14 + 12 * bit] = 255 if i >> bit & 1 else 0
@@ -75,7 +75,7 @@ def test_truncated_video_is_reported_and_kept(tmp_path: Path) -> None:
     read = [number(f) for f in clip.frames()]
     assert 10 < len(read) < COUNT
     assert read == list(range(len(read)))
-    if clip.frame_count is not None:  # the index at the end of the file is gone, the header's count may be too
+    if clip.frame_count is not None:  # the index at the end of the file is lost, perhaps the header's count too
         assert clip.report.read == len(read)
         assert not clip.report.complete
         assert f"{len(read)} of {clip.frame_count}" in clip.report.notes[0]
@@ -144,8 +144,8 @@ def damaged(data: bytes, *at: int) -> bytes:
     return bytes(changed)
 
 
-def test_decoders_keep_their_words_to_themselves(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """They print below Python, beside our one line; what they mean is in our notes and errors."""
+def test_decoders_print_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """They print from C, beside our one line; our notes and errors cover the content."""
     image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (96, 128, 3), np.uint8), (0, 0), 2.0)
     good = {e: cv2.imencode(f".{e}", image)[1].tobytes() for e in ("png", "jpg", "bmp")}
     good["mp4"] = video(tmp_path / "a.mp4", "mp4v").read_bytes()
@@ -171,9 +171,9 @@ def test_decoders_keep_their_words_to_themselves(tmp_path: Path, capfd: pytest.C
 def test_threads_do_not_lose_standard_error(capfd: pytest.CaptureFixture[str]) -> None:
     def worker() -> None:
         for _ in range(50):
-            with captured_output() as said:
+            with captured_output() as output:
                 os.write(2, b"x")
-            assert said == ["x"]
+            assert output == ["x"]
 
     threads = [threading.Thread(target=worker) for _ in range(4)]
     for thread in threads:
@@ -196,7 +196,7 @@ def with_edit(path: Path, first: int, last: int) -> Path:
 
 
 @pytest.mark.parametrize(("first", "last"), [(30, COUNT), (0, 55), (20, 61)])
-def test_what_an_edit_list_leaves_out_is_no_damage(first: int, last: int, tmp_path: Path) -> None:
+def test_frames_cut_by_an_edit_list_are_not_damage(first: int, last: int, tmp_path: Path) -> None:
     clip = Clip.open(with_edit(video(tmp_path / "a.mp4", "mp4v"), first, last))
     assert clip.report.notes == ()
     assert clip.report.declared is None
@@ -204,7 +204,7 @@ def test_what_an_edit_list_leaves_out_is_no_damage(first: int, last: int, tmp_pa
     assert abs(clip.report.read - (last - first)) <= 1
 
 
-def test_a_damaged_header_says_nothing(tmp_path: Path) -> None:
+def test_a_damaged_header_is_ignored(tmp_path: Path) -> None:
     whole = bytearray(with_edit(video(tmp_path / "a.mp4", "mp4v"), 30, COUNT).read_bytes())
     header, rng = whole.find(b"moov"), np.random.default_rng(0)
     for _ in range(300):
@@ -218,8 +218,8 @@ def test_a_damaged_header_says_nothing(tmp_path: Path) -> None:
     assert container_of(tmp_path / "b.mp4").shown is None
 
 
-def test_a_count_that_is_an_estimate_is_no_damage(tmp_path: Path) -> None:
-    """Matroska stores a duration alone; a file that ends before it is said to."""
+def test_an_estimated_frame_count_is_not_damage(tmp_path: Path) -> None:
+    """Matroska stores a duration alone; a file that ends earlier is reported."""
     path = video(tmp_path / "a.webm", "VP80")
     clip = Clip.open(path)
     assert (clip.frame_count, clip.report.declared, clip.report.read, clip.report.notes) == (None, None, COUNT, ())
@@ -230,7 +230,7 @@ def test_a_count_that_is_an_estimate_is_no_damage(tmp_path: Path) -> None:
 
 
 def test_a_stream_without_times_has_no_rate_of_its_own(tmp_path: Path) -> None:
-    """Whatever FFmpeg assumes; what the user says holds."""
+    """Whatever FFmpeg assumes; the user's value overrides it."""
     path = tmp_path / "a.mjpeg"
     path.write_bytes(b"".join(cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(COUNT)))
     clip = Clip.open(path)
@@ -255,13 +255,13 @@ def test_a_stream_without_times_has_no_rate_of_its_own(tmp_path: Path) -> None:
         (b"", True, False),
     ],
 )
-def test_what_containers_say(start: bytes, timed: bool, counted: bool, tmp_path: Path) -> None:
+def test_container_metadata(start: bytes, timed: bool, counted: bool, tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(start)
     assert container_of(tmp_path / "a") == Container(timed=timed, counted=counted)
 
 
 def with_pixels(path: Path, wide: int, high: int) -> Path:
-    """The same MP4, its pixels said to be `wide` to `high` (a box `pasp` at the end of the sample's description)."""
+    """The same MP4, its pixels declared as `wide` to `high` (a box `pasp` at the end of the sample's description)."""
     content = bytearray(path.read_bytes())
     at = content.find(b"mp4v", content.find(b"stsd")) - 4
     end = at + struct.unpack_from(">I", content, at)[0]

@@ -1,4 +1,4 @@
-"""Clocks that run at other rates than they declare are found beside the offsets, and are not taken for offsets."""
+"""Clocks whose rate differs from the declared one are found beside the offsets, and are not mistaken for offsets."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ SECONDS = 16.0
 def filmed(
     c: int, declared: float, true: float, begin: float, *, jump: float = 0.0, seconds: float = SECONDS
 ) -> KeypointTrack:
-    """What camera c sees from `begin` [s] of somebody who never repeats a motion, at a true rate; the file declares
-    another. jump [s]: that the clock leaves out in the middle."""
+    """What camera c sees, from `begin` [s], of a person who never repeats a motion, at a true rate while the file
+    declares another. jump [s]: time that the clock skips in the middle."""
     at = begin + 2.0 + np.arange(int(seconds * declared)) / true
     at = at + jump * (at > at.mean())
     phase = 1.5 + 0.9 * np.sin(2.0 * np.pi * at / 5.3) + 0.5 * np.sin(2.0 * np.pi * at / 2.9 + 1.0) + 0.02 * at
@@ -79,13 +79,13 @@ def test_equal_rates_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not result.rates.differ
     assert not result.rates.doubtful.any()
     assert result.sure.all()
-    monkeypatch.setattr("estimator.data.clock_rates._FEWEST", 1000)  # as if no clip were long enough for rates
+    monkeypatch.setattr("estimator.data.clock_rates._FEWEST", 1000)  # as if every clip were too short for rates
     np.testing.assert_array_equal(clocks_of(*tracks).offsets, result.offsets)
 
 
 @pytest.mark.parametrize("jump", [0.1, -0.07, -0.3])
 def test_a_clock_that_jumps_has_no_rate(jump: float) -> None:
-    """Frames were dropped in the middle, or are there twice: no line is right for both halves."""
+    """Frames dropped or repeated in the middle: no single line fits both halves."""
     result = clocks_of(filmed(0, 30.0, 30.0, 0.0), filmed(1, 30.0, 30.0, 0.2, jump=jump))
     assert result.sure.tolist() == [True, False]
     assert result.rates is not None
@@ -101,7 +101,7 @@ def test_short_and_empty_clips_have_no_rates() -> None:
 
 
 def test_the_line_of_most_pieces_is_found_among_lags() -> None:
-    """Pieces that are wrong alone, each at another lag, decide nothing."""
+    """Isolated wrong pieces, each at another lag, decide nothing."""
     offsets, step, rng = np.linspace(-20.0, 20.0, 16), 1.0 / 30.0, np.random.default_rng(0)
     lags = step * np.arange(-60, 61)
     table = np.minimum(np.abs(lags - (0.4 + 0.005 * offsets)[:, None]), 0.2)
@@ -124,7 +124,7 @@ def test_the_deviation_of_a_slope_is_that_of_its_errors() -> None:
     assert 0.7 < float(np.sqrt(np.mean(np.square(errors)))) < 1.3
 
 
-def test_a_jump_is_no_line() -> None:
+def test_a_jump_is_not_a_line() -> None:
     offsets, step, rng = np.linspace(-8.0, 8.0, 16), 0.01, np.random.default_rng(1)
     lags = step * np.arange(-12, 13)
 
@@ -139,14 +139,14 @@ def test_a_jump_is_no_line() -> None:
     assert line(0.0 * offsets).jump == 0.0
 
 
-def load(folder: Path, *tracks: KeypointTrack, **told: Any) -> Inputs:
+def load(folder: Path, *tracks: KeypointTrack, **options: Any) -> Inputs:
     paths = {}
     for camera, track in zip(CAMERAS, tracks, strict=False):
         paths[camera.name] = folder / f"{camera.name}.json"
         write_keypoints(paths[camera.name], track)
     write_cameras(folder / "cameras.json", CAMERAS[: len(tracks)])
     return load_inputs(
-        BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", **{"sync": "auto"} | told)
+        BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", **{"sync": "auto"} | options)
     )
 
 

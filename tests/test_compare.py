@@ -46,7 +46,7 @@ def compared(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Co
     return kinemode.compare(clip.subject, trackers=NAMES, out=out, reference=clip.truth, **detected(clip))
 
 
-def test_a_row_a_tracker_in_the_order_asked_for(compared: Comparison) -> None:
+def test_one_row_per_tracker_in_the_given_order(compared: Comparison) -> None:
     assert tuple(s.tracker for s in compared.scores) == tuple(compared.runs) == NAMES
     assert all(run.complete for run in compared.runs.values())
     with compared.table.open(newline="") as file:
@@ -92,7 +92,7 @@ def test_the_nearest_of_k_need_not_be_the_heaviest(compared: Comparison, clip: R
 
 
 def test_all_are_measured_by_one_cost(compared: Comparison) -> None:
-    """The first frame has no past: what css found there it found by the cost that all are compared by."""
+    """The first frame has no past: css minimised there the very cost by which all are compared."""
     css, gaussian = (compared.courses[name].energy for name in ("css", "gaussian-single-mode"))
     assert css[0] == pytest.approx(compared.runs["css"].mode_energy[0, 0], abs=1e-9)
     assert gaussian[0] != pytest.approx(compared.runs["gaussian-single-mode"].mode_energy[0, 0], abs=1e-3)
@@ -116,7 +116,7 @@ def test_lost_frames(compared: Comparison) -> None:
     gone[3] += (FAR + 0.01) * cameras[0].R_camera_world[2]  # along the optical axis
     assert trajectory_errors(gone, points, None, cameras).lost.tolist() == [False, True, False, True, False]
     truth = points.copy()
-    truth[3:] = np.nan  # what the reference does not know nobody can lose
+    truth[3:] = np.nan  # a frame unknown to the reference cannot be lost
     reference = Reference(run.body.landmark_names, truth + 2.0, None)
     course = courses({"css": run}, settings_for("css"), reference, True, lambda done, total: None)["css"]
     assert course.lost.tolist() == [True, True, True, False, False]
@@ -124,7 +124,7 @@ def test_lost_frames(compared: Comparison) -> None:
     assert not aligned.lost.any()
 
 
-def test_an_interrupted_comparison_goes_on(
+def test_an_interrupted_comparison_resumes(
     compared: Comparison, clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_into = jobs.run_into
@@ -182,7 +182,7 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
     assert {run.observation(0).noise for run in everywhere} == {MEASURED}
 
 
-def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:
+def test_pictures_count_where_they_were_used(clip: RenderedClip, tmp_path: Path) -> None:
     how = {**named(clip), "cues": "edges", "settings": {"cues": QUICK["cues"]}, "fit": "off"}
     comparison = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
     course = comparison.courses["single-mode"]
@@ -244,10 +244,10 @@ def test_the_command(clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureF
     arguments = ["compare", "--keypoints", str(keypoints), "--cameras", str(clip.cameras), "--fit", "off"]
     out = tmp_path / "out"
     assert front.main([*arguments, "--trackers", "css,cs", "--out", str(out)]) == front.BAD_INPUT
-    said = capsys.readouterr().err
-    assert "no tracker 'cs'" in said
-    assert all(name in said for name in TRACKERS)
-    assert len(said.splitlines()) == 1
+    printed = capsys.readouterr().err
+    assert "no tracker 'cs'" in printed
+    assert all(name in printed for name in TRACKERS)
+    assert len(printed.splitlines()) == 1
     assert not out.exists()
     given = [*arguments, "--trackers", "single-mode", "--subject", str(clip.subject), "--out", str(out)]
     assert front.main(given) == 0
@@ -260,10 +260,10 @@ def test_the_command(clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureF
     assert all(f"{name} " in listed for name in TRACKERS)
 
 
-def test_an_interrupted_command_says_how_to_go_on(
+def test_an_interrupted_command_prints_how_to_resume(
     clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where there is something to go on with: here the first tracker's run."""
+    """Where there is something to resume: here the first tracker's run."""
     (keypoints,) = clip.keypoints.values()
     out = ["--out", str(tmp_path / "c"), "--subject", str(clip.subject), "--fit", "off", "--overwrite"]
     arguments = ["compare", "--trackers", "single-mode,css", "--keypoints", str(keypoints), *out]

@@ -38,26 +38,26 @@ print(len(own), "kernels")
 
 
 def test_nothing_is_compiled_twice() -> None:
-    """Not by the second process for other types of arrays than the search has them, nor for arrays that cannot be
-    written to besides those that can."""
+    """The second process does not compile for array types other than the search's, nor for read-only arrays beside
+    writable ones."""
     command, environment = [sys.executable, "-c", SCRIPT], os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "twice" not in done.stdout
-    assert int(done.stdout.split()[0]) > 20  # those that were compiled before bring only what Python calls
+    assert int(done.stdout.split()[0]) > 20  # for kernels compiled before only entry points are loaded
 
 
 @pytest.mark.parametrize("python", [sys.executable, "/no/python/here", ""])
 def test_a_search_is_compiled_whatever_becomes_of_the_other_process(
     python: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said = list[tuple[str, int, int]]()
+    loaded = list[tuple[str, int, int]]()
 
     @contextmanager
     def progress(stage: str) -> Iterator[object]:
-        yield lambda done, of: said.append((stage, done, of))
+        yield lambda done, of: loaded.append((stage, done, of))
 
     monkeypatch.setattr(compilation, "is_search_compiled", lambda _: False)
     monkeypatch.setattr(sys, "executable", python)
     compile_with(progress, body_of("human34"))  # type: ignore[arg-type]
-    assert [each[1:] for each in said] == [(0, 2), (1, 2), (2, 2)]
+    assert [each[1:] for each in loaded] == [(0, 2), (1, 2), (2, 2)]

@@ -59,7 +59,7 @@ class Toy:
         file = self.folder / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-        at = len(text)  # another time [s] than before, whatever the file system can tell
+        at = len(text)  # a different time [s] at any resolution of the file system
         os.utime(file, (at, at))
 
     def kernel(self) -> ModuleType:
@@ -70,7 +70,7 @@ class Toy:
         return importlib.import_module("toy.kernel")
 
     def run(self, x: float) -> tuple[float, int]:
-        """What the kernel says of a number, and how much of its code came from the disk."""
+        """The kernel's result for a number, and how many functions were loaded from the disk."""
         scaled = self.kernel().scaled
         return scaled(x), sum(scaled.stats.cache_hits.values())
 
@@ -94,7 +94,7 @@ def test_a_constant_of_another_file_is_not_served_stale(toy: Toy) -> None:
     assert toy.run(3.0) == (21.0, 1)
 
 
-def test_it_is_known_whether_a_function_was_ever_compiled(toy: Toy) -> None:
+def test_whether_a_function_was_compiled_is_known(toy: Toy) -> None:
     assert not compiled.is_compiled(toy.kernel().scaled)
     toy.run(3.0)
     assert compiled.is_compiled(toy.kernel().scaled)  # by an earlier process
@@ -153,7 +153,7 @@ def test_every_import_of_ours_is_seen() -> None:
 
 
 def test_processes_that_save_at_once_do_not_mix_their_code(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both read the index before either has written it, unless the one has to wait for the other."""
+    """Both read the index before either writes it, unless one has to wait for the other."""
     load, lock, meeting, met = IndexDataCacheFile._load_index, fcntl.flock, threading.Barrier(2), set()
     saved: list[tuple[Any, ...]] = []
 
@@ -191,7 +191,7 @@ def test_a_cache_that_fails_costs_time_only(toy: Toy, monkeypatch: pytest.Monkey
     (index,) = (toy.folder.parent / "cache").rglob("*.nbi")
     index.write_bytes(b"")  # as a crash of the machine leaves it
     assert toy.run(3.0) == (6.0, 0)
-    assert toy.run(3.0) == (6.0, 1)  # mended
+    assert toy.run(3.0) == (6.0, 1)  # repaired
 
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -224,8 +224,9 @@ def test_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("closed", [["KINEMODE_CACHE"], ["KINEMODE_CACHE", "TMPDIR"]])
-def test_a_folder_that_cannot_be_written_to(toy: Toy, closed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Then the next one, and in the end none; code never lands beside the sources, where it would go stale."""
+def test_a_folder_without_write_permission(toy: Toy, closed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then the next one is used, and in the end none; code is never stored beside the sources, where it would go
+    stale."""
     base = toy.folder.parent
     (base / "file").touch()
     for name in ("KINEMODE_CACHE", "TMPDIR"):
@@ -237,8 +238,8 @@ def test_a_folder_that_cannot_be_written_to(toy: Toy, closed: list[str], monkeyp
     assert not list(toy.folder.rglob("__pycache__"))
 
 
-def test_a_folder_that_can_only_be_read(toy: Toy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is there, by an earlier run, and the next one is taken."""
+def test_a_read_only_cache(toy: Toy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It exists from an earlier run, and the next one is used."""
     assert toy.run(3.0) == (6.0, 0)
     source_folder.cache_clear()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -254,7 +255,7 @@ def test_a_folder_that_can_only_be_read(toy: Toy, tmp_path: Path, monkeypatch: p
 
 
 def now(folder: Path) -> float:
-    """The time [s] by the file system's clock, which is the one that folders are marked by."""
+    """The time [s] by the file system's clock, which stamps the folders."""
     (folder / "clock").touch()
     return (folder / "clock").stat().st_mtime
 
@@ -298,5 +299,5 @@ def test_a_process_of_more_than_a_day_keeps_its_folder(toy: Toy, monkeypatch: py
     (folder,) = (toy.folder.parent / "cache").iterdir()
     long_ago = now(toy.folder) - 2.0 * UNUSED
     os.utime(folder, (long_ago, long_ago))
-    scaled(3)  # another signature is looked for
+    scaled(3)  # looks for another signature
     assert folder.stat().st_mtime > long_ago + UNUSED

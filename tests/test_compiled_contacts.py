@@ -1,4 +1,4 @@
-"""The compiled contacts of body parts are coal's to the last digits, and certain; coal is asked for the others."""
+"""The compiled contacts of body parts equal coal's to the last digits where certain; the others are left to coal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHAPES = {
 
 
 def asks_coal_alone(self_collision: SelfCollision) -> SelfCollision:
-    """The same object, with solids that the kernel does not know: coal's answers, sharpened."""
+    """The same object with solids unknown to the kernel: coal's answers, refined."""
     self_collision.arrays.kind[:] = curvature.UNKNOWN
     return self_collision
 
@@ -48,7 +48,7 @@ def flesh(name: str, rng: np.random.Generator) -> str:
 
 
 def compare(ours: Contacts, coals: Contacts, margin: float) -> int:
-    """Equal to 1e-9 m, but for pairs on the margin: whether coal takes them is decided before they are sharpened."""
+    """Equal to 1e-9 m, but for pairs on the margin: whether coal includes them is decided before refinement."""
     mine, other = (dict(zip(c.pair.tolist(), range(len(c.pair)), strict=True)) for c in (ours, coals))
     for pair in mine.keys() ^ other.keys():
         distance = ours.distance[mine[pair]] if pair in mine else coals.distance[other[pair]]
@@ -146,7 +146,7 @@ SPHERE = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
         (f"<flesh {SHAPES['disc']}/>", f"<flesh {SHAPES['finger']}/>", (0.1, 0.002, 0.0)),  # deep
     ],
 )
-def test_coal_is_asked_where_a_contact_is_not_certain(first: str, second: str, q: tuple[float, ...]) -> None:
+def test_uncertain_contacts_are_left_to_coal(first: str, second: str, q: tuple[float, ...]) -> None:
     body = two_solids(first, second)
     self_collision, coal = (SelfCollision(body, include=[("a", "b")]) for _ in range(2))
     posed = body.at(np.array(q))

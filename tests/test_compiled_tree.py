@@ -1,4 +1,4 @@
-"""The compiled kinematics is Pinocchio's, on every subject and robot that it takes."""
+"""The compiled kinematics is Pinocchio's, on every supported subject and robot."""
 
 from __future__ import annotations
 

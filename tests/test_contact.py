@@ -42,7 +42,7 @@ def test_events_are_when_feet_begin_and_cease_to_stand(walked: tuple[Contact, np
 
 
 def test_a_slide_is_how_far_what_stands_moves(walked: tuple[Contact, np.ndarray]) -> None:
-    """A drift of 20 mm/s is half of that and a stance's length from the middle of its places."""
+    """With a drift of 20 mm/s a stance reaches 10 mm/s times its duration from the middle of its positions."""
     contact, _ = walked
     whole = [s for s in contact.stances if s.begin > contact.time[0] and s.end < contact.time[-1]]
     still = {(s.point, s.begin): s for s in whole}
@@ -66,7 +66,7 @@ def test_one_foot_alone_and_no_feet_at_all(walked: tuple[Contact, np.ndarray]) -
     assert nothing.stances == nothing.events == []
 
 
-def test_the_file_has_what_is_said(walked: tuple[Contact, np.ndarray], tmp_path: Path) -> None:
+def test_the_file_has_the_documented_columns(walked: tuple[Contact, np.ndarray], tmp_path: Path) -> None:
     contact, _ = walked
     rows = list(csv.DictReader(contact.write(tmp_path / "c.csv").open()))
     for k, name in enumerate(NAMES):
@@ -91,11 +91,11 @@ def test_the_command(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[st
         for result in random_walk(body, 6):
             writer.append(result, state_of(result))
     code = front.main(["contact", str(path), "--out", str(tmp_path / "c.csv")])
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     if name == "human34":
         assert code == 0
-        assert "left_small_toe" in told.out
+        assert "left_small_toe" in printed.out
         assert repr(km.contact(path)).startswith("<Contact: frames 6")
     else:
         assert code != 0
-        assert "contact needs a person with feet" in told.err
+        assert "contact needs a person with feet" in printed.err

@@ -1,4 +1,4 @@
-"""Laws of the energy: what each of its terms is known to be. The contract of all: test_term_contract."""
+"""Laws of the energy: known values of each term. Their common contract: test_term_contract."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def quadratic_form_matches(term: Term, body: Body, q: np.ndarray, tolerance: flo
 
 @pytest.mark.parametrize("name", ["arm8", "human34", "upper13"])
 def test_exact_curvature_of_the_reprojection(name: str) -> None:
-    """Near by, with skew and distortion and large residuals: kinematics, potential and projection. `exact` minus
-    Gauss-Newton is not small, so that there is something to get right."""
+    """Nearby, with skew, distortion and large residuals: kinematics, potential and projection. The difference between
+    exact and Gauss-Newton Hessians is not small."""
     body, rng = body_of(name), np.random.default_rng(14)
     seen = observe(body, random_pose(body, rng, share=0.6, turn=0.4), CAMERAS, noise=20.0, rng=rng)
     term = Reprojection(body, seen, np.full(seen.confidence.shape, 40.0), "lorentzian", 4.0)
@@ -110,7 +110,7 @@ def test_exact_curvature_of_the_stabilisers(potential: str) -> None:
 
 
 def test_exact_projections_cost_nothing() -> None:
-    """With skew and distortion the term projects as the camera does."""
+    """The term projects as the camera does, with skew and distortion."""
     body = body_of("human34")
     q = random_pose(body, np.random.default_rng(17), share=0.6, turn=0.4)
     seen = observe(body, q, CAMERAS)
@@ -140,7 +140,7 @@ def test_cameras_add() -> None:
     np.testing.assert_allclose(of_cameras, [part[0] for part in parts], rtol=1e-12)
 
 
-def test_missing_keypoints_have_no_say() -> None:
+def test_missing_keypoints_have_no_influence() -> None:
     body, rng = body_of("human34"), np.random.default_rng(19)
     seen = observed(body, rng)
     q = random_pose(body, rng, share=0.6, turn=0.4)
@@ -172,7 +172,7 @@ def test_a_body_behind_the_camera_costs_much_and_pulls_nowhere() -> None:
 
 
 def test_point_loads_are_the_derivative_by_the_landmarks() -> None:
-    """J' f is the gradient, J' W J the Hessian: the sums over the tree against the plain ones."""
+    """J' f is the gradient, J' W J the Hessian: sums over the tree against plain ones."""
     for name in ("human34", "upper13"):
         body, term, q = reprojection(name, "leclerc")(np.random.default_rng(21))
         assert isinstance(term, Reprojection)

@@ -1,4 +1,4 @@
-"""A tracker of hypotheses beside a chain of keypoints: what is seen stays, what is missing is kept for a while."""
+"""A tracker of hypotheses beside a chain of keypoints: seen keypoints are unchanged, missing ones kept for a while."""
 
 from __future__ import annotations
 
@@ -102,19 +102,19 @@ def test_what_is_detected_is_not_touched_and_what_is_missing_is_near() -> None:
     assert (off < 4.0 * np.hypot(filled.spread[:, wrist], 3.0)).all()
 
 
-def test_in_a_gap_nobody_confirms_it() -> None:
+def test_a_gap_has_no_confirmation() -> None:
     """The doubt about a missing keypoint grows from frame to frame, until it is missing for the tracker too."""
     seen = gapped()
     grown = spreads(dual(farthest=0.2), seen, "left_wrist")[GAP[0] - 1 :]
-    told = [s for s in grown if s is not None]
-    assert 2 <= len(told) < len(GAP)
-    assert grown[: len(told)] == told  # and then none any more
-    assert all(b > a for a, b in pairwise(told))
+    finite = [s for s in grown if s is not None]
+    assert 2 <= len(finite) < len(GAP)
+    assert grown[: len(finite)] == finite  # and then none any more
+    assert all(b > a for a, b in pairwise(finite))
     printed = [s for s in spreads(dual(farthest=0.2, exchange="printed"), seen, "left_wrist") if s is not None]
-    assert len(printed) > len(told)  # which is sure of what the other made of it
+    assert len(printed) > len(finite)  # it is certain of its own echo
 
 
-def test_who_is_told_nothing_misses_what_is_missing() -> None:
+def test_without_messages_the_tracker_is_plain_css() -> None:
     seen = gapped()
     css = make_tracker("css", body_of("human34"), settings_for("css", changes={"css": FEW, "search": FEW_STARTS}))
     for (_, ours), (_, theirs) in zip(tracked(dual(exchange=APART), seen), tracked(css, seen), strict=True):
@@ -122,7 +122,7 @@ def test_who_is_told_nothing_misses_what_is_missing() -> None:
 
 
 def test_any_tracker_of_hypotheses_may_stand_beside_the_chain() -> None:
-    """A single mode, with and without the chain: a wrist that is missing is kept nearer to where it is."""
+    """A single mode with and without the chain: with it a missing wrist stays nearer to the truth."""
     body, seen = body_of("human34"), gapped()
     made = [make_tracker("single-mode", body, settings_for("single-mode")) for _ in range(2)]
     alone = made[0]
@@ -144,7 +144,7 @@ def in_image(body: Body, q: np.ndarray, name: str) -> np.ndarray:
     return CAMERAS[0].project(body.landmarks(body.at(q)))[mark(name)]
 
 
-def test_a_stored_state_goes_on_to_the_bit_and_a_damaged_one_is_told() -> None:
+def test_a_stored_state_resumes_to_the_bit_and_a_damaged_one_is_refused() -> None:
     tracker, seen = dual(), gapped()
     states = tracked(tracker, seen[: GAP[0] + 2])
     state = states[-2][0]

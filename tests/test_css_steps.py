@@ -36,7 +36,7 @@ def prior() -> Mixture:
 
 @cache
 def step(modes: int) -> tuple[CovarianceScaledSampling, FrameResult]:
-    """What is kept of the frame that `seen` is of."""
+    """What is kept of the frame of `seen`."""
     tracker = make_tracker("css-paper", BODY, settings_for("css-paper", modes=modes))
     assert isinstance(tracker, CovarianceScaledSampling)
     return tracker, tracker.step(np.random.default_rng(2), MixtureState(prior(), 0.0), seen())[1]
@@ -74,7 +74,7 @@ def test_steps_2_1_and_2_2_components_are_drawn_by_their_weights_and_sampled_wid
 
 
 def test_step_2_3_modes_are_minima_of_the_static_energy_and_distinct() -> None:
-    """Over what this frame shows alone: nothing is paid for the change since the frame before (footnote 5)."""
+    """From this frame's data alone: changes since the previous frame are not penalised (footnote 5)."""
     tracker, result = step(4)
     search = tracker.search
     cost = search.model.cost(search.term(seen(), "as_detected"))
@@ -91,7 +91,7 @@ def test_step_2_3_modes_are_minima_of_the_static_energy_and_distinct() -> None:
     assert min(apart) > 0.01
 
 
-def test_step_2_3_every_sample_is_led_to_convergence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_step_2_3_every_sample_is_optimised_to_convergence(monkeypatch: pytest.MonkeyPatch) -> None:
     """As printed; otherwise only the best of those that differ after a short search, and some to spare."""
     counted: list[str] = []
     refine = FrameSearch.refine
@@ -129,7 +129,7 @@ def test_steps_3_to_6_weights_are_heights_times_those_of_the_closest_prior_modes
 
 
 def test_step_4_the_best_are_kept() -> None:
-    """Of the same samples: those of the least energy, before the prior has its say."""
+    """From the same samples: those of the least energy, before the prior is applied."""
     (_, all_of_them), (_, kept) = step(4), step(2)
     least = np.argsort(all_of_them.energy)[:2]
     assert sorted(kept.energy) == pytest.approx(sorted(all_of_them.energy[least]))

@@ -48,7 +48,7 @@ def test_deviations_are_mahalanobis_lengths() -> None:
 
 
 def test_minima_are_minima(rows: dict[str, Searches]) -> None:
-    """No admissible step a little away from a counted minimum is lower, and each differs from the others."""
+    """No small admissible step from a counted minimum is lower, and all minima differ."""
     problem, searches, rng = known_problem(0), rows["CSS"], np.random.default_rng(1)
     kept = distinct(problem, searches)
     assert len(kept) > 5
@@ -103,7 +103,7 @@ def test_gains_count_the_same_minima() -> None:
 
 @pytest.mark.paper
 def test_plots(rows: dict[str, Searches], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every panel of every figure has curves or bars. One figure is painted too: to lay them out takes longest."""
+    """Every panel of every figure has curves or bars. One figure is painted too: layout takes longest."""
     figures: dict[str, Any] = {}
     monkeypatch.setattr(
         "benchmarks.papers_css.css_figures.write_figure", lambda path, figure: figures.update({path.stem: figure})
@@ -136,7 +136,7 @@ def test_plots_are_small_files(rows: dict[str, Searches], tmp_path: Path) -> Non
 
 
 def test_valleys_are_continuous_and_end_where_searches_fall() -> None:
-    """The third direction: two valleys that overlap. Neither leaps, and their minima are minima of the energy."""
+    """The third direction: two valleys that overlap. Neither jumps, and their minima are minima of the energy."""
     problem, reach = known_problem(0), 1.14
     first, second = valleys(problem, 2, reach, 61)
     assert first.folded == (True, False)
@@ -155,7 +155,7 @@ def test_valleys_are_continuous_and_end_where_searches_fall() -> None:
 
 
 def test_counts_in_a_regime() -> None:
-    """Useful minima are some of all, and those that the methods know between them no fewer than either's."""
+    """Useful minima are some of all, and all methods together know at least as many as each."""
     counts = counted(TrialTask(TRACKERS, 2, 0, 40, ("CSS 8", "SS 8", "CSS 4 and jumps about known minima")))
     for count in counts.values():
         assert 0 < count.useful <= count.minima

@@ -56,7 +56,7 @@ class Settings:
 
 
 class Bright(Cue):
-    """A right cue: a landmark is drawn to the middle of what is bright; methods here and there to spoil."""
+    """A right cue: a landmark is pulled to the middle of the bright area; tests break single methods."""
 
     name, summary, settings = "bright", "where it is bright", Settings()
 
@@ -114,9 +114,9 @@ def remembering(self: BrightMatcher, posed: Any, prediction: Any) -> list[Any]:
 
 
 def writing(self: BrightMatcher, posed: Any, prediction: Any) -> list[Any]:
-    said = BrightMatcher.terms(self, posed, prediction)
+    given = BrightMatcher.terms(self, posed, prediction)
     self.view.cues[self.view_name][0] = 7.0
-    return said
+    return given
 
 
 class WrongSlope:
@@ -141,11 +141,11 @@ BROKEN: dict[str, tuple[Cue, str]] = {
     "odd name": (cue(name="two words"), "has a plain name"),
     "no summary": (cue(summary=""), "has a summary"),
     "loose settings": (cue(settings={"weight": 1.0}), "its settings are a frozen dataclass"),
-    "restless": (cue(read=restless()), "what is read does not depend on what was read before"),
-    "cannot be sent": (cue(read=lambda *_: UNSENDABLE), "what is read can be sent to another process"),
+    "restless": (cue(read=restless()), "a reading does not depend on earlier readings"),
+    "cannot be sent": (cue(read=lambda *_: UNSENDABLE), "a reading can be sent to another process"),
     "endless": (cue(read=lambda *_: np.zeros(2)), "past the clip's end is an InputError"),
-    "remembers": (cue({"terms": remembering}), "what is returned depends on the pose alone"),
-    "nowhere": (cue(on_contours(0, 1.0)), "features lie on points that there are"),
+    "remembers": (cue({"terms": remembering}), "the result depends on the pose alone"),
+    "nowhere": (cue(on_contours(0, 1.0)), "features lie on existing points"),
     "below zero": (cue(on_contours(-1, -1.0)), "no weight is below zero"),
     "not a number": (cue(on_contours(-1, 1.0, np.nan)), "features are finite"),
     "unlabelled": (cue(on_contours(-1, 1.0, label="")), "parts of the energy have labels"),
@@ -156,7 +156,7 @@ BROKEN: dict[str, tuple[Cue, str]] = {
     "follows silently": (cue({"follow": lambda self, pasts: [0 for _ in pasts]}), "what follows is declared"),
     "cannot send": (
         cue({"follow": lambda self, pasts: [numbers(self) for _ in pasts]}, follows=True),
-        "what is followed can be sent to another process",
+        "the followed features can be sent to another process",
     ),
     "agrees too much": (cue({"agreement": lambda *_: 1.2}), "agreement is a share"),
     "untitled": (
@@ -167,19 +167,19 @@ BROKEN: dict[str, tuple[Cue, str]] = {
         cue({"pictures": lambda self, _: [CuePicture("a", "b", self.view.cues.picture[1:], [], [])]}),
         "pictures have the size of the cues",
     ),
-    "writes": (cue({"terms": writing}), "matching leaves what was read as it is"),
+    "writes": (cue({"terms": writing}), "matching does not change a reading"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_broken_law_is_found_and_told(kind: str, seen: Seen) -> None:
+def test_a_broken_law_is_found_and_reported(kind: str, seen: Seen) -> None:
     broken, law = BROKEN[kind]
     with pytest.raises(ContractError) as error:
         check_cue(broken, seen.body, seen.pictures, seen.q)
     assert error.value.law == law
 
 
-def test_a_right_cue_passes_and_one_that_says_nothing_is_refused(seen: Seen) -> None:
+def test_a_right_cue_passes_and_one_without_effect_is_refused(seen: Seen) -> None:
     check_cue(Bright(), seen.body, seen.pictures, seen.q)
     with pytest.raises(ValueError, match="has no features on the body"):
         check_cue(cue({"terms": lambda *_: []}), seen.body, seen.pictures, seen.q)

@@ -76,7 +76,7 @@ def test_a_step_of_colour_alone_is_an_edge() -> None:
     assert edge_map(picture(values), EdgeSettings()).strength[60, 78:82].max() > 0.9
 
 
-def test_noise_is_no_edge() -> None:
+def test_noise_is_not_an_edge() -> None:
     rng = np.random.default_rng(0)
     flat = edge_map(picture(np.full((HEIGHT, WIDTH, 3), 120.0), rng, 6.0), EdgeSettings()).strength
     assert np.quantile(flat, 0.99) < 0.5
@@ -116,7 +116,7 @@ def test_motion_boundaries_lie_around_what_moves() -> None:
     assert outlier[away].mean() < 0.02
 
 
-def test_flow_is_looked_for_only_where_something_moves() -> None:
+def test_flow_is_computed_only_where_something_moves() -> None:
     rng = np.random.default_rng(6)
     height, width = 3 * HEIGHT, 3 * WIDTH
     room, thing = texture(4, (height, width)), texture(5, (height, width), contrast=40.0)
@@ -142,7 +142,7 @@ def test_flow_is_looked_for_only_where_something_moves() -> None:
 
 
 def on_the_whole(field: FlowField, values: np.ndarray) -> np.ndarray:
-    """A map of a field laid onto the image, zero outside of it."""
+    """A map of a field resampled to the image, zero outside it."""
     (width, height), (x, y) = field.size, field.corner
     whole = np.zeros((height, width, *values.shape[2:]), values.dtype)
     whole[y : y + values.shape[0], x : x + values.shape[1]] = values
@@ -193,7 +193,7 @@ def test_shadow_is_background() -> None:
     assert not foreground_mask(picture(lit, rng), plate, SETTINGS).any()
 
 
-def test_who_sways_in_one_place_has_no_holes() -> None:
+def test_a_person_swaying_in_place_has_no_holes() -> None:
     rng, room, thing = np.random.default_rng(10), texture(11, contrast=25.0), texture(12) * (0.4, 0.5, 1.5)
     sway = np.round(6.0 * np.sin(np.arange(24) * 0.7)).astype(int)
     masks = [disc(80.0 + s, 60.0, 24.0) for s in sway]
@@ -207,9 +207,9 @@ def test_who_sways_in_one_place_has_no_holes() -> None:
         assert overlap(mask, masks[i]) > 0.85
 
 
-def test_who_is_known_to_be_somewhere_is_cut_out_beside() -> None:
-    """Masks that are too wide and 2 px off, of someone who sways in one place: what is beside is the scene, and cuts
-    the person out exactly; where the scene was never seen the mask has to do."""
+def test_a_person_at_a_known_place_is_excluded_from_the_background() -> None:
+    """Masks that are too wide and 2 px off, of someone swaying in place: what is beside them is the scene, which cuts
+    the person out exactly; where the scene was never seen the mask is used."""
     rng, room, thing = np.random.default_rng(10), texture(11, contrast=25.0), texture(12) * (0.4, 0.5, 1.5)
     sway = np.round(14.0 * np.sin(np.arange(24) * 0.7)).astype(int)
     true = [disc(80.0 + s, 60.0, 20.0) for s in sway]
@@ -317,9 +317,9 @@ def test_any_order_gives_the_same_cues(tmp_path: Path, crossing) -> None:
     with pytest.raises(InputError, match="frame 12"):
         reader.at(12)
     ahead = ReadAhead(reader)
-    for i in (0, 1, 2, 7, 8, 3, 10, 11):  # as a track goes, and out of order
+    for i in (0, 1, 2, 7, 8, 3, 10, 11):  # in the order of a track, then out of order
         same(ahead.at(i), in_order[i])
-    with pytest.raises(InputError, match="frame 12"):  # asked for ahead, and now in earnest
+    with pytest.raises(InputError, match="frame 12"):  # prefetched before, now read
         ahead.at(12)
     same(ahead.at(5), in_order[5])
     ahead.close()

@@ -1,4 +1,4 @@
-"""Files that say what cannot be are refused by the reader, with the range it takes."""
+"""Files with impossible values are refused by the reader, which names the allowed range."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ judge = partial(fuzz_judge.judge, most_seconds=inf)
 
 
 def refused(reader: str, name: str, content: bytes, folder: Path, **others: bytes) -> str:
-    """What a reader says of a file it has to refuse."""
+    """The message of a reader for a file that it must refuse."""
     path = folder / name
     path.write_bytes(content)
     for other, data in others.items():
         (folder / other.replace("__", ".")).write_bytes(data)
     verdict = judge(reader, path)
     assert verdict.outcome == "refused", verdict
-    return verdict.said
+    return verdict.message
 
 
 KEYPOINTS = {
@@ -64,25 +64,25 @@ CAMERAS = {
 
 
 @pytest.mark.parametrize("name", KEYPOINTS)
-def test_keypoints_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    place, new, told = KEYPOINTS[name]
+def test_invalid_keypoints(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    place, new, message = KEYPOINTS[name]
     named = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b'"detector"' in f["keypoints.json"]))
-    assert re.search(told, refused("keypoints", "k.json", changed(named, place, new), tmp_path))
+    assert re.search(message, refused("keypoints", "k.json", changed(named, place, new), tmp_path))
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_cameras_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    place, new, told = CAMERAS[name]
+def test_invalid_cameras(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    place, new, message = CAMERAS[name]
     value = json.loads(valid["cameras"][0]["cameras.json"])
-    assert re.search(told, refused("cameras", "c.json", changed(value, place, new), tmp_path))
+    assert re.search(message, refused("cameras", "c.json", changed(value, place, new), tmp_path))
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, 400_000])
-def test_frame_numbers_that_cannot_be(number: int | str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    """They would fill the memory with frames that nobody has."""
+def test_invalid_frame_numbers(number: int | str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    """They would fill the memory with frames that do not exist."""
     value = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b"image_id" in f["keypoints.json"]))
-    said = refused("keypoints", "k.json", changed(value, "3.image_id", f"{number}.jpg"), tmp_path)
-    assert re.search("not a likely frame number|number the frames from the clip's first", said)
+    message = refused("keypoints", "k.json", changed(value, "3.image_id", f"{number}.jpg"), tmp_path)
+    assert re.search("not a likely frame number|number the frames from the clip's first", message)
 
 
 _DEEP = "".join(f"JOINT a{i}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n" for i in range(300))
@@ -111,14 +111,14 @@ BVH = {
 
 
 @pytest.mark.parametrize("name", BVH)
-def test_motion_capture_that_cannot_be(name: str, tmp_path: Path) -> None:
-    text, old, new, told = BVH[name]
+def test_invalid_motion_capture(name: str, tmp_path: Path) -> None:
+    text, old, new, message = BVH[name]
     assert old in text
     path = tmp_path / "a.bvh"
     path.write_text(text.replace(old, new, 1))
     verdict = judge("bvh", path)
-    assert verdict.outcome == ("refused" if told else "read"), verdict
-    assert re.search(told, verdict.said)
+    assert verdict.outcome == ("refused" if message else "read"), verdict
+    assert re.search(message, verdict.message)
 
 
 SETTINGS = {
@@ -129,14 +129,14 @@ SETTINGS = {
     "many": ("[css]\nsamples = 1000000000", "1000000000 cannot work .*at most 100000"),
     "thousands of digits": ("[css]\nsamples = " + 5000 * "9", "is not TOML"),
     "in hexadecimal": ("[css]\nsamples = 0x" + 5000 * "f", "a number of thousands of digits cannot work"),
-    "long value": (f"[css]\nshape = 3\n[cost]\npotential = '{100_000 * 'x'}'", "xxx \\.\\.\\. xxx|3 is no text"),
+    "long value": (f"[css]\nshape = 3\n[cost]\npotential = '{100_000 * 'x'}'", "xxx \\.\\.\\. xxx|3 is not text"),
 }
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_settings_that_cannot_be(name: str, tmp_path: Path) -> None:
-    text, told = SETTINGS[name]
-    assert re.search(told, refused("settings", "s.toml", text.encode(), tmp_path))
+def test_invalid_settings(name: str, tmp_path: Path) -> None:
+    text, message = SETTINGS[name]
+    assert re.search(message, refused("settings", "s.toml", text.encode(), tmp_path))
 
 
 _POINTS = np.zeros((3, 2, 3))
@@ -157,45 +157,45 @@ REFERENCES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFERENCES)
-def test_references_that_cannot_be(name: str, tmp_path: Path) -> None:
+def test_invalid_references(name: str, tmp_path: Path) -> None:
     arrays = {"points": _POINTS, "names": np.array(["a", "b"]), "fps": np.array(30.0)}
-    new, told = REFERENCES[name]
-    assert re.search(told, refused("reference", "r.npz", npz(arrays | new), tmp_path))
+    new, message = REFERENCES[name]
+    assert re.search(message, refused("reference", "r.npz", npz(arrays | new), tmp_path))
 
 
 def test_damaged_references(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
     good = bytearray(valid["reference"][0]["reference.npz"])
-    place = good.index(b"PK\x01\x02") + 6  # the version of zip that is needed
+    place = good.index(b"PK\x01\x02") + 6  # the zip version needed
     good[place : place + 2] = b"\xff\xff"
     assert "cannot be read" in refused("reference", "r.npz", bytes(good), tmp_path)
     trc = valid["trc"][0]["reference.trc"].decode()
     head, row = trc.split("\n6\t")[0].splitlines()[:5], trc.splitlines()[6]
-    for lines, told in (
+    for lines, message in (
         ([*head[:3], "Frame#\tTime", "", row], "line 4: has no markers"),
         ([*head, row, row, row], "time: is not 3 rising numbers"),
         ([*head, row.replace(row.split("\t")[3], "1e300")], "line 6: has a number too large .up to 1e.10"),
         ([*head], "has no points|is not a TRC file"),
     ):
-        assert re.search(told, refused("trc", "r.trc", "\n".join(lines).encode(), tmp_path))
+        assert re.search(message, refused("trc", "r.trc", "\n".join(lines).encode(), tmp_path))
 
 
 def test_landmark_files_of_endless_joints_load(tmp_path: Path) -> None:
-    """A limit made for a joint that had none needs what URDF parsers ask of limits."""
+    """A limit added to a joint without one needs the attributes that URDF parsers require."""
     (tmp_path / "arm.urdf").write_text(ARM_MESHES[""])
     (tmp_path / "arm.landmarks.toml").write_text(ARM_LANDMARKS)
     body = Body(load_subject(tmp_path / "arm.urdf"))
     assert solids_of(body, "visual")
     assert body.bounded_q.size == 2
     numbers = "[limits]\nelbow = [0x" + 5000 * "f" + ", 1]"
-    said = refused("landmark file", "arm.landmarks.toml", numbers.encode(), tmp_path)
-    assert "not [lower, upper]" in said
+    message = refused("landmark file", "arm.landmarks.toml", numbers.encode(), tmp_path)
+    assert "not [lower, upper]" in message
 
 
 def test_every_shape_that_is_offered_loads(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     box = '<box size="1 1 1"/>'
-    said = refused("urdf", path.name, ARM.replace(box, "<capsule radius='1' length='1'/>").encode(), tmp_path)
-    offered = said.partition("shapes: ")[2].partition(")")[0].split(", ")
+    message = refused("urdf", path.name, ARM.replace(box, "<capsule radius='1' length='1'/>").encode(), tmp_path)
+    offered = message.partition("shapes: ")[2].partition(")")[0].split(", ")
     assert {"box", "cylinder", "mesh"} < set(offered)
     assert "capsule" not in offered
     for shape in sorted(set(offered) - {"mesh"}):
@@ -204,7 +204,7 @@ def test_every_shape_that_is_offered_loads(tmp_path: Path) -> None:
 
 
 def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
-    """Nothing of it has a place in the image, so that its extent there is not known."""
+    """None of it projects into the image, so its extent there is unknown."""
     body, camera = body_of("arm8"), facing("k")
     search: ModeSearch = make_tracker("css", body).search
     seen = observe(body, body.clamp(body.neutral), [camera])
@@ -223,7 +223,7 @@ def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
 
 
 def test_memory_is_judged_by_what_reading_adds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process of the tests is large before it reads anything."""
+    """The test process uses much memory before it reads anything."""
 
     class Greedy:
         def read(self, path: Path) -> np.ndarray:

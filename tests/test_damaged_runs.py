@@ -1,4 +1,4 @@
-"""Run files that are whole, with right checksums, and say what cannot be."""
+"""Run files with right checksums but impossible content."""
 
 from __future__ import annotations
 
@@ -59,17 +59,21 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "velocities of another body": ("frame", _set("velocity", lambda v: v[:, :-1]), "velocity has the shape"),
     "no price": ("frame", lambda a: a.pop("origin_price"), "origin_price is missing"),
     "families of numbers": ("frame", _set("origin_family", lambda f: np.zeros(len(f))), "origin_family has the shape"),
-    "families nobody knows": ("frame", _set("origin_family", lambda f: np.full(len(f), "x")), "origin_family: 'x'"),
+    "unknown families": ("frame", _set("origin_family", lambda f: np.full(len(f), "x")), "origin_family: 'x'"),
     "payments of two": ("frame", _set("origin_paid", lambda p: np.stack([p, p], 1)), "origin_paid has the shape"),
-    "a past that cannot be": (
+    "an impossible past": (
         "frame",
         _set("origin_q_previous", lambda q: q + np.inf),
         "origin_q_previous is not a config",
     ),
-    "extra of no name": ("frame", lambda a: a.update({"extra_No Name": np.zeros(2)}), "'No Name' is not called by"),
+    "extra with an invalid name": (
+        "frame",
+        lambda a: a.update({"extra_No Name": np.zeros(2)}),
+        "'No Name' is not called by",
+    ),
     "extra of many axes": ("frame", lambda a: a.update(extra_x=np.zeros((1,) * 5)), "extra array x has the shape"),
     "extra of bytes": ("frame", lambda a: a.update(extra_x=np.array(b"x")), r"extra array x has the .* type \|S1"),
-    "extra of no text": (
+    "extra that is not text": (
         "frame",
         lambda a: a.update(extra_x=np.full(1, 0x7FFFFFFF, "<u4").view("<U1")),
         "extra_x has invalid characters",
@@ -77,10 +81,10 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "too many extras": ("frame", lambda a: a.update({f"extra_x{i}": np.zeros(1) for i in range(99)}), "at most 64"),
     "extra of another kind": ("frame", _set("extra_searches", np.zeros((2, 2))), "array searches: is of different"),
     "no weight": ("frame", _set("weight", lambda w: 0.0 * w), "weight has negative numbers, or none above zero"),
-    "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is not a hypothesis"),
+    "a parent that does not exist": ("frame", _set("parent", lambda p: p + 90), "parent 9. is not a hypothesis"),
     "a frame beyond": ("frame", _set("index", 10**9), "index 1000000000 of 3 frames"),
     "covariance": ("frame", _set("covariance", lambda c: c + np.inf), "covariance has numbers that are not finite"),
-    "a text that is none": (
+    "an invalid text": (
         "frame",
         _set("status", np.full(1, 0x7FFFFFFF, "<u4").view("<U1")[0:1].reshape(())),
         "status",
@@ -96,7 +100,7 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         lambda a: a.update(estimate_q=np.zeros(8)),
         "keypoints of frame 2.*estimate_covariance is missing",
     ),
-    "an estimate of no spread": (
+    "an estimate without spread": (
         "observation",
         lambda a: a.update(estimate_q=np.zeros(8), estimate_covariance=-np.eye(8)),
         "covariance is not symmetric and positive",
@@ -111,7 +115,11 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "a smoothed covariance": ("smoothed", _set("covariance", lambda c: 1e38 * c), "covariance has invalid numbers"),
     "smoothed weights": ("smoothed", _set("weight", lambda w: w + 1e308), "weight has invalid numbers"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
-    "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),
+    "state without a covariance": (
+        "state",
+        _set("covariance", lambda c: -c),
+        "covariance is not symmetric and positive",
+    ),
     "state of little covariance": ("state", _set("covariance", lambda c: 1e-300 * c), "covariance is not symmetric"),
     "state of another root": (
         "state",
@@ -124,17 +132,17 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_rows_of_a_run_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    table, change, told = ROWS[name]
+def test_invalid_rows_of_a_run(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    table, change, message = ROWS[name]
     reader = "state" if table == "state" else "run"
     run = valid[CORPUS_OF.get(reader, reader)][0]["arm8.run"]
     verdict = judge(reader, altered(run, tmp_path, **{table: change}))
     assert verdict.outcome == "refused", verdict
-    assert re.search(told, verdict.said), verdict.said
+    assert re.search(message, verdict.message), verdict.message
 
 
 @pytest.mark.parametrize(
-    ("statement", "told"),
+    ("statement", "message"),
     [
         ("DELETE FROM header", "it has no header"),
         ("UPDATE header SET json = 3", "header"),
@@ -146,12 +154,12 @@ def test_rows_of_a_run_that_cannot_be(name: str, valid: Mapping[str, list[Files]
         ("DROP TABLE observation", "no such table"),
     ],
 )
-def test_tables_of_a_run_that_cannot_be(
-    statement: str, told: str, valid: Mapping[str, list[Files]], tmp_path: Path
+def test_invalid_tables_of_a_run(
+    statement: str, message: str, valid: Mapping[str, list[Files]], tmp_path: Path
 ) -> None:
     verdict = judge("run", altered(valid["run"][0]["arm8.run"], tmp_path, statement))
     assert verdict.outcome == "refused", verdict
-    assert re.search(told, verdict.said), verdict.said
+    assert re.search(message, verdict.message), verdict.message
 
 
 HEADERS = {
@@ -169,14 +177,14 @@ HEADERS = {
 
 
 @pytest.mark.parametrize("place", HEADERS)
-def test_headers_that_cannot_be(place: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    new, told = HEADERS[place]
+def test_invalid_headers(place: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    new, message = HEADERS[place]
     path = altered(valid["run"][0]["arm8.run"], tmp_path)
     connection = sqlite3.connect(path, isolation_level=None)
     header = json.loads(connection.execute("SELECT json FROM header").fetchone()[0])
     connection.execute("UPDATE header SET json = ?", (changed(header, place, new).decode(),))
     connection.close()
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         km.open_run(path)
     assert str(caught.value).count("a.run: ") == 1
 
@@ -189,7 +197,7 @@ def test_headers_that_cannot_be(place: str, valid: Mapping[str, list[Files]], tm
         '[["a", "f8", [0, 9000000000000000000]]]', "[" * 100_000,
     ],
 )  # fmt: skip
-def test_packed_arrays_with_an_index_that_cannot_be(index: str) -> None:
+def test_packed_arrays_with_an_invalid_index(index: str) -> None:
     body = index.encode() + bytes(64)
     with pytest.raises(ValueError, match=r"array 'a'|its index|Expecting"):
         unpack(struct.pack("<II", len(index), zlib.crc32(body)) + body)

@@ -1,4 +1,4 @@
-"""Truths in a run's intervals: which way coordinates go, and levels of known answer."""
+"""Truths in a run's intervals: directions of coordinates, and levels with a known answer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_coordinates_go_with_the_joints_or_against_them() -> None:
 
 @pytest.mark.parametrize(("off", "level"), [(0.0, 0.0), (1.6449, 0.9), (-0.6745, 0.5)])
 def test_a_truth_that_is_some_deviations_off_has_their_level(off: float, level: float) -> None:
-    """Whatever the zero: Gaussians of 4 degrees about the run's pose, far from limits."""
+    """Gaussians of 4 degrees about the run's pose, far from limits, for any zero."""
     std, nv = np.radians(4.0), BODY.nv
     far = np.full(nv, 10.0)
 

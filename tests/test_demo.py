@@ -24,7 +24,7 @@ def test_demo_writes_and_measures(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert result.frames_compared == FRAMES
     assert result.mpjpe < 0.15
     assert result.best_of_k_mpjpe < 0.15
-    assert set(result.angle_errors) > {"left_knee_flexion"}  # the truth has them, and names them as we do
+    assert set(result.angle_errors) > {"left_knee_flexion"}  # the truth has them under the same names
     assert result.violations == 0
     printed = capsys.readouterr().out
     for name in ("overlay.mp4", "preview.html", "contact_sheet.png"):

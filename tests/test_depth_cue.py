@@ -1,4 +1,4 @@
-"""Depth as a cue: which points are the person's, and what they say of a pose."""
+"""Depth as a cue: which points are the person's, and their evidence on the pose."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def points_at(places: np.ndarray, noise: float = 0.01) -> DepthPoints:
-    """As a camera at the origin sees them."""
+    """Points as seen by a camera at the origin."""
     distance = np.linalg.norm(places, axis=1)
     return DepthPoints(places, places / distance[:, None], np.full(len(places), noise), distance / 300.0)
 
@@ -56,7 +56,7 @@ def test_the_floor_is_found_below_what_stands_on_it() -> None:
     assert np.degrees(np.arccos(floor.normal @ tilted)) < 1.0
     assert floor.offset == pytest.approx(-1.2, abs=0.03)
     assert found_floor(wall, np.full(700, 0.02), UP, rng) is None  # steep
-    table = np.concatenate([noisy + 0.8 * UP, noisy])  # half of all is far below it
+    table = np.concatenate([noisy + 0.8 * UP, noisy])  # half of the points are far below it
     floor = found_floor(table, np.full(1600, 0.02), UP, rng)
     assert floor is not None
     assert floor.offset == pytest.approx(-1.2, abs=0.03)
@@ -65,7 +65,7 @@ def test_the_floor_is_found_below_what_stands_on_it() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_screen_before_all_most_of_the_time_does_not_hide_the_floor(seed: int) -> None:
-    """As an occlusion stands in what a scene is learned from: most points, and all of them above the floor."""
+    """An occluder in the frames from which a scene is learned: most points, and all of them above the floor."""
     rng = np.random.default_rng(seed)
     floor = np.column_stack([rng.uniform(1.0, 5.0, 400), rng.uniform(-2.0, 2.0, 400), 0.02 * rng.standard_normal(400)])
     wall = box([5.0, 0.0, 1.5], [0.1, 4.0, 3.0], 1200)
@@ -93,7 +93,7 @@ def test_the_nearest_thing_as_large_as_a_person_is_chosen() -> None:
     assert shares == {"ball": 0.0, "person": 1.0, "hand": 1.0, "behind": 0.0, "wall": 0.0}
     assert not nearest_thing(points_at(things["wall"]), np.full(6000, 4e-4), UP, 0.1).any()
     np.testing.assert_array_equal(nearest_thing(points_at(places), area, UP, 0.1, pixels=4000), mine)
-    assert not nearest_thing(points_at(places), area, UP, 0.1, pixels=2000).any()  # nobody fills a picture
+    assert not nearest_thing(points_at(places), area, UP, 0.1, pixels=2000).any()  # a person never fills the picture
     assert not nearest_thing(points_at(np.zeros((0, 3))), np.zeros(0), UP, 0.1).any()
 
 
@@ -108,10 +108,10 @@ def test_points_at_jumps_of_the_depth_join_nothing() -> None:
     mine = nearest_thing(points_at(places), area, UP, 0.1, between)
     assert mine[:1500].all()
     assert not mine[1500:3000].any()
-    assert 0 < mine[3000:].sum() < 40  # of the slope what touches the person
+    assert 0 < mine[3000:].sum() < 40  # the part of the slope that touches the person
 
 
-def test_what_moves_goes_before_what_is_nearer() -> None:
+def test_moving_takes_precedence_over_nearer() -> None:
     chair, person = box([1.5, 0.4, 0.0], [0.4, 0.4, 0.9], 1000), box([3.0, 0.0, 0.0], [0.3, 0.5, 1.7], 1500, 1)
     places, area = np.concatenate([chair, person]), np.full(2500, 4e-4)
     still, moved = np.zeros(2500, dtype=bool), np.arange(2500) >= 2000  # a third of the person
@@ -122,7 +122,7 @@ def test_what_moves_goes_before_what_is_nearer() -> None:
 
 
 def test_a_moving_part_some_way_off_is_the_person_s_and_a_moving_piece_is_a_person() -> None:
-    """A raised leg hides the hip: of trunk and standing leg there is nothing between, and seen from the side neither is
+    """A raised leg hides the hip: trunk and standing leg have nothing between them, and seen from the side neither is
     large."""
     trunk, leg = box([3.0, 0.0, 0.5], [0.2, 0.2, 0.5], 130), box([3.0, 0.0, -0.25], [0.15, 0.15, 0.4], 80, 1)
     cupboard = box([1.5, 0.9, 0.0], [0.4, 0.4, 0.9], 1000, 2)
@@ -195,7 +195,7 @@ def test_points_lie_on_the_person(pair: RenderedClip, stereo: bool, off: float) 
 
 
 @pytest.mark.parametrize("stereo", [False, True])
-def test_the_silhouette_goes_by_depth_where_no_background_is_given(pair: RenderedClip, stereo: bool) -> None:
+def test_the_silhouette_comes_from_depth_without_a_background(pair: RenderedClip, stereo: bool) -> None:
     """A person who hardly moves, in four frames: no background can be learned from the pictures alone."""
     cues = reader(pair, stereo=stereo, cues=("depth", "silhouette"))
     for instant in (3, 0):
@@ -238,9 +238,7 @@ def test_a_body_is_tracked_by_depth_and_explained(clip: RenderedClip, tmp_path: 
     assert again.header.cues == ("edges", "flow", "silhouette", "depth")
 
 
-def test_depth_that_cannot_be_is_refused_before_any_work(
-    clip: RenderedClip, pair: RenderedClip, tmp_path: Path
-) -> None:
+def test_invalid_depth_is_refused_before_any_work(clip: RenderedClip, pair: RenderedClip, tmp_path: Path) -> None:
     short = tmp_path / "short"
     short.mkdir()
     (short / "0.png").write_bytes((clip.depths["cam01"] / "00000.png").read_bytes())
@@ -252,7 +250,7 @@ def test_depth_that_cannot_be_is_refused_before_any_work(
         ({"depth": tmp_path / "none"}, "no such depth folder"),
         ({"depth": pair.depths["cam01"]}, "not 160 x 120 as the camera's"),
         ({"stereo": "cam01=cam02"}, "there is no camera 'cam02' .*cameras with clips: cam01"),
-        ({**two, "stereo": "cam01"}, "--stereo cam01: is no pair of cameras .*LEFT=RIGHT"),
+        ({**two, "stereo": "cam01"}, "--stereo cam01: is not a pair of cameras .*LEFT=RIGHT"),
         ({**two, "stereo": "cam01=cam01"}, "is one camera twice"),
         ({**two, "stereo": {"cam01_right": "cam01"}}, "stereo pair cam01_right=cam01: cam01 stands to the left"),
         (
@@ -261,8 +259,8 @@ def test_depth_that_cannot_be_is_refused_before_any_work(
         ),
         ({"stereo": 3}, "stereo"),
     ]
-    for changes, told in cases:
-        with pytest.raises(InputError, match=told):
+    for changes, message in cases:
+        with pytest.raises(InputError, match=message):
             km.track(clip.subject, **{**named(clip), "out": tmp_path / "a.run", **changes})
     assert not (tmp_path / "a.run").exists()
 

@@ -52,13 +52,13 @@ def test_frames_are_in_natural_order_and_none_after_the_end(tmp_path: Path) -> N
     assert np.isnan(depth.at(12)).all()
 
 
-def test_a_frame_without_depth_is_no_error_where_others_have_it(tmp_path: Path) -> None:
+def test_single_frames_may_lack_depth(tmp_path: Path) -> None:
     depth = DepthFolder(written(tmp_path / "npy", metres(0.0), metres(2.0)), SIZE)
     assert np.isnan(depth.at(0)).all()
 
 
 @pytest.mark.parametrize(
-    ("picture", "kind", "said"),
+    ("picture", "kind", "message"),
     [
         (metres(2000.0), ".npy", "median depth of 2000 m"),
         (np.full((6, 8), 2, np.uint16), ".png", "median depth of 0.002 m"),
@@ -71,8 +71,8 @@ def test_a_frame_without_depth_is_no_error_where_others_have_it(tmp_path: Path) 
         (np.full((6, 8), None), ".npy", "cannot be read"),
     ],
 )
-def test_other_files_are_refused(tmp_path: Path, picture: np.ndarray, kind: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_other_files_are_refused(tmp_path: Path, picture: np.ndarray, kind: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         DepthFolder(written(tmp_path / "depth", picture, kind=kind), SIZE)
 
 

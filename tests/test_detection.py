@@ -1,4 +1,4 @@
-"""Keypoints by a detector in an environment of its own. Unless said otherwise the detector is a small one of ours,
+"""Keypoints by a detector in its own environment. Unless stated otherwise the detector is a small one for the tests,
 which finds coloured squares, and uv is a script that makes an environment of this Python."""
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ PATIENCE = Patience(answer=DEADLINE, end=DEADLINE, python=DEADLINE, installation
 
 
 class Fake:
-    """The detector "fake", a uv that logs what it is asked for, and a cache of its own."""
+    """The detector "fake", a uv that logs its arguments, and a separate cache."""
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.script, self.log, self.cache = folder / "fake.py", folder / "uv.log", folder / "cache"
@@ -111,7 +111,7 @@ class Fake:
         self.script.write_text(FAKE.format(package=package, scripts=str(SCRIPTS)).lstrip())
 
     def answers(self, command: str) -> None:
-        """What the installation of packages does."""
+        """The behaviour of the package installation."""
         self.uv.write_text(UV.format(log=self.log, answer=command, python=sys.executable))
         self.uv.chmod(self.uv.stat().st_mode | stat.S_IXUSR)
 
@@ -132,7 +132,7 @@ def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DetectorProcess]:
-    """A process of it, which remembers nothing from one clip to the next."""
+    """A detector process, which remembers nothing from one clip to the next."""
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", km.InputWarning)
         Fake(tmp_path_factory.mktemp("running"), patch)
@@ -143,7 +143,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DetectorProces
 
 @pytest.fixture
 def started(fake: Fake, running: DetectorProcess, monkeypatch: pytest.MonkeyPatch) -> Fake:
-    """The detector, whose process runs already."""
+    """The detector, its process already running."""
     monkeypatch.setattr("kinemode.detection.clip.DetectorProcess", lambda wanted: nullcontext(running))
     return fake
 
@@ -167,10 +167,10 @@ def drawn(folder: Path, count: int = 12, squares: int = 2) -> Path:
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 
-def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
-    with pytest.warns(km.InputWarning, match=r"^fake gets an environment of its own, once") as said:
+def test_an_environment_is_made_once_per_pin(fake: Fake) -> None:
+    with pytest.warns(km.InputWarning, match=r"^fake gets an environment of its own, once") as caught:
         python = detector_process.python_for("fake", fake.script, patience=PATIENCE)
-    assert len(said) == 1
+    assert len(caught) == 1
     assert python.is_file()
     assert [call.split()[1] for call in fake.calls] == ["venv", "pip"]
     assert "--python >=3.10,<3.99" in fake.calls[0]
@@ -187,7 +187,7 @@ def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
     assert len(fake.calls) == 4
 
 
-def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
+def test_an_unfinished_environment_is_made_again(fake: Fake) -> None:
     fake.answers("printf 'noise\\nerror: Failed\\n  cause: no network\\n\\nhint: because\\n' >&2; false")
     for _ in range(2):
         with pytest.raises(InputError, match=r"^fake: cannot be installed: cause: no network \(.*--python"):
@@ -198,7 +198,7 @@ def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
     python = fake.python()
     assert [path for path in fake.cache.iterdir() if path.is_dir()] == [python.parent.parent]
     assert not (python.parent.parent / "left").exists()
-    python.unlink()  # the Python that it was made with is gone
+    python.unlink()  # its Python no longer exists
     assert fake.python().is_file()
 
 
@@ -209,20 +209,20 @@ def test_an_installation_that_takes_too_long_is_ended(fake: Fake) -> None:
     assert detector_process.made_python("fake", fake.script) is None
 
 
-def test_a_cache_that_cannot_be_written_to_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_only_cache_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detector_process, "cache_folder", lambda: fake.script)
     with pytest.raises(InputError, match=r"cannot be made: Not a directory \(KINEMODE_CACHE names another\)"):
         fake.python()
 
 
 def test_a_python_that_is_named_is_used_or_refused(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The true uv says whether it has the packages; one that has not is what the environment is made with."""
+    """The real uv reports whether it has the packages; if not, the environment is made by installing them."""
     this = Path(sys.executable)
     monkeypatch.setattr(detector_process, "find_uv_bin", uv.find_uv_bin)
     fake.needs(f"numpy=={np.__version__}")
     assert detector_process.python_for("fake", fake.script, this, PATIENCE) == this
     assert not fake.cache.exists()
-    with pytest.raises(InputError, match=r"fake\.py: is no Python \(name the file of a CPython >=3\.10,<3\.99\)"):
+    with pytest.raises(InputError, match=r"fake\.py: is not a Python \(name the file of a CPython >=3\.10,<3\.99\)"):
         detector_process.python_for("fake", fake.script, tmp_path / "fake.py", PATIENCE)
     fake.needs("numpy==1.0")
     monkeypatch.setattr(detector_process, "find_uv_bin", lambda: str(fake.uv))
@@ -270,7 +270,7 @@ def test_one_person_is_written_as_mediapipe_files_are(started: Fake, tmp_path: P
     with pytest.raises(InputError, match="exists already"):
         km.detect(tmp_path / "alone", out=path, detector="fake")
     nobody = drawn(tmp_path / "nobody", squares=0)
-    with pytest.raises(InputError, match="finds nobody in 12 frames"):
+    with pytest.raises(InputError, match="finds no person in 12 frames"):
         km.detect(nobody, out=tmp_path / "none.json", detector="fake")
     assert not list(tmp_path.glob("none.json*"))
 
@@ -292,8 +292,8 @@ def test_a_detector_that_neither_answers_nor_ends_is_killed(fake: Fake, monkeypa
     assert [process.returncode for process in begun] == [-9]
 
 
-def test_an_interrupted_detection_goes_on_to_the_same_bytes(started: Fake, tmp_path: Path) -> None:
-    """The confidence of the small detector tells how often it looked: its state is kept too."""
+def test_an_interrupted_detection_resumes_to_the_same_bytes(started: Fake, tmp_path: Path) -> None:
+    """The small detector's confidence encodes how many pictures it has seen: its state is kept too."""
     clip, part = drawn(tmp_path / "squares"), tmp_path / "out.json.part"
     whole = km.detect(clip, out=tmp_path / "whole.json", detector="fake")["squares"]
     seen: list[int] = []
@@ -320,7 +320,7 @@ def test_an_interrupted_detection_goes_on_to_the_same_bytes(started: Fake, tmp_p
         km.detect(clip, out=tmp_path / "out.json", detector="fake", progress=Stop(5))
     assert not (tmp_path / "out.json").exists()
     with part.open("ab") as file:
-        file.write(b'{"people": {"0": [[1')  # a line cut short by a power cut
+        file.write(b'{"people": {"0": [[1')  # a line truncated by a power failure
     out = km.detect(clip, out=tmp_path / "out.json", detector="fake", progress=Stop(99))["squares"]
     assert seen == [*range(1, 6), *range(6, 13)]
     assert out.read_bytes() == whole.read_bytes()
@@ -332,7 +332,8 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
     made = tmp_path / "walk.keypoints" / "squares.json"
 
     def made_anew(time: float) -> bool:
-        """Whether a file of a time is written again; times are set, for those of two files may be too near."""
+        """Whether a file with this time is written again; times are set explicitly, as those of two files may be too
+        close."""
         if made.exists():
             os.utime(made, (time, time))
         with with_detected(FileOptions(clip, detect=True, detector="fake"), out, unreported) as files:
@@ -346,7 +347,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake,
     started.script.write_text(started.script.read_text() + "# changed\n")
     assert made_anew(drawn_at + 1.0)
     with with_detected(FileOptions(clip, keypoints=made, detect=True, detector="fake"), out, unreported) as files:
-        assert files.keypoints == [made]  # what is given is not looked for
+        assert files.keypoints == [made]  # given files are not searched for
 
 
 @pytest.mark.parametrize(
@@ -380,8 +381,8 @@ def test_commands_detect_for_the_clips_without_keypoints(
     assert km.load_keypoints(right).frame_count == 12
 
 
-class Told:
-    """A detector whose answers are given: of each picture whether each state is seen, and where people are found."""
+class ScriptedDetector:
+    """A detector with given answers: for each picture whether each state is seen, and where people are found."""
 
     def __init__(self, pictures: Sequence[tuple[dict[str, float | None], list[str]]]) -> None:
         self.pictures, self.now, self.searches = iter(pictures), ({}, list[str]()), list[str | None]()
@@ -406,10 +407,10 @@ class Told:
 PICTURE = np.zeros((1, 1, 3), np.uint8)
 
 
-def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
-    """a and b; b is gone in picture 1 and back in 2; in 3 both are led to a's place: b, who came later, is dropped, and
-    somebody is looked for in 4, where a third one is found far away."""
-    detector = Told(
+def test_a_person_who_returns_keeps_the_number() -> None:
+    """a and b; b is missing in picture 1 and back in 2; in 3 both move to a's place: b, the later one, is dropped, and
+    a search in 4 finds a third person far away."""
+    detector = ScriptedDetector(
         [
             ({"a": 0.1, "b": 0.6}, ["a", "b"]),
             ({"a": 0.1}, []),
@@ -422,7 +423,7 @@ def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
     people = People(6)
     seen = []
     for _ in range(6):
-        people = People.of(json.loads(json.dumps(people.content())), 6)  # as a file keeps it
+        people = People.of(json.loads(json.dumps(people.content())), 6)  # as stored in a file
         seen.append({n: round(person["keypoints"][0, 0]) for n, person in people.see(detector, PICTURE).items()})
     assert seen == [{0: 10, 1: 60}, {0: 10}, {0: 10, 1: 62}, {0: 10}, {0: 10, 2: 35}, {0: 10, 2: 35}]
     assert detector.searches == ["parts", None, "whole", None, "whole", None]
@@ -430,7 +431,7 @@ def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
 
 def test_no_more_people_than_wanted() -> None:
     people = People(1)
-    assert list(people.see(Told([({"a": 0.1, "b": 0.6}, ["b", "a"])]), PICTURE)) == [0]
+    assert list(people.see(ScriptedDetector([({"a": 0.1, "b": 0.6}, ["b", "a"])]), PICTURE)) == [0]
 
 
 def test_what_two_boxes_share() -> None:
@@ -440,7 +441,7 @@ def test_what_two_boxes_share() -> None:
 
 
 def test_simcc_is_decoded_to_known_places() -> None:
-    """Two bins a pixel of a 192 x 256 input; the less sure coordinate tells the confidence."""
+    """Two bins a pixel of a 192 x 256 input; the less certain coordinate gives the confidence."""
     columns, lines = np.full((3, 384), 0.01), np.full((3, 512), 0.01)
     for k, (x, y) in enumerate([(0, 511), (201, 100), (383, 7)]):
         columns[k, x], lines[k, y] = 0.8, 0.4 + k
@@ -471,8 +472,8 @@ def test_mediapipes_square_turns_with_the_person() -> None:
 
 
 def test_the_filter_of_the_square() -> None:
-    """Casiez et al. 2012, with a person's size as the unit: who stands still stays; a jump is followed in part, by a
-    share that its speed decides; all of it is the same in a picture of twice the size."""
+    """Casiez et al. 2012, with a person's size as the unit: a person who stands still stays; a jump is followed in
+    part, by a share that depends on its speed; the same in a picture of twice the size."""
     still = [(0.5, 0.5), (0.5, 0.25)]
     moved = [(0.51, 0.5), (0.51, 0.25)]
     ends, memory = steadied(still, [], (400, 400))
@@ -509,7 +510,7 @@ def test_several_people_are_read_as_they_are_written(tmp_path: Path) -> None:
             np.testing.assert_array_equal(person.points, content["keypoints"])
 
 
-def test_models_are_asked_for_and_refused(tmp_path: Path) -> None:
+def test_models_are_chosen_and_unknown_ones_refused(tmp_path: Path) -> None:
     clip, model = drawn(tmp_path / "squares", 1), tmp_path / "model.onnx"
     model.touch()
     cases: list[tuple[dict[str, Any], str]] = [
@@ -552,7 +553,8 @@ def test_mediapipe_finds_what_it_found_before(
 def test_mediapipes_world_has_the_pictures_axes(
     shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Limbs lead the same way in it as in pictures that are turned by 30 degrees, and by MediaPipe's square back."""
+    """Limbs have the same directions as in pictures that are turned by 30 degrees and turned back by MediaPipe's
+    square."""
     made_or_skip("mediapipe", monkeypatch)
     clip = Clip.open(shared_data / "beam4cam" / "videos" / "cam01.mp4")
     (tmp_path / "turned").mkdir()
@@ -569,7 +571,7 @@ def test_mediapipes_world_has_the_pictures_axes(
 
 
 def test_an_onnx_model_finds_known_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two people of two colours each, side by side: the model of boxes finds both, and a chair that is none."""
+    """Two people of two colours each, side by side: the box model finds both, and a chair that is not a person."""
     made_or_skip("onnx", monkeypatch)
     picture, size = np.zeros((160, 240, 3), np.uint8), (48, 64)
     where = [((20, 30), (60, 110)), ((150, 20), (190, 120))]  # upper left corners of red and of blue
@@ -588,7 +590,7 @@ def test_an_onnx_model_finds_known_places(tmp_path: Path, monkeypatch: pytest.Mo
     for number, (red, blue) in enumerate(where):
         pixels = people.one(str(number)).pixels
         assert pixels.shape == (3, 17, 2)
-        beyond = pixels - np.array([red] * 9 + [blue] * 8)  # the first pixel of the model's that is all colour
+        beyond = pixels - np.array([red] * 9 + [blue] * 8)  # the model's first fully coloured pixel
         assert beyond.min() > -0.1
         assert beyond.max() < 4.0
     (tmp_path / "wrong.onnx").write_bytes(b"no model")

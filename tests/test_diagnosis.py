@@ -1,4 +1,5 @@
-"""What contradicts subject or input is named: joints on limits, landmarks far from their keypoints, exchanged sides."""
+"""Contradictions between subject and input are named: joints on limits, landmarks far from their keypoints, exchanged
+sides."""
 
 from __future__ import annotations
 
@@ -45,7 +46,7 @@ CAMERAS = (camera_at(20.0), camera_at(110.0))
 
 @dataclass(frozen=True)
 class Made:
-    """What a run is made of: poses (T, nq), keypoints (T, C, L, 2), and how they were taken."""
+    """The content of a run: poses (T, nq), keypoints (T, C, L, 2), and how they were associated."""
 
     q: np.ndarray
     pixels: np.ndarray
@@ -87,13 +88,13 @@ def good(body: Body) -> Made:
     return Made(q, np.array(places))
 
 
-def told(made: Made, path: Path, frame: int | None = None, *, limited: bool = True, **how: Any) -> Diagnosis:
+def diagnosis_of(made: Made, path: Path, frame: int | None = None, *, limited: bool = True, **how: Any) -> Diagnosis:
     run = made.written(path / "a.run", body_of("human34"), **how)
     return diagnose(run, CostSettings(), frame, limited=limited)
 
 
 def test_a_good_run_is_silent(tmp_path: Path) -> None:
-    diagnosis = told(good(body_of("human34")), tmp_path)
+    diagnosis = diagnosis_of(good(body_of("human34")), tmp_path)
     assert diagnosis.sentences == ()
     assert diagnosis == Diagnosis(None, (), (), (), 0.0)
 
@@ -104,33 +105,36 @@ def test_joints_on_a_limit_in_most_frames_are_named(tmp_path: Path) -> None:
     q = made.q.copy()
     q[:7, knee], q[:6, elbow], q[:, neck] = body.upper[knee], body.lower[elbow], body.lower[neck] + 1e-3
     made = replace(made, q=q)
-    (resting,) = told(made, tmp_path).resting
+    (resting,) = diagnosis_of(made, tmp_path).resting
     assert (resting.joint, resting.side, resting.limit, resting.share) == (
         "left_knee_flexion",
         "upper",
         body.upper[knee],
         7 / 12,
     )
-    assert "left_knee_flexion (upper limit 2.62, 58%)" in told(made, tmp_path).sentences[0]
-    assert {r.joint for r in told(made, tmp_path, frame=3).resting} == {"left_knee_flexion", "right_elbow_flexion"}
-    assert told(made, tmp_path, frame=8).resting == ()
-    assert told(made, tmp_path, limited=False).resting == ()
-    assert told(Made(q[:4], made.pixels[:4]), tmp_path).resting == ()  # too few frames to tell
+    assert "left_knee_flexion (upper limit 2.62, 58%)" in diagnosis_of(made, tmp_path).sentences[0]
+    assert {r.joint for r in diagnosis_of(made, tmp_path, frame=3).resting} == {
+        "left_knee_flexion",
+        "right_elbow_flexion",
+    }
+    assert diagnosis_of(made, tmp_path, frame=8).resting == ()
+    assert diagnosis_of(made, tmp_path, limited=False).resting == ()
+    assert diagnosis_of(Made(q[:4], made.pixels[:4]), tmp_path).resting == ()  # too few frames to decide
 
 
 def test_landmarks_far_from_their_keypoints_are_named(tmp_path: Path) -> None:
     body, made = body_of("human34"), good(body_of("human34"))
     k = body.landmark_names.index("left_elbow")
-    deviation = np.nanmax(told_deviation(made, tmp_path, k))
+    deviation = np.nanmax(fitted_deviation(made, tmp_path, k))
     for times_sd, named in ((FAR - 1.0, False), (FAR + 1.0, True)):
         pixels = made.pixels.copy()
         pixels[: FRAMES // 2 + 1, 1, k, 0] += times_sd * deviation
-        diagnosis = told(replace(made, pixels=pixels), tmp_path)
+        diagnosis = diagnosis_of(replace(made, pixels=pixels), tmp_path)
         assert bool(diagnosis.far) == named
     assert [(f.landmark, f.camera) for f in diagnosis.far] == [("left_elbow", CAMERAS[1].name)]
     assert diagnosis.far[0].pixels == pytest.approx(times_sd * deviation, rel=0.05)
     assert diagnosis.far[0].deviations == pytest.approx(times_sd, rel=0.05)
-    assert told(replace(made, pixels=pixels), tmp_path, frame=FRAMES - 1).far == ()
+    assert diagnosis_of(replace(made, pixels=pixels), tmp_path, frame=FRAMES - 1).far == ()
 
 
 def test_keypoints_that_are_all_off_by_three_pixels_fit_by_three_and_by_as_much_at_the_person(tmp_path: Path) -> None:
@@ -153,7 +157,7 @@ def test_keypoints_that_are_all_off_by_three_pixels_fit_by_three_and_by_as_much_
 
 
 def test_keypoints_on_one_place_are_off_by_no_more_than_can_be(tmp_path: Path) -> None:
-    """Nothing shows how large the person is in that picture."""
+    """Nothing shows the person's size in that picture."""
     body, made = body_of("human34"), good(body_of("human34"))
     pixels = made.pixels.copy()
     pixels[0, 1] = 200.0
@@ -165,7 +169,7 @@ def test_keypoints_on_one_place_are_off_by_no_more_than_can_be(tmp_path: Path) -
     assert np.isfinite(residuals.at_person[0, 1]).all()
 
 
-def told_deviation(made: Made, path: Path, landmark: int) -> np.ndarray:
+def fitted_deviation(made: Made, path: Path, landmark: int) -> np.ndarray:
     """Standard deviations [px] of a landmark's keypoints in the second camera."""
     run, model = made.written(path / "b.run", body_of("human34")), CostModel(body_of("human34"))
     return np.array([model.keypoint_sigma(run.observation(t))[1, landmark] for t in range(len(run))])
@@ -175,7 +179,7 @@ def test_a_camera_in_which_most_is_far_is_named_alone(tmp_path: Path) -> None:
     made = good(body_of("human34"))
     pixels = made.pixels.copy()
     pixels[:, 1] += [90.0, 0.0]
-    diagnosis = told(replace(made, pixels=pixels), tmp_path)
+    diagnosis = diagnosis_of(replace(made, pixels=pixels), tmp_path)
     assert [name for name, _ in diagnosis.cameras] == [CAMERAS[1].name]
     assert diagnosis.far == ()
     assert "calibration" in diagnosis.sentences[0]
@@ -184,27 +188,27 @@ def test_a_camera_in_which_most_is_far_is_named_alone(tmp_path: Path) -> None:
 def test_sides_that_are_exchanged_throughout_are_named(tmp_path: Path) -> None:
     body, made = body_of("human34"), good(body_of("human34"))
     swapped = replace(made, pixels=made.pixels[:, :, mirror_index(body.landmark_names)], association="exchanged")
-    diagnosis = told(swapped, tmp_path)
+    diagnosis = diagnosis_of(swapped, tmp_path)
     assert (diagnosis.exchanged, diagnosis.far) == (1.0, ())
     assert "left and right of the keypoints are exchanged in 100% of the frames" in diagnosis.sentences[0]
 
 
-def test_frames_without_keypoints_say_nothing(tmp_path: Path) -> None:
+def test_frames_without_keypoints_give_no_advice(tmp_path: Path) -> None:
     made = good(body_of("human34"))
-    assert told(replace(made, pixels=np.full_like(made.pixels, np.nan)), tmp_path).sentences == ()
-    assert told(replace(made, status="unobserved", pixels=made.pixels + 200.0), tmp_path).sentences == ()
+    assert diagnosis_of(replace(made, pixels=np.full_like(made.pixels, np.nan)), tmp_path).sentences == ()
+    assert diagnosis_of(replace(made, status="unobserved", pixels=made.pixels + 200.0), tmp_path).sentences == ()
 
 
 def test_statuses_are_explained_where_they_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = good(body_of("human34"))
     report.print_run(replace(made, status="hard").written(tmp_path / "hard.run", body_of("human34")))
-    said = capsys.readouterr().out
-    assert "12 hard" in said
-    assert f"hard (frame 0, 1, 2, 3, 4 and 7 more): {STATUS_MEANINGS['hard']}" in said
+    printed = capsys.readouterr().out
+    assert "12 hard" in printed
+    assert f"hard (frame 0, 1, 2, 3, 4 and 7 more): {STATUS_MEANINGS['hard']}" in printed
     assert status_meanings(["tracked", "unobserved"]) == [f"unobserved: {STATUS_MEANINGS['unobserved']}"]
     report.print_run(made.written(tmp_path / "good.run", body_of("human34")))
-    assert "hard" not in (said := capsys.readouterr().out).replace("hard.run", "")
-    assert "look into it" not in said
+    assert "hard" not in (printed := capsys.readouterr().out).replace("hard.run", "")
+    assert "check:" not in printed
 
 
 # end to end: another person's limits, and a landmark on another link
@@ -243,7 +247,7 @@ def track(folder: Path, subject: Subject, name: str) -> Run:
     )  # fmt: skip
 
 
-def test_limits_that_contradict_the_person_are_told(
+def test_limits_that_contradict_the_person_are_reported(
     crouching: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.warns(km.FindingWarning, match="in most frames: .*_knee") as caught:
@@ -253,7 +257,7 @@ def test_limits_that_contradict_the_person_are_told(
     assert sentence in run.header.notes
     assert sentence in findings(run)
     with monkeypatch.context() as patch:
-        patch.setattr("kinemode.findings.diagnose", None)  # what was stored is read
+        patch.setattr("kinemode.findings.diagnose", None)  # the stored findings are read
         report.print_run(run)
     assert sentence in capsys.readouterr().out
     before_stored = json.loads(run.header.to_json())
@@ -266,9 +270,7 @@ def test_limits_that_contradict_the_person_are_told(
     assert re.search("in frame 3: .*_knee.* limits", capsys.readouterr().out)
 
 
-def test_a_landmark_on_the_wrong_link_is_told_and_the_right_one_not(
-    crouching: Path, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_only_the_landmark_on_the_wrong_link_is_reported(crouching: Path, recwarn: pytest.WarningsRecorder) -> None:
     subject = load_subject("human34")
     right = track(crouching, subject, "right.run")
     assert [w for w in recwarn if w.category is km.FindingWarning] == []
@@ -278,8 +280,8 @@ def test_a_landmark_on_the_wrong_link_is_told_and_the_right_one_not(
         track(crouching, subject_from_text(text, source="wrong.urdf"), "wrong.run")
 
 
-def test_who_does_not_stand_along_z_is_said(tmp_path: Path) -> None:
-    """Not of a person who turns over, nor of one who stands, nor of a body without a head."""
+def test_a_person_not_along_z_is_reported(tmp_path: Path) -> None:
+    """Not for a person who turns over or stands, nor for a body without a head."""
     subject = load_subject("human34")
     body, rng = Body(subject), np.random.default_rng(0)
 

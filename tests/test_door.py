@@ -1,4 +1,4 @@
-"""The front door: what it is made of, that nothing else is needed, and that nothing heavy stands behind it."""
+"""The public interface: its content, that nothing else is needed, and that it imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HEAVY = {
     "yourdfpy",
 }  # fmt: skip
 STANDARD = set(sys.stdlib_module_names) | {"__future__"}
-# what says that a subject is missing lists those of example-robot-data, whose module loads Pinocchio (and that coal)
+# the message about a missing subject lists those of example-robot-data, whose module loads Pinocchio (and that coal)
 ALLOWED = {"track, no such subject": {"coal", "numpy", "pinocchio"}}
 
 _LOADED = """
@@ -53,7 +53,7 @@ _HEAVY = "a heavy one"
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
-    """Heavy libraries that each of LINES loads, and a program that has to, in processes of their own."""
+    """Heavy libraries loaded by each of LINES, and by a program that needs them, in separate processes."""
     folder = tmp_path_factory.mktemp("door")
     (folder / FILE).write_text("{}")
     codes = {
@@ -66,9 +66,9 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         check=True, stdin=subprocess.DEVNULL, timeout=DEADLINE, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     modules = dict(zip(codes, map(json.loads, done.stdout.splitlines()), strict=True))
-    failed = {name: told for name, told in modules.items() if isinstance(told, str)}
+    failed = {name: imported for name, imported in modules.items() if isinstance(imported, str)}
     assert not failed, failed
-    return {name: HEAVY & set(told) for name, told in modules.items()}
+    return {name: HEAVY & set(imported) for name, imported in modules.items()}
 
 
 def test_a_heavy_module_would_be_seen(loaded: dict[str, set[str]]) -> None:
@@ -76,11 +76,11 @@ def test_a_heavy_module_would_be_seen(loaded: dict[str, set[str]]) -> None:
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_nothing_heavy_is_loaded_to_say_that_a_file_is_missing(name: str, loaded: dict[str, set[str]]) -> None:
+def test_a_missing_file_is_reported_without_heavy_imports(name: str, loaded: dict[str, set[str]]) -> None:
     assert loaded[name] <= ALLOWED.get(name, set())
 
 
-def test_every_public_name_is_there() -> None:
+def test_every_public_name_exists() -> None:
     for name in km.__all__:
         assert getattr(km, name) is not None, name
     assert len(km.__all__) > 50
@@ -90,7 +90,7 @@ def test_every_public_name_is_there() -> None:
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_a_run_is_given_as_it_is_or_by_its_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And a command does what the function of its name does."""
+    """And a command does what the function of the same name does."""
     clip = km.render(tmp_path / "clip", "arm", fps=10, seconds=0.2, videos=False)
     run = km.track(clip.subject, None, keypoints=clip.keypoints, cameras=clip.cameras, out=tmp_path / "a.run")
     by_run, by_path = km.export(run, tmp_path / "a.csv"), km.export(run.file, tmp_path / "b.csv")
@@ -137,7 +137,7 @@ def test_an_import_from_within_would_be_seen(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", sorted((ROOT / "kinemode" / "commands").glob("*.py")), ids=lambda path: path.stem)
 def test_commands_have_no_second_way(path: Path) -> None:
-    """Commands call the door; beside it only what prints, and what has no public name."""
+    """Commands call public functions; otherwise only what prints, and what has no public name."""
     inner = {name for name in imported(path) if name.partition(".")[0] in ("humanoid", "estimator", "viz", "kinemode")}
     printing = {"kinemode", "kinemode.terminal", "kinemode.comparison"}
     declared = {f"kinemode.{name}" for name in ("flags", "option", "request", "run_requests", "making_requests")}

@@ -33,7 +33,7 @@ Tracked = tuple[DualChain, list[DualState]]
 
 @dataclass(frozen=True)
 class Seen:
-    """What every frame shows, the first with its landmarks, and the true poses (T, nq)."""
+    """The observations of all frames, the first with landmarks, and the true poses (T, nq)."""
 
     observations: list[Observation]
     q: np.ndarray
@@ -76,7 +76,7 @@ def errors(body: Body, state: DualState, q: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def tracked(seen: Seen) -> Tracked:
-    """The tracker and its states, with equal random generators in every test."""
+    """The tracker and its states, from equal random generators in every test."""
     made, states = tracker(), []
     for i, observation in enumerate(seen.observations):
         rng = np.random.default_rng([7, i])
@@ -95,7 +95,7 @@ def test_hands_are_followed_from_the_keypoints_of_one_frame(seen: Seen, tracked:
         assert (state.q <= made.body.upper).all()
 
 
-def test_a_stored_state_goes_on_to_the_bit(seen: Seen, tracked: Tracked) -> None:
+def test_a_stored_state_resumes_to_the_bit(seen: Seen, tracked: Tracked) -> None:
     made, states = tracked
     again = made.state_from(states[1].arrays())
     rng = np.random.default_rng([7, 2])
@@ -121,7 +121,7 @@ def test_a_black_frame_is_tracked(seen: Seen, tracked: Tracked) -> None:
     assert len(result.q)
 
 
-def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
+def test_untrackable_input_is_refused(seen: Seen) -> None:
     made, first = tracker(), seen.observations[0]
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match="picture of one camera, and there is no"):

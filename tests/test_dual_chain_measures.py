@@ -1,4 +1,4 @@
-"""The measures of trackers with several chains measure right."""
+"""The measures of trackers with several chains are right."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from humanoid.collision.self_collision import SelfCollision
 
 @pytest.mark.paper
 def test_levels_are_even_where_the_density_is_right() -> None:
-    """But for the width of the kernels, which adds a seventh to variances; and all high where it is too narrow."""
+    """Up to the kernel width, which adds a seventh to variances; all are high where the width is too narrow."""
     rng = np.random.default_rng(0)
     samples = rng.normal(size=(400, 2)) * [3.0, 1.0]
     truths = rng.normal(size=(500, 2)) * [3.0, 1.0]
@@ -45,14 +45,14 @@ def test_an_event_is_measured_by_its_frames() -> None:
     right[19 + LATER] = True
     levels = np.full((40, 2), 0.95)
     levels[10:15] = 0.2
-    told = figures({"on": on, "error": error, "right": right, "levels": levels, "levels_world": levels[::-1]})
-    assert (told["before"], told["during"], told["after"], told["right"]) == (7.0, 50.0, 20.0, 1.0)
-    assert (told["covers"], told["covers_world"]) == (0.5, 0.0)
+    result = figures({"on": on, "error": error, "right": right, "levels": levels, "levels_world": levels[::-1]})
+    assert (result["before"], result["during"], result["after"], result["right"]) == (7.0, 50.0, 20.0, 1.0)
+    assert (result["covers"], result["covers_world"]) == (0.5, 0.0)
 
 
 @pytest.mark.parametrize("event", EVENTS)
-def test_motions_do_what_their_event_says(event: str) -> None:
-    """Within the limits, no part in another, hands apart before and after it."""
+def test_motions_contain_their_event(event: str) -> None:
+    """Within the limits, no overlapping parts, hands apart before and after the event."""
     q, body = event_motion(event, np.random.default_rng(3)), upper_body()
     on, collision = event_frames(event, q), SelfCollision(body)
     assert (q >= body.lower).all()

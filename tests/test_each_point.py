@@ -1,4 +1,4 @@
-"""Many points at once are what the chains' own messages and updates make of each alone."""
+"""Many points at once equal the chains' own messages and updates for each alone."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_many_points_at_once_are_each_alone(exchange: str) -> None:
         np.testing.assert_allclose(chain.bounded(spread)[k], alone.covariance, rtol=1e-5, atol=1e-5)
 
 
-def test_who_is_told_nothing_stays() -> None:
+def test_a_point_without_evidence_stays() -> None:
     rng = np.random.default_rng(1)
     mean, covariance = rng.standard_normal((POINTS, 4)), positive(rng, 4, 1.0)
     nothing = Normals(np.full((POINTS, 2), np.nan), np.full((POINTS, 2, 2), np.nan))

@@ -40,7 +40,7 @@ SIDE = 8
 SIZE = (320, 240)
 BLACK = np.zeros(SIZE[::-1], np.uint8)
 BODIES = 2
-"""People who are painted; to make each takes as long as to paint many poses."""
+"""People to paint; making one takes as long as painting many poses."""
 
 
 def rig(count: int = 3, about: float = 1.2, size: tuple[int, int] = SIZE) -> tuple[Camera, ...]:
@@ -68,7 +68,7 @@ def templates() -> LimbTemplates:
 
 @pytest.fixture(scope="module")
 def example(graph: LimbGraph) -> RigExample:
-    """The first pose that the templates are trained by, and its pictures."""
+    """The first training pose of the templates, and its pictures."""
     subject = load_subject("human34")
     bodies = variants(subject, BODIES, np.random.default_rng((0, 1)))
     box = common_box(rig(), 12.0, 0.0)
@@ -88,7 +88,7 @@ def ball(camera: Camera, centre: np.ndarray, radius: float) -> PatchView:
     return patch_view(camera, across.astype(np.uint8), inside)
 
 
-def test_a_space_holds_the_share_of_the_variance_that_is_asked_for() -> None:
+def test_a_space_has_the_requested_share_of_variance() -> None:
     rng = np.random.default_rng(0)
     pictures = (
         rng.standard_normal((400, 30)) * np.linspace(3.0, 0.2, 30) @ np.linalg.qr(rng.standard_normal((30, 30)))[0]
@@ -164,7 +164,7 @@ def test_places_are_foreground_in_every_view() -> None:
 def test_a_training_patch_is_found_again_with_its_orientation(
     templates: LimbTemplates, graph: LimbGraph, example: RigExample
 ) -> None:
-    """Of all its directions the space of all examples has no residual, and the nearest example is the patch itself."""
+    """With all directions the space of all examples leaves no residual, and the nearest example is the patch itself."""
     rng = np.random.default_rng(3)
     patches = rng.standard_normal((30, 20)) * np.linspace(2, 1, 20)
     space = eigen_space(patches[:12], 0.999999)
@@ -175,12 +175,12 @@ def test_a_training_patch_is_found_again_with_its_orientation(
     of_head = next(t for t in templates.templates if "head" in t.limbs)
     patch = patches_at(example.views, middle[None], of_head.metres, templates.side, templates.contrast)
     nearest = int(of_head.nearest(patch, 1)[0, 0])
-    told = Rotation.from_quat(of_head.quaternion[nearest])
-    assert (told.inv() * Rotation.from_matrix(example.R[head])).magnitude() < 1e-6
+    estimated = Rotation.from_quat(of_head.quaternion[nearest])
+    assert (estimated.inv() * Rotation.from_matrix(example.R[head])).magnitude() < 1e-6
     assert np.linalg.norm(of_head.offset[nearest] + middle - example.t[head]) < 0.1  # its place was off the middle
 
 
-def test_the_head_is_heard_where_it_is_and_both_sides_alike(
+def test_the_head_is_detected_in_place_and_both_sides_alike(
     templates: LimbTemplates, graph: LimbGraph, example: RigExample
 ) -> None:
     part_proposals = template_proposals(templates, graph, example.views)
@@ -197,7 +197,7 @@ def test_the_head_is_heard_where_it_is_and_both_sides_alike(
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape), atol=1e-6)
 
 
-def test_an_empty_picture_says_nothing(templates: LimbTemplates, graph: LimbGraph) -> None:
+def test_an_empty_picture_gives_no_detections(templates: LimbTemplates, graph: LimbGraph) -> None:
     black = [patch_view(c, np.dstack([BLACK] * 3), BLACK > 0) for c in rig()]
     assert all(len(proposals.points) == 0 for proposals in template_proposals(templates, graph, black))
 
@@ -232,7 +232,7 @@ def test_a_file_gives_the_same_shouts(
     with pytest.raises(InputError, match=r"damaged: template 0 .* train-templates"):
         load_templates(tmp_path / "bad.npz")
     np.savez(tmp_path / "other.npz", q=np.zeros(3))
-    with pytest.raises(InputError, match=r"no file of templates of limbs"):
+    with pytest.raises(InputError, match=r"is not a file of limb templates"):
         load_templates(tmp_path / "other.npz")
 
 
@@ -250,7 +250,7 @@ def test_another_rig_or_body_is_refused(templates: LimbTemplates, graph: LimbGra
         templates.check_graph(limb_graph(load_subject("arm8")))
 
 
-def test_the_command_writes_templates_of_any_body_and_says_what_cannot_be(tmp_path: Path) -> None:
+def test_the_command_writes_templates_of_any_body_and_reports_errors(tmp_path: Path) -> None:
     cameras = {camera.name: camera for camera in rig(2, 0.6)}
     km.write_cameras(tmp_path / "rig.json", list(cameras.values()))
     out = km.train_templates(tmp_path / "rig.json", tmp_path / "arm.npz", subject="arm8", poses=20)

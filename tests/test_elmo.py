@@ -100,7 +100,7 @@ def test_drawn_poses_are_free_of_overlaps_and_similar_ones_near(name: str) -> No
         near = body.landmarks(body.at(sampler.near(q, rng, 0.05))) - body.landmarks(body.at(q))
         assert 0.0 < np.linalg.norm(near, axis=1).max() <= 0.05
     elbow = body.q_names.index("left_elbow_flexion")
-    assert np.ptp(drawn[:, elbow]) > 0.7 * (body.upper[elbow] - body.lower[elbow])  # anywhere within limits
+    assert np.ptp(drawn[:, elbow]) > 0.7 * (body.upper[elbow] - body.lower[elbow])  # all over the limits
     if body.has_free_root:
         faced = np.array([pin.XYZQUATToSE3(q[ROOT_Q]).rotation[:, 0] for q in drawn])
         assert np.degrees(np.arccos(-faced[:, 0])).max() <= 30.0 + 1e-9
@@ -125,11 +125,11 @@ def test_an_example_is_described_as_it_lies_before_the_camera() -> None:
 
 
 def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_path: Path) -> None:
-    tiny = replace(SMALL, pairs=PAIRS_AT_ONCE + 1, examples=40, key_bits=4)  # two pieces of pairs, one of examples
+    tiny = replace(SMALL, pairs=PAIRS_AT_ONCE + 1, examples=40, key_bits=4)  # two batches of pairs, one of examples
     index = train_index(load_subject("human34"), tiny)
     assert index.q.shape == (40, body_of("human34").nq)
 
-    class Stopped(Exception):  # noqa: N818, it is none
+    class Stopped(Exception):  # noqa: N818, not an error
         pass
 
     def stop(done: int, total: int) -> None:
@@ -141,11 +141,11 @@ def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interru
     kept = sorted(tmp_path.iterdir())
     assert [path.name for path in kept] == ["pairs_0000.npz", "pairs_0001.npz"]
     kept[1].write_bytes(kept[1].read_bytes()[:1000])  # a damaged one is done again
-    told: list[tuple[int, int]] = []
+    steps: list[tuple[int, int]] = []
     again = train_index(
-        load_subject("human34"), tiny, parts=tmp_path, processes=2, progress=lambda *at: told.append(at)
+        load_subject("human34"), tiny, parts=tmp_path, processes=2, progress=lambda *at: steps.append(at)
     )
-    assert told[-1] == (3, 3)
+    assert steps[-1] == (3, 3)
     for a, b in (
         (index.q, again.q), (index.tables.codes, again.tables.codes), (index.bits.feature, again.bits.feature),
         (index.tables.chosen, again.tables.chosen),
@@ -162,9 +162,9 @@ def test_pieces_of_another_index_are_not_taken(tmp_path: Path) -> None:
     assert other.of("pairs", 0) is None
 
 
-def test_what_looks_alike_is_found(index: ExampleIndex) -> None:
-    """An example of a pose of the index, painted anew with other clothes and light, is nearer to what is found than to
-    poses drawn at random."""
+def test_similar_examples_are_found(index: ExampleIndex) -> None:
+    """A pose of the index, painted again with other clothes and light, is nearer to the found examples than to random
+    poses."""
     body, rng = body_of("human34"), np.random.default_rng(5)
     painter = ExamplePainter(body, variants(body.subject, 2, rng), 8.0, index.side)
     sampler = PoseSampler(body)
@@ -223,7 +223,7 @@ def recipe(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
 
 
 BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
-    "of another kind": (lambda a: a.pop("codes"), "is no index of examples"),
+    "of another kind": (lambda a: a.pop("codes"), "is not an index of examples"),
     "format": (header(format=7), "is of format 7, this kinemode reads 2"),
     "subject": (header(q_names=["a", "b"]), "is of another subject than human34: its coordinates are a, b"),
     "recipe": (header(recipe={"colour": 1}), "is damaged"),
@@ -239,14 +239,14 @@ BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_file_that_cannot_be_is_told(kind: str, file: Path, tmp_path: Path) -> None:
-    change, told = BROKEN[kind]
+def test_an_invalid_file_is_reported(kind: str, file: Path, tmp_path: Path) -> None:
+    change, message = BROKEN[kind]
     broken = changed(file, tmp_path / "broken.npz", change)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         load_index(broken, body_of("human34"))
 
 
-def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
+def test_invalid_training_input_is_refused(tmp_path: Path) -> None:
     bare = subject_from_text(load_subject("arm8").urdf.replace("flesh", "fl"), source="bare", base="fixed")
     with pytest.raises(InputError, match="bare: has no flesh"):
         train_index(bare, SMALL)
@@ -254,14 +254,14 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="too few for keys of 12 bits"):
             train_index(load_subject("arm8"), few)
     out = tmp_path / "a.npz"
-    for how, told in (
+    for how, message in (
         ({"headings": 400.0}, "headings: is 400"),
         ({"elevation": 80.0}, "elevation: is 80"),
         ({"examples": 0}, "examples: 0"),
         ({"workers": 0}, "workers: 0"),
         ({"out": tmp_path / "no" / "a.npz"}, "folder"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             km.train_index("arm8", **{"out": out, **how})
     out.write_text("")
     with pytest.raises(InputError, match="exists already"):
@@ -321,7 +321,8 @@ def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file
 
 
 def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -> None:
-    """It sees the same here: what is looked up is what one finds, unless cameras do not vote; both have a picture."""
+    """The second camera sees the same: the lookup equals that of one camera unless voting is off; both have a
+    picture."""
     (first,) = depth_frames(clip, 1)
     (camera,), (cues,) = first.cameras, first.cues
     body = Body(load_subject(clip.subject))
@@ -340,7 +341,7 @@ def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -
         return [lookup.neighbours.numbers.tolist() for lookup in tracker.lookups(observation)]
 
     (alone,), (proposed,) = lookups(1), lookups(1, neighbours=16)
-    assert lookups(2) == [proposed[:8], []]  # cameras that vote look among more examples
+    assert lookups(2) == [proposed[:8], []]  # with voting, more examples are searched
     assert lookups(2, votes=False) == [alone, alone]
     tracker, observation = seen_by(2)
     _, result = tracker.init(np.random.default_rng(0), observation)
@@ -357,8 +358,9 @@ def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip
     assert km.evaluate(icp, clip.truth).mpjpe < 0.06
 
 
-def test_they_go_by_the_silhouette_where_there_is_no_depth(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
-    """Edges and outline, nothing given; also where the feet leave the picture and the last modes alone go on."""
+def test_without_depth_the_silhouette_is_used(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+    """Edges and outline without a background; also where the feet leave the picture and only the last modes
+    continue."""
     (folder,) = clip.masks.values()
     for k, path in enumerate(sorted(folder.iterdir())):
         mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -377,7 +379,7 @@ def test_they_go_by_the_silhouette_where_there_is_no_depth(clip: RenderedClip, f
     assert seen == [True, True, True, False, True]
 
 
-def test_icp_stays_where_nobody_is_seen(clip: RenderedClip, tmp_path: Path) -> None:
+def test_icp_stays_where_no_person_is_seen(clip: RenderedClip, tmp_path: Path) -> None:
     (folder,) = clip.depths.values()
     for k, path in enumerate(sorted(folder.iterdir())):
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -387,7 +389,7 @@ def test_icp_stays_where_nobody_is_seen(clip: RenderedClip, tmp_path: Path) -> N
     np.testing.assert_array_equal(run.q[2], run.q[1])
 
 
-def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+def test_missing_input_is_reported_before_any_work(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
     cases: list[tuple[dict[str, Any], str]] = [
         (
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
@@ -399,16 +401,16 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
             {"tracker": "psh", "index": changed(file, tmp_path / "high.npz", recipe(elevation=50.0))},
             "its camera looks down by 50 degrees, cam01 by [0-9]*: too little .* train-index SUBJECT --elevation",
         ),
-        ({"tracker": "elmo", "index": clip.truth}, "is no index of examples"),
+        ({"tracker": "elmo", "index": clip.truth}, "is not an index of examples"),
         ({"tracker": "icp"}, "keypoints"),
     ]
-    for how, told in cases:
-        with pytest.raises(InputError, match=told):
+    for how, message in cases:
+        with pytest.raises(InputError, match=message):
             tracked(clip, **how)
 
 
 def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, file: Path) -> None:
-    """From one state: the modes of the product have less energy, the transition included, than the likelihood's."""
+    """From one state: the modes of the product have less energy, including the transition, than the likelihood's."""
     body, frames = Body(load_subject(clip.subject)), list(depth_frames(clip, 2))
 
     def stepped(settle: bool) -> tuple[Elmo, ElmoState, ElmoState]:
@@ -437,7 +439,8 @@ def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, fi
 
 
 def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedClip, file: Path) -> None:
-    """Modes have less energy by both than those by depth alone, and no search from examples sees the silhouette."""
+    """Modes by both cues have less energy than those by depth alone, and searches from examples do not use the
+    silhouette."""
     body, few = Body(load_subject(clip.subject)), {"neighbours": 12, "rounds": 2, "survivors": 4}
     (by_depth,), (by_both,) = (list(depth_frames(clip, 1, cues)) for cues in (("depth",), ("depth", "silhouette")))
     tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
@@ -458,9 +461,9 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     assert [set(camera.cues) for camera in wide.cameras] == [{"depth"}]
 
 
-def test_a_silhouette_that_comes_soon_says_less_of_the_heading() -> None:
-    """Of modes that face as before, or are turned round, each with a limb moved: the best of both ways differ by less
-    within `correlated`, by no less after it or without a silhouette; limbs never."""
+def test_an_early_silhouette_constrains_the_heading_less() -> None:
+    """Modes facing as before or turned round, each with one limb moved: the best of both headings differ by less within
+    `correlated`, but not after it or without a silhouette; limbs never do."""
     body = body_of("human34")
     modes = []
     for heading in (0.0, np.pi):
@@ -477,8 +480,8 @@ def test_a_silhouette_that_comes_soon_says_less_of_the_heading() -> None:
         assert isinstance(tracker, Elmo)
         cues = (ImageCues(camera, {cue: "seen"}),)
         seen = Observation(1, 1.0 + dt, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=cues)
-        told = tracker._as_new(likely, state, seen)
-        return np.array([told[[m.q.tobytes() for m in likely.modes].index(mode.q.tobytes())] for mode in modes])
+        renewed = tracker._as_new(likely, state, seen)
+        return np.array([renewed[[m.q.tobytes() for m in likely.modes].index(mode.q.tobytes())] for mode in modes])
 
     whole = scores(0.0, 0.05)
     np.testing.assert_allclose(whole - whole[2], [-4.0, -5.0, 0.0, -3.0])
@@ -501,11 +504,11 @@ def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:
     assert [h.prior_score for h in example_starts(arm, [lookup._replace(q=arm.neutral[None])], 3.0)] == [0.0]
 
 
-def test_both_ways_to_turn_are_looked_at_in_the_order_of_likeness(index: ExampleIndex) -> None:
+def test_both_headings_are_tried_in_order_of_similarity(index: ExampleIndex) -> None:
     none = index.nearest(np.zeros(bin_count(), np.uint16), 8)
     lookup = Lookup(0, ViewFrame(np.zeros(3), np.eye(3)), np.zeros(0), np.zeros(0), none, np.arange(8.0)[:, None])
     away = np.array([True, True, True, True, True, False, True, False])
     assert either_way(lookup, away, 4).q[:, 0].tolist() == [0.0, 1.0, 5.0, 7.0]
-    assert either_way(lookup, away, 6).q[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0]  # as far as there are
+    assert either_way(lookup, away, 6).q[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0]  # as many as exist
     assert either_way(lookup, ~away & False, 3).q[:, 0].tolist() == [0.0, 1.0, 2.0]
     assert either_way(lookup, away, 4).neighbours.numbers.tolist() == none.numbers[[0, 1, 5, 7]].tolist()

@@ -1,4 +1,4 @@
-"""A person looked up by several cameras, and by the silhouette alone."""
+"""Lookup of a person from several cameras, and from the silhouette alone."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def looks() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def poses() -> np.ndarray:
-    """Of these (2 EACH, nq) EACH + k is k as a camera sees it that stands APART beside the first."""
+    """Poses (2 EACH, nq): EACH + k is pose k seen from a camera APART from the first."""
     rng = np.random.default_rng(0)
     first = np.array([PoseSampler(body_of("human34"), headings=30.0).draw(rng) for _ in range(EACH)])
     second = first.copy()
@@ -45,7 +45,7 @@ def poses() -> np.ndarray:
 
 
 def votes_on(poses: np.ndarray, looks: np.ndarray) -> Votes:
-    """Of an index of these poses that look like this."""
+    """An index of these poses with these descriptions."""
     body, rates = body_of("human34"), np.ones(BITS)
     bits = Bits(np.arange(BITS, dtype=np.int32), np.ones(BITS, np.uint16), rates, rates)
     tables = HashTables(packed(bits.of(looks)), random_keys(BITS, np.random.default_rng(0), 4, 4))
@@ -62,13 +62,13 @@ def turn(degrees: float) -> np.ndarray:
 
 
 def view(description: np.ndarray, azimuth: float = 0.0) -> PersonView:
-    """Of a person at some place, from an azimuth [degrees]."""
+    """The view of a person at some place, from an azimuth [degrees]."""
     nothing = np.zeros((0, 0))
     return PersonView(0, ViewFrame(np.array([1.0, 2.0, 0.9]), turn(azimuth)), nothing, nothing, description)
 
 
 def elected(votes: Votes, views: list[PersonView], names: list[str], count: int) -> list[np.ndarray]:
-    """The examples that are kept of twice as many proposals of each view."""
+    """The examples kept from twice as many proposals per view."""
     numbers = [votes.index.nearest(v.description, 2 * count).numbers for v in views]
     q = [votes.index.poses(n, v.frame) for n, v in zip(numbers, views, strict=True)]
     return [n[chosen] for n, chosen in zip(numbers, votes.elected(views, names, numbers, q, count), strict=True)]
@@ -80,7 +80,7 @@ def test_a_pose_is_the_example_that_another_camera_sees_of_it(votes: Votes) -> N
     poses = votes.index.poses(numbers, here)
     np.testing.assert_array_equal(votes.examples(poses, here), numbers)
     np.testing.assert_array_equal(votes.examples(poses, there), EACH + numbers)
-    assert np.all(votes.examples(poses, view(np.zeros(BITS), 120.0).frame) == -1)  # they turn away from that camera
+    assert np.all(votes.examples(poses, view(np.zeros(BITS), 120.0).frame) == -1)  # they face away from that camera
 
 
 def test_two_cameras_that_see_the_same_choose_as_one(votes: Votes, looks: np.ndarray) -> None:
@@ -104,9 +104,9 @@ def test_the_order_of_the_cameras_does_not_matter(votes: Votes, looks: np.ndarra
         np.testing.assert_array_equal(a, b)
 
 
-def test_what_two_cameras_find_somewhat_alike_goes_before_what_one_does(poses: np.ndarray, looks: np.ndarray) -> None:
-    """Pose 5 differs from either picture by a fifth of the bits; there is another that differs from the one by a tenth,
-    and one from the other, which are nothing like the pictures that they are not nearest to."""
+def test_moderate_agreement_of_two_cameras_outranks_one_camera(poses: np.ndarray, looks: np.ndarray) -> None:
+    """Pose 5 differs from either picture by a fifth of the bits. Two others each differ from one picture by a tenth and
+    are unlike the other."""
     rng, looks = np.random.default_rng(3), looks.copy()
     descriptions = [looks[k] ^ (rng.random(BITS) < 0.2) for k in (5, EACH + 5)]
     decoys = 30, EACH + 31
@@ -116,7 +116,7 @@ def test_what_two_cameras_find_somewhat_alike_goes_before_what_one_does(poses: n
     assert [votes.index.nearest(d, 1).numbers[0] for d in descriptions] == list(decoys)
     views = [view(descriptions[0]), view(descriptions[1], APART)]
     first, second = elected(votes, views, ["a", "b"], 1)
-    assert [k % EACH for k in (*first, *second)] == [5]  # proposed by whichever
+    assert [k % EACH for k in (*first, *second)] == [5]  # proposed by either
 
 
 def shown(clip: RenderedClip) -> tuple[Body, ImageCues, np.ndarray]:
@@ -129,9 +129,9 @@ def shown(clip: RenderedClip) -> tuple[Body, ImageCues, np.ndarray]:
     return Body(load_subject(clip.subject)), cues, cues["silhouette"].mask
 
 
-def test_height_tells_where_somebody_stands(clip: RenderedClip) -> None:
-    """The square cut out by the silhouette is that by depth, within a few per cent of its side; a raised arm moves it
-    little, and somebody whose feet or head leave the picture is nowhere."""
+def test_height_gives_the_position_of_a_person(clip: RenderedClip) -> None:
+    """The square from the silhouette equals that from depth within a few per cent of its side; a raised arm hardly
+    moves it, and a person whose feet or head leave the picture has no position."""
     body, cues, mask = shown(clip)
     stature = float(np.ptp(body.landmarks(body.at(body.neutral))[:, 2]))
     person: PersonPoints = cues["depth"]

@@ -80,7 +80,7 @@ def test_unknown_reference_points_are_left_out(truth: np.ndarray) -> None:
     points = truth.copy()
     points[:, 2] += 0.6
     reference = truth.copy()
-    reference[0, 2] = np.nan  # the only wrong joint is unknown in frame 0
+    reference[0, 2] = np.nan  # the only wrong joint, now unknown in frame 0
     reference[1] = np.nan
     figures = evaluate_points(LIMB_JOINTS, points, points[:, None], np.arange(5.0), Reference(LIMB_JOINTS, reference))
     assert (figures["frames_compared"], figures["frames_missing"]) == (4, 1)
@@ -125,7 +125,7 @@ def test_a_foreign_reference_is_refused_by_name(truth: np.ndarray) -> None:
         evaluate_points(LIMB_JOINTS, truth, truth[:, None], np.arange(5.0), Reference(("tail",), truth[:, :1]))
 
 
-def test_the_best_once_smoothed_is_none_of_the_k_hypotheses(truth: np.ndarray) -> None:
+def test_the_smoothed_best_is_not_counted_among_the_k_hypotheses(truth: np.ndarray) -> None:
     modes = np.stack([truth * 1.2, truth * 1.1], axis=1)
     figures = evaluate_points(LIMB_JOINTS, truth, modes, np.arange(5.0), Reference(LIMB_JOINTS, truth))
     assert figures["mpjpe"] == 0.0
@@ -188,7 +188,7 @@ def test_a_robot_is_compared_by_its_own_landmarks_and_joints(tmp_path: Path) -> 
 
 
 def test_scores_of_joints_are_means_of_differences_the_shorter_way_round() -> None:
-    """Also where joints have limits, and the reference counts from another turn, or knows a frame less."""
+    """Also where joints have limits, and the reference is a whole turn off, or lacks a frame."""
     body = robot()
     off, turns = np.array([0.1, -0.3, 0.2, 0.4]), 2.0 * np.pi * np.array([0, 1, -1, 0])
     q = np.array([pin.integrate(body.model, body.neutral, np.array([x, x + 3.0, x / 10.0])) for x in off])
@@ -207,7 +207,7 @@ def test_scores_of_joints_are_means_of_differences_the_shorter_way_round() -> No
     long = subject_from_text(body.subject.urdf.replace('lower="-2" upper="2"', 'lower="-5" upper="5"'), source="test")
     there = Reference((), np.zeros((1, 0, 3)), None, Coordinates(("bend",), np.array([[-4.0]])))
     far = evaluate(run_of(Body(long), q[:1]), there)
-    assert far.angle_errors["bend"] == pytest.approx(np.rad2deg(4.1))  # nearly a turn apart, which both can be
+    assert far.angle_errors["bend"] == pytest.approx(np.rad2deg(4.1))  # nearly a turn apart, both within limits
 
 
 def test_the_table_of_joints_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -230,10 +230,10 @@ def test_what_was_compared_is_printed(capsys: pytest.CaptureFixture[str]) -> Non
     names = body.landmark_names
     reference = Reference(names, run_of(body, q).landmarks, None, Coordinates(("lift",), q[:, 3:] + 0.002))
     report.print_evaluation(evaluate(run_of(body, q), reference))
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for text in ("4 shared landmarks", "MPJPE (centred)", "on_a", "2.0 mm"):
-        assert text in said
-    assert "hips" not in said.replace("without hips", "")
+        assert text in printed
+    assert "hips" not in printed.replace("without hips", "")
 
 
 def test_fewer_than_three_landmarks_are_not_aligned() -> None:
@@ -245,7 +245,7 @@ def test_fewer_than_three_landmarks_are_not_aligned() -> None:
     assert np.isnan(figures.pa_mpjpe)
 
 
-def test_what_each_side_has_is_said_where_nothing_is_shared(tmp_path: Path) -> None:
+def test_both_lists_are_printed_where_nothing_is_shared(tmp_path: Path) -> None:
     body = robot()
     run = run_of(body, np.tile(body.neutral, (3, 1)))
     other = Reference(("tail",), np.zeros((3, 1, 3)), None, Coordinates(("knee",), np.zeros((3, 1))))
@@ -256,7 +256,7 @@ def test_what_each_side_has_is_said_where_nothing_is_shared(tmp_path: Path) -> N
         evaluate(run, Reference.load(tmp_path / "a.mot"))
 
 
-def test_what_is_no_motion_file(tmp_path: Path) -> None:
+def test_files_that_are_not_motions(tmp_path: Path) -> None:
     good = "a\nnRows=1\nendheader\ntime knee\n0.0 1.5\n"
     bad = {
         "endheader": good.replace("endheader\n", ""),
@@ -268,9 +268,9 @@ def test_what_is_no_motion_file(tmp_path: Path) -> None:
     path = tmp_path / "a.mot"
     path.write_text(good)
     assert not read_mot(path)[0].in_degrees
-    for told, text in bad.items():
+    for message, text in bad.items():
         path.write_text(text)
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             Reference.load(path)
 
 

@@ -74,7 +74,7 @@ def test_a_film_lasts_as_long_as_its_clip() -> None:
     assert [int(p[0, 0, 0]) for p in scene.paced(iter(pictures), range(45))] == list(range(45))
 
 
-def test_formats_of_one_rate_say_so(tmp_path: Path) -> None:
+def test_formats_of_one_rate_declare_it(tmp_path: Path) -> None:
     subject = load_subject("arm8")
     made = made_run(tmp_path / "a.run", subject, np.tile(body_of("arm8").neutral, (45, 1, 1)), times=SLOWER)
     with pytest.warns(km.InputWarning, match="not evenly spaced: bvh has poses between them, at 30 a second"):

@@ -87,8 +87,8 @@ def test_a_picture_of_another_kind_is_refused() -> None:
 
 
 def pairs(rng: np.random.Generator, count: int) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Similar and dissimilar pairs of descriptions: the first feature tells them apart, the second tells nothing, the
-    third differs always between similar ones."""
+    """Similar and dissimilar pairs of descriptions: the first feature distinguishes them, the second is uninformative,
+    the third always differs between similar ones."""
     first = rng.integers(0, 40, (4, count))
     informative = [first[0], np.clip(first[0] + rng.integers(-2, 3, count), 0, 60), first[1], first[2]]
     noise = rng.integers(0, 40, (4, count))
@@ -97,7 +97,7 @@ def pairs(rng: np.random.Generator, count: int) -> tuple[tuple[np.ndarray, np.nd
     return (columns[0], columns[1]), (columns[2], columns[3])
 
 
-def test_bits_that_tell_are_kept_with_their_best_threshold() -> None:
+def test_discriminative_bits_are_kept_with_their_best_threshold() -> None:
     similar, dissimilar = pairs(np.random.default_rng(1), 4000)
     bits = learned_bits(similar, dissimilar)
     assert bits.feature.tolist() == [0]
@@ -145,7 +145,7 @@ def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
 
 @pytest.mark.parametrize("count", [1, 10, 400])
 def test_all_are_compared_and_equals_keep_their_order(count: int) -> None:
-    values = np.random.default_rng(4).random((300, 12)) < 0.5  # so few bits that many are equally far
+    values = np.random.default_rng(4).random((300, 12)) < 0.5  # few bits, so many ties
     tables = HashTables(packed(values), np.arange(4)[None])
     for query in values[:5] ^ True:
         near, differing = tables.nearest_of_all(query, count), (values ^ query).sum(axis=1)

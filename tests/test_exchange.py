@@ -1,4 +1,4 @@
-"""Left and right are exchanged where that may explain the keypoints."""
+"""Left and right are exchanged where that could explain the keypoints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def swapped(seen: Observation, cameras: list[int], mirror: np.ndarray) -> Observ
 @pytest.mark.parametrize(
     ("count", "wrong", "names"),
     [
-        (1, [], ["as_detected", "exchanged"]),  # one camera hardly tells the front from the back
+        (1, [], ["as_detected", "exchanged"]),  # one camera hardly distinguishes front from back
         (3, [], ["as_detected"]),
         (3, [1], ["as_detected", "exchanged"]),
         (3, [0, 1, 2], ["as_detected", "exchanged"]),
@@ -44,7 +44,7 @@ def test_several_cameras_exchange_sides_where_one_of_them_gains(count: int, wron
     by = search()
     seen = swapped(observe(BODY, Q, CAMERAS[:count], noise=3.0, rng=np.random.default_rng(5)), wrong, by.mirror)
     assert [a.name for a in by.associations(seen, Q)] == names
-    assert len(by.associations(seen)) == 2  # where the body is is not known
+    assert len(by.associations(seen)) == 2  # the body's place is unknown
 
 
 def test_sides_that_all_cameras_exchange_for_a_while_are_followed() -> None:

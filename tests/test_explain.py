@@ -1,4 +1,4 @@
-"""What an explanation adds up to, and what can be seen of it."""
+"""Sums of an explanation, and what it shows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.tiny_clip import QUICK, named
 from viz import palette
 from viz.cue_pictures import LONGEST, cue_pictures
 
-FRAMES, END = 4, 0.7  # of five a second
+FRAMES, END = 4, 0.7  # at 5 per second
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[s
 
 
 def with_world(clip: RenderedClip, folder: Path) -> Path:
-    """The clip's keypoints with a pose in space beside them, whatever it is."""
+    """The clip's keypoints with an arbitrary lifted pose."""
     (path,) = clip.keypoints.values()
     content, rng = json.loads(path.read_text()), np.random.default_rng(0)
     for frame in content["frames"]:
@@ -82,7 +82,7 @@ def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str
 
 
 def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[str, Run]) -> None:
-    """Their sum is the energy that the cost model itself assembles of edges, outline, flow and penalties at once."""
+    """Their sum is the energy that the cost model assembles from edges, outline, flow and penalties together."""
     run, t = runs["pictures"], 2
     settings = settings_for("css", changes=QUICK)
     search = make_tracker("css", run.body, settings).search
@@ -116,7 +116,7 @@ JUMPING = {
     "cues": {"working_size": 160},
     "smooth": {"enabled": False},
 }
-"""Settings with which hypotheses of every family are kept, by the seed below."""
+"""Settings that, with the seed below, keep hypotheses of every family."""
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def jumping(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dic
 def test_energies_of_jumped_and_exchanged_hypotheses_add_up(jumping: dict[str, Run]) -> None:
     kept = set()
     for name, run in jumping.items():
-        for t in range(FRAMES) if name == "keypoints" else (FRAMES - 1,):  # pictures take their time
+        for t in range(FRAMES) if name == "keypoints" else (FRAMES - 1,):  # pictures are slow
             for k in range(len(run.result(t).weight)):
                 explained = explain(run, t, k)
                 assert explained.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
@@ -149,7 +149,7 @@ def test_energies_of_jumped_and_exchanged_hypotheses_add_up(jumping: dict[str, R
     assert kept >= {"start", "parent", "sample", "kinematic jump", "limb elsewhere", "as_detected", "exchanged"}
 
 
-def test_a_jump_is_no_motion_and_has_paid_its_penalty(jumping: dict[str, Run]) -> None:
+def test_a_jump_has_no_motion_energy_but_its_penalty(jumping: dict[str, Run]) -> None:
     run, jumps = jumping["keypoints"], 0
     for t in range(1, FRAMES):
         result, before = run.result(t), run.result(t - 1)
@@ -168,7 +168,7 @@ def test_a_jump_is_no_motion_and_has_paid_its_penalty(jumping: dict[str, Run]) -
     assert jumps > 0
 
 
-def test_a_run_that_does_not_say_what_was_paid(
+def test_a_run_without_stored_penalties(
     runs: dict[str, Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "old.run"
@@ -183,7 +183,7 @@ def test_a_run_that_does_not_say_what_was_paid(
     explained = explain(old, 2, 0)
     assert not {"transition", "flow"} & {p.name for p in explained.parts}
     assert explained.total > 0.0
-    assert any("does not store what its hypotheses paid for" in note for note in explained.notes)
+    assert any("does not store its hypotheses' previous poses" in note for note in explained.notes)
     assert front.main(["explain", str(path), "--frame", "2"]) == 0
     assert "searched as" not in capsys.readouterr().out
 
@@ -209,15 +209,15 @@ def test_command_prints_the_table_and_writes_the_pictures(
     for run, count in ((runs["keypoints"], 1), (runs["pictures"], 6)):
         out = tmp_path / run.file.stem
         assert front.main(["explain", str(run.file), "--frame", "1", "--out", str(out)]) == 0
-        said = capsys.readouterr().out
-        assert all(word in said for word in ("keypoints", "transition", "sum", "as the run has it", "searched as"))
-        assert ("edges" in said) == (count > 1)
+        printed = capsys.readouterr().out
+        assert all(word in printed for word in ("keypoints", "transition", "sum", "as the run has it", "searched as"))
+        assert ("edges" in printed) == (count > 1)
         written = sorted(out.iterdir())
         assert len(written) == count
         assert all(cv2.imread(str(path)) is not None for path in written)
 
 
-def test_what_there_is_not(clip: RenderedClip, runs: dict[str, Run], tmp_path: Path) -> None:
+def test_missing_frames_and_hypotheses(clip: RenderedClip, runs: dict[str, Run], tmp_path: Path) -> None:
     run = runs["pictures"]
     for frame in (-1, FRAMES):
         with pytest.raises(InputError, match=f"has no frame {frame}.*0 to {FRAMES - 1}"):

@@ -30,7 +30,7 @@ FRAMES = 12
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Twelve frames of a run that was to have twenty."""
+    """Twelve frames of a run planned to have twenty."""
     file = tmp_path_factory.mktemp("run") / "a.run"
     with RunWriter.create(file, header(20)) as writer:
         for result in walk(Body(load_subject("human34")), FRAMES):
@@ -142,7 +142,7 @@ def test_a_coordinate_has_one_name_and_one_value_in_every_export(run: Run, tmp_p
     assert [name for name in npz if name.startswith("root")] == [*ROOT_POSITION, *ROOT_QUATERNION]
     assert set(npz) - set(mot) == set(ROOT_QUATERNION)  # which a motion file has as turns
     assert set(mot) - set(npz) == set(ROOT_TURNS)
-    assert not set(of_v[:6]) & set(npz)  # velocities are something else
+    assert not set(of_v[:6]) & set(npz)  # velocities have other names
     assert joints[0] == ROOT
     assert in_degrees
     np.testing.assert_allclose(time, run.time, atol=1e-6)
@@ -164,7 +164,7 @@ def test_osim_has_the_coordinates_of_the_mot(run: Run, tmp_path: Path) -> None:
     ("model", "title", "count"), [("gait2392", "gait2392", 23), ("rajagopal", "Rajagopal2016", 39)]
 )
 def test_mot_of_gait_models(model: str, title: str, count: int, run: Run, tmp_path: Path) -> None:
-    """The file says which model it is for; a knee that bends as far has the model's sign."""
+    """The file names its model; a knee bent as far has the model's sign."""
     path = export(run, tmp_path / "a.mot", f"{model}-mot")
     (names, values, in_degrees), time = read_mot(path)
     assert f"the OpenSim model {title}" in path.read_text()
@@ -234,7 +234,7 @@ def unseen(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 @pytest.mark.parametrize("name", [name for name in EXPORTERS if name != "osim"])
-def test_every_format_marks_what_nobody_saw_or_says_that_it_cannot(name: str, unseen: Run, tmp_path: Path) -> None:
+def test_every_format_marks_unseen_joints_or_notes_that_it_cannot(name: str, unseen: Run, tmp_path: Path) -> None:
     assert unseen.unobserved == ((0.1, 5 / 30),)
     file = tmp_path / f"a.{name}"
     if not EXPORTERS[name].marks:

@@ -28,7 +28,7 @@ from tests.builders import body_of
 from viz.gltf import link_names
 
 FRAMES = 9
-NEVER_SEEN = 4  # the frame in which nobody was seen
+NEVER_SEEN = 4  # the frame without a visible person
 MACHINE = """<robot name="machine"><link name="rail"/><link name="cart"/><link name="wheel"/><link name="arm one"/>
 <joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><origin xyz="0 0 1" rpy="0.3 0.2 1"/>
 <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
@@ -41,7 +41,7 @@ MACHINE = """<robot name="machine"><link name="rail"/><link name="cart"/><link n
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """A walk with several hypotheses; in one frame nobody was seen."""
+    """A walk with several hypotheses; in one frame no person was seen."""
     file = tmp_path_factory.mktemp("run") / "a.run"
     with RunWriter.create(file, header(FRAMES)) as writer:
         for i, result in enumerate(walk(body_of("human34"), FRAMES)):
@@ -136,8 +136,8 @@ def test_sliding_joints_are_scalars_in_millimetres(tmp_path: Path) -> None:
     (tmp_path / "machine.urdf").write_text(MACHINE)
     subject = load_subject(tmp_path / "machine.urdf")
     body = Body(subject)
-    told = header(3, subject_urdf=subject.urdf, subject_source=subject.name, subject_base=subject.base)
-    with RunWriter.create(tmp_path / "a.run", told) as writer:
+    described = header(3, subject_urdf=subject.urdf, subject_source=subject.name, subject_base=subject.base)
+    with RunWriter.create(tmp_path / "a.run", described) as writer:
         for result in walk(body, 3):
             writer.append(result, state_of(result))
     run = Run.open(tmp_path / "a.run")
@@ -212,7 +212,7 @@ def test_glb(run: Run, tmp_path: Path) -> None:
         "head",
     }
     assert len(moved) == len(animation["channels"])
-    scene = trimesh.load(file)  # as it stands in the first frame
+    scene = trimesh.load(file)  # in the pose of the first frame
     for name in ("pelvis", "left_shank"):
         place = R_OPENSIM_WORLD @ placed[0, names.index(name), 9:]
         np.testing.assert_allclose(scene.graph.get(name)[0][:3, 3], place, atol=1e-6)
@@ -230,9 +230,9 @@ def test_a_robot_as_glb_needs_no_flesh(tmp_path: Path) -> None:
     tree, binary = glb(tmp_path / "a.glb")
     for sampler in tree["animations"][0]["samplers"]:
         got = values(tree, binary, sampler["output"])
-        assert got.shape[1] == 3 or (np.sum(got[1:] * got[:-1], axis=1) > 0.9).all()  # no half turn taken for a whole
+        assert got.shape[1] == 3 or (np.sum(got[1:] * got[:-1], axis=1) > 0.9).all()  # no quaternion sign flips
     drawn = {tree["nodes"][channel["target"]["node"]]["name"] for channel in tree["animations"][0]["channels"]}
-    assert drawn == {"rail", "wheel"}  # what has a next joint at some distance
+    assert drawn == {"rail", "wheel"}  # links with a next joint at some distance
 
 
 # --- rrd ---

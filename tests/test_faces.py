@@ -1,4 +1,4 @@
-"""Faces as Gaussians: of keypoints that are there, by a detector of the user's; detectors that a truth is put into."""
+"""Faces as Gaussians, from keypoints or from a user's detector; detectors with a given truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_face_is_the_mean_of_its_landmarks() -> None:
     np.testing.assert_allclose(face.covariance, [SIGMA**2 / 5.0 * np.eye(2)])
 
 
-def test_a_face_of_few_landmarks_is_less_sure_and_one_of_none_is_not_there() -> None:
+def test_a_face_of_few_landmarks_is_less_certain_and_one_of_none_is_absent() -> None:
     pixels = PIXELS.copy()
     spread = []
     for missing in (2, 3, 4):
@@ -56,7 +56,7 @@ def test_skin_points_are_on_face_and_hands() -> None:
 
 
 class StandIn:
-    """What OpenCV's detector answers, without its model."""
+    """Answers of OpenCV's detector, without its model."""
 
     rows: np.ndarray | None = None
 
@@ -92,7 +92,7 @@ def test_detected_faces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         FaceDetector(tmp_path / "other.onnx")
 
 
-def test_a_detector_that_cannot_be_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_detector_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="no such model file"):
         FaceDetector(tmp_path / "missing.onnx")
     broken = tmp_path / "broken.onnx"

@@ -1,4 +1,4 @@
-"""Failure table and ablation: all trackers get CSS's time and are judged alike, and what is said of them is so."""
+"""Failure table and ablation: all trackers get CSS's time and the same criteria, and the verdicts are right."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def test_time_grows_in_a_straight_line() -> None:
 
     assert size_for(seconds(70), [10, 40], [seconds(10), seconds(40)]) == 70
     assert size_for(seconds(70), [10, 90], [seconds(10), seconds(90)]) == 70
-    assert size_for(0.01, [10, 40], [seconds(10), seconds(40)]) == 1  # cheaper than any
-    assert size_for(0.4, [10, 40], [0.1, 0.1]) == 160  # too quick to tell: in proportion
+    assert size_for(0.01, [10, 40], [seconds(10), seconds(40)]) == 1  # below the cheapest
+    assert size_for(0.4, [10, 40], [0.1, 0.1]) == 160  # too fast to extrapolate: in proportion
     assert size_for(0.4, [10, 40], [0.1, 0.1001]) == 480  # nearly so
 
 
@@ -139,16 +139,16 @@ def field_of(css_lost: int, paper_lost: int, single_lost: int, css_mean: float) 
     ]
 
 
-def said(attempts: list[Attempt]) -> dict[str, str]:
+def verdict_texts(attempts: list[Attempt]) -> dict[str, str]:
     return {line.split(":")[0]: line for line in order(attempts, summed(attempts))}
 
 
 def test_the_papers_order() -> None:
-    good = said(field_of(0, 1, 6, 0.0))
+    good = verdict_texts(field_of(0, 1, 6, 0.0))
     assert len(good) == 4
     assert all(": reached" in line for line in good.values())
     assert "the next is condensation" in good["arm"]  # css-paper, nearer, is a variation of css
-    bad = said(field_of(1, 2, 5, 25.0))  # 1 of 9 is 3 of 27, 2 of 9 are 6, 5 of 9 are 15; 5 of 62 mm are 8 %
+    bad = verdict_texts(field_of(1, 2, 5, 25.0))  # 1 of 9 is 3 of 27, 2 of 9 are 6, 5 of 9 are 15; 5 of 62 mm are 8 %
     assert len(bad) == 4
     assert all(": not reached" in line for line in bad.values())
 
@@ -187,7 +187,7 @@ def test_what_is_left_of_the_budget_goes_to_the_others() -> None:
 
 @dataclass(frozen=True)
 class Doubled:
-    """A piece that leaves a trace of its work, and is interrupted where a file says so."""
+    """A piece that leaves a trace of its work, and is interrupted where a file requests it."""
 
     number: int
     folder: Path
@@ -208,7 +208,7 @@ class Doubled:
         return {"doubled": 2 * self.number, "share": self.number / 3.0, "far": math.inf}
 
 
-def test_an_interrupted_measure_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupted_measure_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pieces = [Doubled(number, tmp_path) for number in range(5)]
     whole = all_done("whole", ResultStore(tmp_path / "whole"), pieces, 1)
     (tmp_path / "worked").unlink()
@@ -221,7 +221,7 @@ def test_an_interrupted_measure_goes_on(tmp_path: Path, capsys: pytest.CaptureFi
     capsys.readouterr()
     assert all_done("again", store, pieces, 1) == whole
     assert "3 of 5 are kept" in capsys.readouterr().err
-    assert (tmp_path / "worked").read_text().split() == ["0", "1", "2", "3", "4"]  # none twice
+    assert (tmp_path / "worked").read_text().split() == ["0", "1", "2", "3", "4"]  # no repeats
     assert len(store.codes(pieces)) == 1
     other = store.path(pieces[0])
     other.write_text(json.dumps(json.loads(other.read_text()) | {"code": "another"}))
@@ -236,14 +236,14 @@ def test_the_ablation_shares_the_runs_of_css(tmp_path: Path) -> None:
     by_row = {name: parts(STAND_INS, name, changes, wanted) for name, changes in ablation.ROWS.items()}
     assert store.path(ours) in [store.path(part.piece) for part in by_row[ablation.WHOLE]]
     paths = {store.path(part.piece) for of in by_row.values() for part in of}
-    assert len(paths) == 4 * len(ablation.ROWS)  # every row is another setting
+    assert len(paths) == 4 * len(ablation.ROWS)  # every row has different settings
 
 
 def measured(row: str, mean: float, lost: int | None, clip: int, seed: int) -> Measured:
     return Measured(STAND_INS, row, f"{clip}", seed, 10, 0.1, dict.fromkeys(TRAJECTORIES, errors_of(mean, lost)))
 
 
-def test_what_the_ablation_says(tmp_path: Path) -> None:
+def test_verdicts_of_the_ablation(tmp_path: Path) -> None:
     done = [
         measured(row, mean + more, 4 if clip <= lost else None, clip, seed)
         for row, more, lost in (("css", 0.0, 0), ("no samples", 2.0, 3), ("spherical samples", 2.0, 0))

@@ -1,5 +1,5 @@
-"""What is in a family by name: a term, a keypoint format, a camera format and an exporter of another package, each one
-short file, work in the command line without another edit. Cues and trackers: `test_toy_cue`, `test_toy_tracker`."""
+"""Members of each family by name: a term, a keypoint format, a camera format and an exporter of another package, each
+one short file, work in the command line without other edits. Cues and trackers: `test_toy_cue`, `test_toy_tracker`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.plugins import Registry
 from kinemode.inputs.motions import MOTION_FORMATS
 from tests.builders import body_of
-from tests.command_lines import Told, told
+from tests.command_lines import CommandResult, run_elsewhere
 from tests.tiny_clip import tiny_clip
 
 HERE = Path(__file__).parent
@@ -60,8 +60,9 @@ def test_a_new_member_is_one_short_file(toy: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
-    """Inputs in formats of another package, tracked with a term and exported in a format of it; and without it."""
+def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[CommandResult]]:
+    """Inputs in formats of another package, tracked with its term and exported in its format; and without the
+    package."""
     folder = tmp_path_factory.mktemp("families")
     clip = tiny_clip(folder / "clip", frames=3)
     (camera,) = load_cameras(clip.cameras).values()
@@ -103,10 +104,10 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
             str(folder / "m.run"),
         ],
     ]
-    return folder, told(*commands, plugins=",".join(TOYS), path=HERE)
+    return folder, run_elsewhere(*commands, plugins=",".join(TOYS), path=HERE)
 
 
-def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) -> None:
+def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[CommandResult]]) -> None:
     folder, (tracked, exported, refused, settings, named, misnamed, followed) = lines
     assert tracked.code == 0, tracked.error
     run = km.open_run(folder / "a.run")
@@ -130,7 +131,7 @@ def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) ->
 
 
 def test_recipes_are_what_is_run() -> None:
-    """Those of CONTRIBUTING, one for each family, are the files here: `python docs/recipes.py` writes them."""
+    """The recipes of CONTRIBUTING, one per family, equal the files here: `python docs/recipes.py` writes them."""
     text = recipes.PAGE.read_text(encoding="utf-8")
     assert recipes.with_recipes(text) == text
     assert recipes.recipes(text) == [
@@ -140,7 +141,7 @@ def test_recipes_are_what_is_run() -> None:
     assert recipes.with_recipes(text.replace("1/2", "1/3")) == text
 
 
-def test_without_them_their_files_are_refused(lines: tuple[Path, list[Told]]) -> None:
+def test_without_them_their_files_are_refused(lines: tuple[Path, list[CommandResult]]) -> None:
     folder, _ = lines
     with pytest.raises(InputError, match="cameras in a supported format"):
         load_cameras(folder / "cameras.txt")

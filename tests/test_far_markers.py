@@ -1,4 +1,4 @@
-"""Runs by points whose markers lie far from the body are not called tracked."""
+"""Runs from points whose markers lie far from the body do not have the status "tracked"."""
 
 from __future__ import annotations
 

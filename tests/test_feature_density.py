@@ -1,4 +1,4 @@
-"""Densities of image features: products, marginals and moments are those of the functions that they stand for."""
+"""Densities of image features: products, marginals and moments equal those of the functions that they represent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = ("head", "left_hand", "right_hand")
 
 
 def mixture(seed: int, names: tuple[str, ...] = NAMES, kernels: int = 3, spread: float = 2.0) -> FeatureDensity:
-    """Any mixture, of which each kernel but the first says nothing of one feature."""
+    """A random mixture in which each kernel but the first is uninformative on one feature."""
     rng = np.random.default_rng(seed)
     size = len(names)
     known = np.ones((kernels, size), dtype=bool)
@@ -48,7 +48,7 @@ def test_what_is_uniform_changes_nothing() -> None:
 
 
 def test_a_marginal_is_the_integral() -> None:
-    """Over one hand, by a fine grid; the kernels there speak of both."""
+    """Over one hand, by a fine grid; the kernels there cover both hands."""
     a = mixture(6, ("left_hand", "right_hand"), kernels=1, spread=0.5)
     h = 0.25
     grid = np.stack(np.meshgrid(*[np.arange(-20.0, 20.0, h)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -81,13 +81,13 @@ def test_what_contradicts_itself_loses_weight_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("covariance", [np.zeros((2, 2)), np.full((2, 2), np.nan), -np.eye(2)])
-def test_a_covariance_that_cannot_be_is_refused(covariance: np.ndarray) -> None:
+def test_an_invalid_covariance_is_refused(covariance: np.ndarray) -> None:
     with pytest.raises(InputError, match="positive definite"):
         gaussian(("p",), np.zeros((1, 2)), covariance)
 
 
-def test_kernels_that_say_the_same_are_merged_and_others_are_not() -> None:
-    """Features integrated out leave copies, which must not crowd out another way when few are kept."""
+def test_equal_kernels_are_merged_and_others_are_not() -> None:
+    """Features integrated out leave copies, which must not crowd out another association when few are kept."""
     wide = gaussian(("a", "b"), np.array([[0.0, 0.0], [5.0, 5.0]]), np.eye(4))
     away = wide.mean[0] + [[40.0, 0.0], [0.0, 0.0]]
     copies = FeatureDensity(

@@ -1,4 +1,4 @@
-"""Films play where people look at them, and are there whole or not at all."""
+"""Films play in common players, and are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from humanoid.support.errors import InputError
 
 COLOURS = np.array([(255, 0, 0), (0, 255, 0), (0, 0, 255), (128, 128, 128), (30, 120, 210), (200, 60, 150)], np.uint8)
 NTSC = 30000 / 1001
-COUNT = 33  # more than there are from one key frame to the next
+COUNT = 33  # more than between two key frames
 
 
 def picture(i: int, size: tuple[int, int] = (192, 96)) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_every_frame_at_its_time_in_its_colours(films: dict[str, Path], ending: 
         np.testing.assert_allclose(bars(image), bars(picture(i)), atol=6, err_msg=str(i))
 
 
-def test_an_mp4_plays_before_all_of_it_is_there(films: dict[str, Path]) -> None:
+def test_an_mp4_plays_before_it_is_complete(films: dict[str, Path]) -> None:
     data = films[".mp4"].read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
     described = subprocess.run(
@@ -102,7 +102,7 @@ def test_equal_pictures_give_equal_files(films: dict[str, Path], tmp_path: Path)
         ("a.mp4", 0.0, "frames per second must be"),
     ],
 )
-def test_what_cannot_be_a_film(tmp_path: Path, name: str, rate: float, problem: str) -> None:
+def test_invalid_films(tmp_path: Path, name: str, rate: float, problem: str) -> None:
     with pytest.raises(InputError, match=problem):
         write_film(tmp_path / name, [picture(0)], rate)
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""The Butterworth filter: its response in closed form, on every kind of joint, and what it leaves alone."""
+"""The Butterworth filter: its response in closed form, on every kind of joint, and what it leaves unchanged."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def amplitude(signal: np.ndarray, frequency: float) -> float:
-    """Of a sine of this frequency, by least squares."""
+    """Amplitude of a sine of this frequency, by least squares."""
     time = TIME[WITHIN]
     basis = np.stack([np.sin(2.0 * np.pi * frequency * time), np.cos(2.0 * np.pi * frequency * time), time**0], axis=1)
     return float(np.hypot(*np.linalg.lstsq(basis, signal[WITHIN], rcond=None)[0][:2]))
@@ -79,8 +79,8 @@ def test_a_sine_keeps_its_phase_and_the_known_part_of_its_amplitude(frequency: f
 
 
 def test_what_moves_steadily_stays_to_the_ends() -> None:
-    """A root that turns on and on, at more than half a turn a second and with quaternions of any sign; a joint and a
-    position that go on evenly."""
+    """A root that keeps turning, at more than half a turn a second and with quaternions of any sign; a joint and a
+    position that move evenly."""
     body = body_of("human34")
     q = turned(body, TIME[:, None] * np.array([0.0, 2.4, 3.2]))
     q[::7, 3:7] *= -1.0
@@ -94,7 +94,7 @@ def test_what_moves_steadily_stays_to_the_ends() -> None:
     assert out.notes == ()
 
 
-def test_limits_hold_and_it_is_said(tmp_path: Path) -> None:
+def test_limits_hold_with_a_note(tmp_path: Path) -> None:
     body = body_of("human34")
     knee = body.place("left_knee_flexion").q.start
     square = np.where(np.sin(2.0 * np.pi * TIME) > 0.0, body.upper[knee], 0.3)  # it rings beyond the limit
@@ -107,7 +107,7 @@ def test_limits_hold_and_it_is_said(tmp_path: Path) -> None:
         km.export(run, tmp_path / "a.csv", filter=CUTOFF)
 
 
-def test_a_cutoff_that_cannot_be_is_refused() -> None:
+def test_an_invalid_cutoff_is_refused() -> None:
     body = body_of("human34")
     q = np.tile(body.neutral, (len(TIME), 1))
     for cutoff in (30.0, 31.0):
@@ -120,7 +120,7 @@ def test_a_cutoff_that_cannot_be_is_refused() -> None:
 
 
 def response_error(time: np.ndarray, keep: np.ndarray) -> tuple[float, Filtering]:
-    """The largest error of a filtered sine at these times, away from the ends; and what was done."""
+    """The largest error of a filtered sine at these times, away from the ends, and the notes."""
     body = body_of("human34")
     wave = np.sin(2.0 * np.pi * 3.0 * time)
     q = swung(body, "left_knee_flexion", 1.0 + 0.3 * wave)
@@ -133,7 +133,7 @@ def response_error(time: np.ndarray, keep: np.ndarray) -> tuple[float, Filtering
     return float(np.nanmax(np.abs(out - known)[WITHIN])), done
 
 
-def test_uneven_times_and_short_gaps_are_led_over() -> None:
+def test_uneven_times_and_short_gaps_are_bridged() -> None:
     rng, every = np.random.default_rng(0), np.ones(len(TIME), dtype=bool)
     off, done = response_error(TIME + rng.uniform(-0.3, 0.3, len(TIME)) / RATE, every)
     assert off < 0.003
@@ -149,7 +149,7 @@ def test_uneven_times_and_short_gaps_are_led_over() -> None:
 
 
 def test_long_gaps_part_a_motion() -> None:
-    """What lies on one side has no part in the other."""
+    """Samples on one side do not affect the other."""
     body = body_of("human34")
     angle = np.where(TIME < 2.0, 0.3, 1.5)
     q = swung(body, "left_knee_flexion", angle)

@@ -1,4 +1,5 @@
-"""Laws of the proportion fit: known lengths come back, sides stay tied, ranges hold, nothing seen changes nothing."""
+"""Laws of the proportion fit: known lengths come back, sides stay tied, ranges hold, without observations nothing
+changes."""
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ def test_known_lengths_come_back() -> None:
     truth = np.array(list(scales.values()))
     limbs = np.array([name not in ("left_clavicle_elevation", "skull") for name in fit.names])
     assert np.abs(fit.scales - truth)[limbs].max() < 0.02
-    # the heights of neck and skull trade against bends of spine and neck, and the fit says how far
+    # the heights of neck and skull trade against bends of spine and neck, and the fit reports by how much
     assert np.all(np.abs(fit.scales - truth) < 3.0 * np.maximum(fit.std, 0.007))
     assert np.abs(truth - 1.0).max() > 0.05  # there was something to find
     prior = np.array([p.std for p in body_of("human34").subject.proportions])
@@ -78,7 +79,7 @@ def test_sides_stay_tied_and_the_subject_is_the_scaled_one() -> None:
 
 
 def test_lengths_stay_within_their_hard_range() -> None:
-    """Cameras that stand 1.5 times as far away make a giant of the same picture, beyond all that is allowed."""
+    """Cameras 1.5 times as far away turn the same picture into a giant beyond the allowed range."""
     subject = body_of("human34").subject
     low, high = (np.array([getattr(p, f"scale_{end}") for p in subject.proportions]) for end in ("min", "max"))
     away = tuple(replace(c, t_camera_world=1.5 * c.t_camera_world) for c in AROUND)
@@ -93,7 +94,7 @@ def test_lengths_stay_within_their_hard_range() -> None:
 
 @pytest.mark.parametrize("size", [0.55, 0.78, 1.18])
 def test_people_of_any_size_are_found_by_several_cameras(size: float) -> None:
-    """A child is no small adult whose lengths rest on their bounds: size first, then proportions around it."""
+    """A child is not an adult with lengths at their bounds: size comes first, then proportions around it."""
     of_size = person()[0].resized(size)
     seen = clip(of_size, 0.5)
     fit = fit_person(body_of("human34").subject, seen, settings=FEW, track_settings=TRACK)
@@ -131,7 +132,7 @@ def test_one_camera_does_not_see_how_large_a_person_is() -> None:
         assert np.nanmedian(np.linalg.norm(pixels - seen[k].pixels[0], axis=1)) < 4.0
 
 
-def test_a_height_that_the_cameras_contradict_is_said() -> None:
+def test_a_height_that_contradicts_the_cameras_is_reported() -> None:
     given = body_of("human34").subject
     seen = clip(given, 0.5, 4)
     fit = fit_person(given, seen, settings=replace(FEW, rounds=1), track_settings=TRACK, height=1.3)
@@ -161,7 +162,7 @@ def test_a_short_clip_is_one_piece_whose_frames_are_evenly_spread() -> None:
 
 def test_a_long_clip_gives_its_beginning_and_the_pieces_that_look_least_alike() -> None:
     seen = clip(body_of("human34").subject, 0.0, 12)
-    for k in (6, 7):  # somebody who is only then in another pose
+    for k in (6, 7):  # another pose in these frames alone
         seen[k] = replace(seen[k], pixels=seen[k].pixels * (1.0, 0.5))
     seen = [replace(o, pixels=seen[0].pixels) if k not in (6, 7) else o for k, o in enumerate(seen)]
     step = seen[1].time - seen[0].time
@@ -202,10 +203,11 @@ def test_the_profiles_gradient_is_that_of_the_minimised_energy() -> None:
 
 
 def test_poses_are_as_uncertain_as_the_lengths_make_them() -> None:
-    """How a pose follows the lengths is how its minimum moves; that widens the covariance at given lengths."""
+    """The derivative of a pose in the lengths is the motion of its minimum; it widens the covariance at given
+    lengths."""
     proportions = ProportionedBody(body_of("human34").subject)
     body = body_of("human34")
-    cost = replace(TRACK.cost, interpenetration_weight=0.0, pose_prior_weight=0.0)  # neither has all its curvature
+    cost = replace(TRACK.cost, interpenetration_weight=0.0, pose_prior_weight=0.0)  # their Hessians omit some curvature
     energy = MeasuresEnergy(proportions, FittedKeypoints(proportions, cameras=2), clip(body.subject, 0.0, 1), cost, 1.0)
     count = len(proportions.names)
     x = np.ones(count)
@@ -233,7 +235,7 @@ def test_poses_are_as_uncertain_as_the_lengths_make_them() -> None:
     ("person", "size", "fits"), [(0.8, 0.8, 2), (1.0, 1.0, 1), (0.2, SIZES[0], 2), (3.0, SIZES[1], 2)]
 )
 def test_a_subject_is_resized_within_the_sizes_of_people(person: float, size: float, fits: int) -> None:
-    """By what each fit asks for, from the size it has, and no further once that is nothing."""
+    """Each fit changes the size by the factor it finds, until that factor is one."""
     subject, heights = body_of("human34").subject, list[float]()
 
     def fit(sized: Subject) -> tuple[Fit, float]:

@@ -31,7 +31,7 @@ Given = list[tuple[int, np.ndarray]]
 
 
 class Track(NamedTuple):
-    """A track, with what it was searched by, what was seen, and the true poses."""
+    """A track with its search, its observations and the true poses."""
 
     search: ModeSearch
     seen: list[Observation]
@@ -67,7 +67,7 @@ def track() -> Track:
 
 
 def given_by(track: Track, settings: SmoothSettings) -> tuple[list[Given], Given]:
-    """What every push gives, and what the end does."""
+    """The results of every push and of the flush."""
     lag = FixedLag(track.search, settings)
     pushed = [lag.push(o, r) for o, r in zip(track.seen, track.results, strict=True)]
     return pushed, lag.flush()
@@ -81,7 +81,7 @@ def poses(track: Track, settings: SmoothSettings) -> np.ndarray:
 
 
 def distances(body: Body, q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Of the landmarks (T, L) [m]."""
+    """Distances of the landmarks (T, L) [m]."""
     points = [np.array([body.landmarks(body.at(x)) for x in path]) for path in (q, other)]
     return np.asarray(np.linalg.norm(points[0] - points[1], axis=2))
 
@@ -97,7 +97,7 @@ def test_every_frame_comes_once_in_order_and_so_many_frames_late(track: Track, l
     assert [[i for i, _ in pairs] for pairs in pushed] == [[k - lag] if k >= lag else [] for k in range(FRAMES)]
     assert [i for i, _ in rest] == list(range(max(0, FRAMES - lag), FRAMES))
     again = FixedLag(track.search, settings)
-    assert again.flush() == []  # of nothing
+    assert again.flush() == []  # nothing is left
 
 
 def test_what_was_given_does_not_depend_on_what_comes(track: Track) -> None:
@@ -120,7 +120,7 @@ def test_it_lies_between_filter_and_truth(track: Track) -> None:
 
 
 def test_without_lag_and_with_every_motion_alike_it_is_the_filter() -> None:
-    """The least of a frame's energy alone is its lowest mode; a motion prior that says nothing leaves it there."""
+    """The least of a frame's energy alone is its lowest mode; an uninformative motion prior leaves it there."""
     body = body_of("arm8")
     rng = np.random.default_rng(1)
     start, end = (random_pose(body, rng, share=0.4) for _ in range(2))
@@ -130,7 +130,7 @@ def test_without_lag_and_with_every_motion_alike_it_is_the_filter() -> None:
     settings = SmoothSettings(lag=0, turn_acceleration=1e6, root_turn_acceleration=1e6, root_slide_acceleration=1e6)
     lowest = np.array([r.q[np.argmin(r.energy)] for r in track.results])
     np.testing.assert_allclose(poses(track, settings), lowest, atol=1e-5)
-    # and with a prior that says something it is not
+    # and with an informative prior it does not
     assert np.abs(poses(track, SmoothSettings(lag=0)) - lowest).max() > 1e-3
 
 
@@ -146,15 +146,15 @@ def test_where_no_foot_is_seen_the_smoother_leaves_feet_alone() -> None:
 
 
 def test_with_all_of_the_clip_in_hand_it_is_the_smoother(track: Track) -> None:
-    """As many steps as it takes: both are minima of one energy over one path of modes, within half a millimetre, but
-    for what the smoother alone does: it holds feet that stand, on a floor, remembers accelerations, tells the pace, and
-    takes away what lasts of errors."""
+    """Taking as many steps as needed: both are minima of one energy over one path of modes, within half a millimetre,
+    except for what only the offline smoother does: it holds standing feet, on a floor, remembers accelerations,
+    estimates the pace, and removes lasting errors."""
     whole = {"stance": 0.0, "lasting": 0.0, "memory": 0.0, "pace_rounds": 0, "iterations": 60, "tolerance": 1e-9}
     settings = SmoothSettings(lag=FRAMES, lag_iterations=40, even_pace=1.0, **whole)
     offline = smooth_track(track.search, track.seen, track.results, settings, floor="off").q
     apart = distances(track.body, poses(track, settings), offline)
     assert apart.max() < 5e-4
-    assert distances(track.body, heaviest(track), offline).max() > 5e-3  # it had something to do
+    assert distances(track.body, heaviest(track), offline).max() > 5e-3  # smoothing has an effect
 
 
 def test_the_energy_of_the_window_never_rises_and_what_was_given_stays(
@@ -179,7 +179,7 @@ def test_the_energy_of_the_window_never_rises_and_what_was_given_stays(
 
 
 def test_frames_in_which_nothing_was_seen_are_bridged(track: Track) -> None:
-    """Their hypotheses were only carried; between what was seen before and after, motion decides."""
+    """Their hypotheses were only predicted; motion interpolates between the observations before and after."""
     assert [r.index for r in track.results if r.status == "unobserved"] == list(GAP)
     gap = list(GAP)
     q = poses(track, SmoothSettings(lag=LAG))
@@ -201,7 +201,7 @@ def test_frames_without_hypotheses_are_left_out(track: Track) -> None:
 
 
 def test_equal_tracks_are_smoothed_to_equal_bits(track: Track) -> None:
-    again = tracked(track.body, track.truth, (15,), {})  # a search of its own
+    again = tracked(track.body, track.truth, (15,), {})  # an independent search
     again = again._replace(seen=track.seen, results=track.results)
     assert np.array_equal(poses(track, SmoothSettings(lag=LAG)), poses(again, SmoothSettings(lag=LAG)))
 
@@ -222,7 +222,7 @@ def test_a_robot_on_a_fixed_base_is_smoothed(name: str) -> None:
 
 
 def test_nothing_is_below_a_known_floor(track: Track) -> None:
-    """One that is 3 cm too high for the feet; and none that is a metre away, which is another's."""
+    """A floor 3 cm too high for the feet is used; one a metre away is not, as it is not theirs."""
     settings = SmoothSettings(lag=LAG)
     free = poses(track, settings)
     up = np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Flesh as wide as a person, solids slimmer: girths, and distances that do not know the flesh."""
+"""Flesh as wide as a person, solids slimmer: girths, and distances that ignore the flesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The floor: distances to it, what keeps above it, and how large one camera sees a person who stands on it."""
+"""The floor: distances to it, terms that keep the body above it, and the size of a standing person in one camera."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_what_stands_on_a_floor_touches_it() -> None:
 
 
 def test_a_hand_without_a_wrist_may_be_below_it() -> None:
-    """In a handstand the forearms' ends are lowest: real hands bend where the subject's go straight on."""
+    """In a handstand the forearms' ends are lowest: real hands bend, the subject's are straight."""
     body = body_of("human34")
     q = pin.neutral(body.model)
     q[ROOT_TURN_Q] = 1.0, 0.0, 0.0, 0.0  # half a turn about x
@@ -147,7 +147,7 @@ def test_both_clearances_are_rows_of_one_step() -> None:
 
 
 def test_size_is_seen_by_the_floor() -> None:
-    """Of a person modelled too small and so much too near, which looks the same."""
+    """A person modelled too small and proportionally too near, with the same image."""
     adult = body_of("human34")
     camera = camera_at(20.0)
     centre = camera.origin_world
@@ -161,12 +161,12 @@ def test_size_is_seen_by_the_floor() -> None:
         in_the_air[2] += 0.2
         poses = np.array([looks_alike, looks_alike, in_the_air])
         seen = [observe(adult, q, [camera]) for q in poses]
-        told = size_by_floor(adult, poses, seen, floor)
-        assert told is not None
-        assert told.believed
-        assert told.seen == pytest.approx(size, abs=1e-6)
-        assert min(1.0, size) < told.factor < max(1.0, size)
-        assert told.factor == pytest.approx(size, rel=0.02)
+        by_floor = size_by_floor(adult, poses, seen, floor)
+        assert by_floor is not None
+        assert by_floor.believed
+        assert by_floor.seen == pytest.approx(size, abs=1e-6)
+        assert min(1.0, size) < by_floor.factor < max(1.0, size)
+        assert by_floor.factor == pytest.approx(size, rel=0.02)
         far = size_by_floor(adult, poses, seen, floor - 2.5)
         assert far is not None
         assert (far.believed, far.factor) == (False, 1.0)
@@ -181,7 +181,7 @@ def test_a_parallel_camera_and_a_fixed_body_see_no_size() -> None:
     assert size_by_floor(arm, arm.neutral[None], [observe(arm, arm.neutral, [camera_at(20.0)])], -2.0) is None
 
 
-def test_a_known_floor_is_that_of_the_feet_and_none_is_none() -> None:
+def test_a_known_floor_is_at_the_feet_and_off_means_none() -> None:
     points, time, _ = walk(30.0)
     kind = np.array([0, 1, 0, 1])
     above = np.array([0.05, 0.01])
@@ -201,19 +201,19 @@ def test_a_known_floor_is_that_of_the_feet_and_none_is_none() -> None:
 
 
 def test_what_stands_is_held_on_a_known_floor_alone() -> None:
-    """A floor that is told is where feet stand already; below one, on a lower stair, there is none."""
+    """A given floor is used where feet already stand on it; feet below it, on a lower stair, have none."""
     body, times = body_of("human34"), np.arange(60) / FPS
     q = np.tile(pin.neutral(body.model), (60, 1))
     seen = watched(body, q, times)
-    told = Stances.of(body, q, seen)
-    assert told is not None
-    assert told.floor is not None
+    stances = Stances.of(body, q, seen)
+    assert stances is not None
+    assert stances.floor is not None
     lowest = float(FloorDistances(body, UP, 0.0).near(body.at(q[0]), np.inf).distance.min())
-    assert told.floor.height == pytest.approx(lowest, abs=0.005)
+    assert stances.floor.height == pytest.approx(lowest, abs=0.005)
     raised = Stances.of(body, q, seen, lowest + 0.03)
     assert raised is not None
     np.testing.assert_allclose(
-        raised.places - told.places, np.broadcast_to([0.0, 0.0, 0.03], raised.places.shape), atol=1e-6
+        raised.places - stances.places, np.broadcast_to([0.0, 0.0, 0.03], raised.places.shape), atol=1e-6
     )
     q[53:, 2] -= 0.17
     stairs = Stances.of(body, q, watched(body, q, times))
@@ -230,7 +230,7 @@ def test_parts_below_it_cost_and_others_do_not() -> None:
     assert sunk.value(posed) >= 0.5 * (0.01 / 0.005) ** 2 - 1e-9
 
 
-def test_the_camera_files_word_and_the_users(tmp_path: Path) -> None:
+def test_the_floor_of_the_camera_file_and_of_the_user(tmp_path: Path) -> None:
     path = tmp_path / "cameras.json"
     write_cameras(path, [camera_at(20.0)])
     assert declared_floor(path) is None
@@ -252,7 +252,7 @@ def test_the_camera_files_word_and_the_users(tmp_path: Path) -> None:
 
 
 def test_a_smoothed_person_is_above_a_known_floor(whole: Track) -> None:
-    """Hard, within the tolerance of overlaps; without a floor nothing says so."""
+    """Hard constraints, within the tolerance of overlaps; without a floor there are none."""
     body = whole.body
     free = smooth_track(whole.search, whole.seen, whole.results, floor=OFF).q
     lowest = min(FloorDistances(body, UP, 0.0).near(body.at(q), np.inf).distance.min() for q in free)
@@ -287,9 +287,9 @@ def test_the_floor_stays_with_the_trajectory(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.normal, floor.normal)
     np.testing.assert_array_equal(kept.above, floor.above)
     assert (kept.height, kept.std) == (floor.height, floor.std)
-    told = km.contact(path).floor
-    assert told is not None
-    assert told.height == kept.height
+    floor_used = km.contact(path).floor
+    assert floor_used is not None
+    assert floor_used.height == kept.height
     arrays = joined(smoothed_parts(Smoothed(np.tile(body.neutral, (4, 1)), floor)))
     check_smoothed(arrays, body)
     check_smoothed({"q": arrays["q"]}, body)
@@ -319,7 +319,7 @@ def test_the_preview_has_the_floor_and_discs_under_what_stands() -> None:
         np.testing.assert_allclose(on_floor, contact.floor.above[k % 2], atol=1e-6)
 
 
-def test_feet_without_keypoints_are_told_from_others() -> None:
+def test_feet_without_keypoints_have_a_remark() -> None:
     points, time, _ = walk(30.0)
     contact = contact_of_points(time, ("left_heel", "left_big_toe", "right_heel", "right_big_toe"), points)
     assert contact.remark == ""

@@ -1,4 +1,4 @@
-"""When feet stand and on what floor: known motions, the chain against all its paths, and force plates."""
+"""When feet stand and on what floor: known motions, the chain against all paths, and force plates."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ def test_walking_feet_stand_and_swing(fps: float, noise: float) -> None:
         assert np.array_equal(ours[~near, side], stands[~near, side])
     assert contact.floor is not None
     lowest = contact.floor.height + contact.floor.above
-    assert lowest == pytest.approx([HEEL, TOE], abs=0.004 + 1.5 * noise)  # under nine tenths of what is seen
+    assert lowest == pytest.approx([HEEL, TOE], abs=0.004 + 1.5 * noise)  # below nine tenths of the observations
     heights = contact.floor.heights(points, kind).reshape(-1, 2, 2)[stands]
     assert np.abs(heights).max() < 0.005 + 5.5 * noise
 
 
 def test_a_floor_may_slope() -> None:
-    """By as much as up may be wrong; what stands on a box is left out."""
+    """Within the error of up; feet on a box are left out."""
     rng = np.random.default_rng(1)
     slope = np.array([0.06, -0.04])
     level = rng.uniform(-2.0, 2.0, (200, 2))
@@ -68,7 +68,7 @@ def test_a_floor_may_slope() -> None:
     assert heights[on_box] == pytest.approx(0.3, abs=0.01)
 
 
-def test_nothing_that_stands_is_no_floor() -> None:
+def test_without_stances_there_is_no_floor() -> None:
     points = np.cumsum(np.full((40, 1, 3), 0.1), axis=0)
     contact = foot_contact(points, np.arange(40) / 30.0, np.zeros(1, int), UP)
     assert contact.floor is None

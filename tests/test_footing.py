@@ -1,4 +1,4 @@
-"""How a trajectory keeps to its floor, of trajectories whose faults are known."""
+"""How well a trajectory keeps to its floor, for trajectories with known faults."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COUNT = 20
 
 
 def stood(fps: float, moves: np.ndarray) -> tuple[Any, Contact]:
-    """A run of somebody who stands on the floor but for moves (T, 3) [m], and the contact of all points."""
+    """A run of a person standing on the floor, displaced by moves (T, 3) [m], and the contact of all points."""
     feet = FootPoints.of(BODY)
     assert feet is not None
     q = np.tile(BODY.neutral, (COUNT, 1))
@@ -44,17 +44,17 @@ def footing(fps: float, moves: np.ndarray) -> Footing:
 
 
 def moved(frames: slice, along: np.ndarray) -> np.ndarray:
-    """Moves of those frames alone."""
+    """Displacements in those frames alone."""
     moves = np.zeros((COUNT, 3))
     moves[frames] = along
     return moves
 
 
-def test_who_stands_still_has_no_fault() -> None:
+def test_standing_still_has_no_fault() -> None:
     assert footing(30.0, np.zeros((COUNT, 3))) == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-6)
 
 
-def test_who_sinks_is_told_how_often_and_how_deep() -> None:
+def test_sinking_has_its_share_and_depth() -> None:
     low = footing(30.0, moved(slice(4, 9), -0.03 * UP))
     assert low == pytest.approx((0.25, 0.03, 0.0, 0.75), abs=1e-6)
     high = footing(30.0, moved(slice(4, 9), 0.03 * UP))
@@ -63,7 +63,7 @@ def test_who_sinks_is_told_how_often_and_how_deep() -> None:
 
 @pytest.mark.parametrize("fps", [15.0, 30.0, 60.0, 120.0])
 def test_what_stands_and_moves_skates_at_any_rate(fps: float) -> None:
-    """A centimetre in a thirtieth of a second, or in a frame that is longer."""
+    """A centimetre in a thirtieth of a second, or in one frame if that is longer."""
     for speed, share in ((0.27, 0.0), (0.33, 1.0)):
         way = speed * np.arange(COUNT)[:, None] / fps * np.array([1.0, 0.0, 0.0])
         expected = share if fps > 20.0 else 1.0  # it moves 18 mm in a frame

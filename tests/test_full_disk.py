@@ -1,4 +1,4 @@
-"""A disk that takes no more: one line that names the file, nothing half written, nothing lost."""
+"""A full disk: one line that names the file, nothing half written, nothing lost."""
 
 from __future__ import annotations
 
@@ -98,10 +98,10 @@ def test_a_command_on_a_full_disk(made: Path, tmp_path: Path, command: str, caps
     arguments = [word.format(made=made, out=out) for word in text.split()]
     with files_of_at_most(1000):
         assert front.main(arguments) == front.BAD_INPUT
-    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("error", "internal", "Trace"))]
-    assert len(said) == 1
-    assert said[0].startswith(f"error: {out / name}: cannot be written: ")
-    assert FULL in said[0] or "the disk takes no more" in said[0]
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("error", "internal", "Trace"))]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"error: {out / name}: cannot be written: ")
+    assert FULL in lines[0] or "the disk takes no more" in lines[0]
     left = {p.name: p.read_text() for p in out.iterdir() if p.is_file()}
     if command == "render":  # has written cameras.json, all of it
         assert json.loads(left.pop("cameras.json"))
@@ -128,7 +128,7 @@ def test_a_file_on_a_full_disk(made: Path, tmp_path: Path, kind: str) -> None:
     assert path.stat().st_size > 1000
 
 
-def test_a_run_keeps_what_was_tracked_and_goes_on(tmp_path: Path) -> None:
+def test_a_run_keeps_what_was_tracked_and_resumes(tmp_path: Path) -> None:
     body = Body(load_subject("human34"))
     results, path = walk(body, 40), tmp_path / "a.run"
     with RunWriter.create(path, header(40)) as writer:
@@ -163,7 +163,7 @@ def test_a_run_keeps_what_was_tracked_and_goes_on(tmp_path: Path) -> None:
 def test_a_batch_names_no_file_that_was_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], lost: tuple[str, ...]
 ) -> None:
-    """Table and page are written each by itself, and the command names those that are there."""
+    """Table and page are written separately, and the command names those that exist."""
     for what in lost:
         monkeypatch.setattr(f"kinemode.batches.shown.write_batch_{what}", no_room)
     row, failed = BatchRow("clip", "row 1"), ClipOutcome("clip", FAILED, "no room")
@@ -251,10 +251,10 @@ def test_standard_output_on_a_full_disk(monkeypatch: pytest.MonkeyPatch, capsys:
     assert capsys.readouterr().err.startswith("error: standard output: cannot be written: ")
 
 
-def test_what_is_no_place_for_a_file(tmp_path: Path) -> None:
+def test_invalid_output_places(tmp_path: Path) -> None:
     for path, problem in (
         (tmp_path, "is a folder"),
-        (Path("/dev/null"), "is a device"),  # which a rename would take away from everybody
+        (Path("/dev/null"), "is a device"),  # which a rename would replace for every program
         (tmp_path / "none" / "a", r"cannot be written: No such file or directory \(does its folder exist\?\)"),
     ):
         with pytest.raises(InputError, match=problem), replacing(path) as temporary:

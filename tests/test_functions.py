@@ -17,7 +17,7 @@ MOST_LINES, MOST_POSITIONAL = 60, 8
 
 
 class Function(NamedTuple):
-    """A function, where it is, and whether it is compiled."""
+    """A function, its location, and whether it is compiled."""
 
     name: str
     node: ast.FunctionDef | ast.AsyncFunctionDef
@@ -25,7 +25,7 @@ class Function(NamedTuple):
 
 
 def functions_of(module: str, source: str) -> Iterator[Function]:
-    """All functions of a module, those inside others too, named module.function."""
+    """All functions of a module, nested ones too, named module.function."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             decorators = {re.split(r"[.(]", ast.unparse(d))[0] for d in node.decorator_list}
@@ -48,7 +48,7 @@ def lines_of(node: ast.stmt) -> int:
 
 
 def too_long(function: Function) -> bool:
-    """Whether it has too many lines of code: public functions document every argument, so docstrings do not count."""
+    """Whether it has too many lines of code. Docstrings do not count, as public functions document every argument."""
     node = function.node
     docstring = 0 if ast.get_docstring(node) is None else lines_of(node.body[0])
     return not function.compiled and lines_of(node) - docstring > MOST_LINES
@@ -61,7 +61,7 @@ def too_many_positional(function: Function) -> bool:
 
 
 def arrays_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
-    """The arguments of a kernel that it uses as arrays: with indices, or asked for their size."""
+    """The arguments that a kernel uses as arrays: indexed, or queried for their size."""
     used = set()
     for n in ast.walk(node):
         value: ast.expr | None = None
@@ -75,17 +75,17 @@ def arrays_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
 
 
 def without_shape(function: Function, others: Iterable[Function] = ()) -> list[str]:
-    """Arrays that a kernel's docstring gives no shape: `name (N, 3)`, or several names before one. It may leave that to
-    the kernels of `others` that it names."""
+    """Arrays that a kernel's docstring gives no shape: `name (N, 3)`, or several names before one. It may refer to the
+    kernels of `others` by name instead."""
     docstrings = {f.node.name: " ".join((ast.get_docstring(f.node) or "").split()) for f in (*others, function)}
-    told, named = "", [function.node.name]
+    text, named = "", [function.node.name]
     while named:
         docstring = docstrings.pop(named.pop(), "")
-        told += f" {docstring}"
+        text += f" {docstring}"
         named += re.findall(r"`(?:[\w.]*\.)?(\w+)`", docstring)
     side = r"[A-Za-z0-9_]+(?: ?[-+*] ?[A-Za-z0-9_]+)*"
     shape = rf"\({side}(?:, {side})*,?\)"
-    return [a for a in arrays_of(function.node) if not re.search(rf"\b{a}\b[\w\s,`']{{0,80}}?{shape}", told)]
+    return [a for a in arrays_of(function.node) if not re.search(rf"\b{a}\b[\w\s,`']{{0,80}}?{shape}", text)]
 
 
 def test_no_function_has_more_than_sixty_lines_of_code() -> None:
@@ -98,7 +98,7 @@ def test_no_function_has_more_than_eight_positional_arguments() -> None:
     assert not broken, f"over {MOST_POSITIONAL} positional arguments: {sorted(broken)}"
 
 
-def test_kernels_say_the_shapes_of_their_arrays() -> None:
+def test_kernels_document_the_shapes_of_their_arrays() -> None:
     kernels = [f for f in functions(*PACKAGES) if f.compiled]
     assert len(kernels) > 50
     silent = {f.name: arrays for f in kernels if (arrays := without_shape(f, kernels))}

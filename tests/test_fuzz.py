@@ -1,4 +1,4 @@
-"""The measure of damaged files: what it calls a fault, and a part of it."""
+"""The measure of damaged files: what it counts as a fault, and a small part of it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.waiting import DEADLINE
 _SLICE = 150  # damaged files in the test, of the 100,000 of the measure
 
 
-# --- what is said ---
+# --- messages ---
 
 
 def test_a_message_is_one_short_line_with_both_ends_of_what_it_quotes() -> None:
@@ -33,7 +33,7 @@ def test_a_message_is_one_short_line_with_both_ends_of_what_it_quotes() -> None:
     assert len(str(error)) <= LONGEST
     assert str(error).startswith("a.json: first")
     assert "last' is used twice (one of first" in str(error)
-    assert error.place == name  # nothing is lost to a program
+    assert error.place == name  # programs get the full name
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
     assert "\x1b" not in str(InputError("a", "b\n\x1b[31mc\u202e"))
     assert str(InputError("a", "b\n\x1b[31mc")) == "a: b\\n\\x1b[31mc"
@@ -45,13 +45,13 @@ def test_a_message_is_one_short_line_with_both_ends_of_what_it_quotes() -> None:
 @pytest.mark.parametrize("lengths", [(1, 1, 1, 9999), (9999, 0, 9999, 0), (600, 600, 600, 600), (0, 499, 0, 0)])
 def test_every_part_of_a_long_message_has_its_share(lengths: tuple[int, ...]) -> None:
     source, place, problem, remedy = (letter * n for letter, n in zip("abcd", lengths, strict=True))
-    told = str(InputError(source, problem, place=place, remedy=remedy))
-    assert len(told) <= LONGEST
-    assert all(letter in told for letter, n in zip("abcd", lengths, strict=True) if n)
-    assert max(lengths) < 500 or len(told) > LONGEST - 10  # no more is left out than has to be
+    text = str(InputError(source, problem, place=place, remedy=remedy))
+    assert len(text) <= LONGEST
+    assert all(letter in text for letter, n in zip("abcd", lengths, strict=True) if n)
+    assert max(lengths) < 500 or len(text) > LONGEST - 10  # no more is cut than necessary
 
 
-def test_what_cannot_be_shown_is_described() -> None:
+def test_unprintable_content_is_described() -> None:
     assert shown(10**5000) == "a number of thousands of digits"
     assert len(shown("x" * 1000)) == 60
     nested: list[Any] = []
@@ -60,7 +60,7 @@ def test_what_cannot_be_shown_is_described() -> None:
     assert shown(nested) == "a list"
 
 
-# --- what the measure would call a fault, and that it does ---
+# --- planted faults ---
 
 
 def test_bad_messages_are_recognised(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_bad_messages_are_recognised(tmp_path: Path) -> None:
     assert classify(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
     assert classify(0, "note: " + "x" * 600)[0] == "long message"
     assert classify(0, "note: overflow encountered in multiply")[0] == "warned"
-    held = peak_memory()  # by the tests before, which is none of this
+    held = peak_memory()  # by earlier tests, to be subtracted
     assert timed("read", "", MOST_SECONDS, held).outcome == "read"
     assert timed("read", "", MOST_SECONDS + 0.1, held).outcome == "slow"
 
@@ -88,16 +88,16 @@ def test_workers_outlive_what_damaged_files_do_to_them(tmp_path: Path) -> None:
     granted = iter([0.0])
 
     def clock() -> float:
-        """It stands still until the worker has been given the time for the case that hangs, then leaps once."""
+        """The clock stands still until the worker starts the case that hangs, then jumps once."""
         return next(granted, 2.0 * DEADLINE) if 3 in by_number else 0.0
 
     for case, verdict in verdicts(faulty, tmp_path, cases, 1, batch=6, patience=DEADLINE, clock=clock):
         by_number[case.number] = verdict
     outcomes = [by_number[i].outcome for i in range(len(cases))]
     assert outcomes == ["read", "crash", "read", "printed", "hang", "read"]
-    assert by_number[0].said == tmp_path.name
-    assert "3" in by_number[1].said
-    assert "libfoo" in by_number[3].said
+    assert by_number[0].message == tmp_path.name
+    assert "3" in by_number[1].message
+    assert "libfoo" in by_number[3].message
 
 
 def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_pat
 def test_valid_files_are_read(
     valid: Mapping[str, list[Files]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Or the damage would be found in what was damaged before."""
+    """Otherwise damage would be added to files already damaged."""
     for name in READERS:
         for number, files in enumerate(valid[CORPUS_OF.get(name, name)]):
             write(files, tmp_path / "case")

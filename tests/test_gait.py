@@ -1,4 +1,4 @@
-"""Gait: events and strides of feet whose motion is known, and silence where nobody walks."""
+"""Gait: events and strides of feet with a known motion, and none without walking."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SPEED, STRIDE, SWING = 1.3, 1.1, 0.42  # m/s, s, s of a stride
 WIDTH = 0.14  # m
 HEEL, TOE = -0.05, 0.17  # m from the ankle, along the foot
 LATE = SWING / (2.0 * np.pi) * np.arccos(1.0 - SPEED * SWING / (SPEED * STRIDE))
-"""[s] A foot in swing is as fast as the pelvis so long after it left the ground, and before it strikes."""
+"""[s] The time after toe-off, and before a strike, at which a swinging foot is as fast as the pelvis."""
 
 
 def foot(time: np.ndarray, shift: float) -> np.ndarray:
@@ -57,14 +57,14 @@ def walker(time: np.ndarray, turn: float = 0.0) -> np.ndarray:
     return points @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
 
 
-def told(seconds: float = 8.0, fps: float = 50.0, turn: float = 0.0, **how: np.ndarray) -> Gait:
+def gait_of_walk(seconds: float = 8.0, fps: float = 50.0, turn: float = 0.0, **how: np.ndarray) -> Gait:
     time = 0.3 + np.arange(round(seconds * fps)) / fps
     return gait_of_landmarks(time, NAMES, walker(time, turn), **how)
 
 
 @pytest.mark.parametrize(("fps", "turn"), [(100.0, 0.0), (30.0, 2.5)])
 def test_a_known_walk(fps: float, turn: float) -> None:
-    gait = told(fps=fps, turn=turn)
+    gait = gait_of_walk(fps=fps, turn=turn)
     assert gait.remark == ""
     assert len(gait.strides) >= 10
     for stride in gait.strides:
@@ -80,8 +80,8 @@ def test_a_known_walk(fps: float, turn: float) -> None:
 
 @pytest.mark.parametrize("fps", [100.0, 25.0])
 def test_events_are_where_a_foot_is_as_fast_as_the_pelvis(fps: float) -> None:
-    """Which the method's extremes are; the strike itself comes `LATE` after, the foot left `LATE` before."""
-    gait = told(fps=fps)
+    """The extremes of the method: the strike itself comes `LATE` after, toe-off `LATE` before."""
+    gait = gait_of_walk(fps=fps)
     for event in gait.events:
         shift = 0.0 if event.side == "left" else 0.5
         phase = (event.time / STRIDE + shift) % 1.0 * STRIDE
@@ -95,7 +95,7 @@ def test_events_are_where_a_foot_is_as_fast_as_the_pelvis(fps: float) -> None:
 
 
 def stepping(stride: float, swing: float, speed: float, fps: float = 60.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times and landmarks as `walker`'s of somebody whose feet lift 12 cm between steps."""
+    """Times and landmarks as by `walker`, with feet that lift 12 cm between steps."""
     time = np.arange(round(5.0 * fps)) / fps
     points = walker(time * STRIDE / stride)
     points[:, 0, 0] = speed * time
@@ -111,7 +111,7 @@ def stepping(stride: float, swing: float, speed: float, fps: float = 60.0) -> tu
 
 @pytest.mark.parametrize(("stride", "swing", "speed"), [(1.1, 0.42, 1.3), (0.72, 0.48, 3.0)])
 def test_events_by_contact(stride: float, swing: float, speed: float) -> None:
-    """A foot strikes when it comes to rest; a runner's leaves when it no longer rests, and both are in the air."""
+    """A foot strikes when it comes to rest and leaves when it no longer rests; a runner has both in the air."""
     time, points = stepping(stride, swing, speed)
     gait = gait_of_landmarks(time, NAMES, points, contact=contact_of_points(time, NAMES[1:], points[:, 1:]))
     alone = gait_of_landmarks(time, NAMES, points)
@@ -147,7 +147,7 @@ def test_steps_too_few_for_a_stride_have_events() -> None:
     assert gait_of_landmarks(time[few], NAMES, still, contact=contact).events == ()
 
 
-def test_contact_that_nobody_sees_tells_no_events() -> None:
+def test_unseen_contact_has_no_events() -> None:
     time, points = stepping(1.1, 0.42, 1.3)
     contact = contact_of_points(time, NAMES[1:], points[:, 1:])
     doubted = replace(contact, seen=np.zeros(len(contact.names)))
@@ -172,7 +172,7 @@ def test_the_report_has_strides_and_marks() -> None:
 
 
 def test_events_of_markers_are_those_of_force_plates(shared_data: Path) -> None:
-    """In the mean of two walks, and nearer than by the pelvis alone."""
+    """On average over two walks, and closer than by the pelvis alone."""
     several = [gait_agreements(shared_data / "opencap" / "subject4", trial) for trial in WALKS]
     off = {(way, kind): np.concatenate([of[way, kind].off for of in several]) for way in WAYS for kind in KINDS}
     mean = {key: float(np.abs(values).mean()) for key, values in off.items()}
@@ -191,20 +191,20 @@ def test_noise_moves_strides_little() -> None:
     assert np.abs([stride.seconds - STRIDE for stride in gait.strides]).max() < 0.06
 
 
-def test_what_is_no_walking_is_said() -> None:
+def test_motions_without_walking_are_reported() -> None:
     time = np.arange(150) / 30.0
     standing = walker(np.zeros(150))
     assert gait_of_landmarks(time, NAMES, standing).remark.startswith("not walking: the pelvis moves at 0.00 m/s")
-    slid = standing + SPEED * time[:, None, None] * np.array([1.0, 0.0, 0.0])  # carried along, feet and all
+    slid = standing + SPEED * time[:, None, None] * np.array([1.0, 0.0, 0.0])  # the whole body carried along
     assert "no foot strikes the ground twice" in gait_of_landmarks(time, NAMES, slid).remark
     swung = slid + 0.1 * np.array([0, 1, 1, -1, -1])[:, None] * np.sin(6.0 * time)[:, None, None] * [1.0, 0.0, 0.0]
     in_air = gait_of_landmarks(time, NAMES, swung)  # carried, and swinging the legs
     assert in_air.strides == in_air.events == ()
     assert "does it stand" in in_air.remark
-    short = told(seconds=0.8)
+    short = gait_of_walk(seconds=0.8)
     assert short.strides == short.events == ()
     assert "too short: the feet are known for 0.8 s" in short.remark
-    assert told(seconds=1.4).strides == ()
+    assert gait_of_walk(seconds=1.4).strides == ()
     fast = gait_of_landmarks(np.arange(200) / 100.0, NAMES, walker(np.arange(200) / 50.0))
     assert "faster than people walk" in fast.remark
 
@@ -213,7 +213,7 @@ def test_frames_without_a_pose_are_not_bridged() -> None:
     time = np.arange(400) / 50.0
     points = walker(time)
     points[200:203] = np.nan
-    gait, whole = gait_of_landmarks(time, NAMES, points), told()
+    gait, whole = gait_of_landmarks(time, NAMES, points), gait_of_walk()
     assert 0 < len(gait.strides) < len(whole.strides)
     assert all(stride.end <= time[200] or stride.start >= time[202] for stride in gait.strides)
     nothing = gait_of_landmarks(time, NAMES, np.full_like(points, np.nan))
@@ -223,7 +223,7 @@ def test_frames_without_a_pose_are_not_bridged() -> None:
 def test_unsure_frames_are_counted() -> None:
     sure = np.ones(400, dtype=bool)
     sure[100:104] = False
-    gait = told(sure=sure)
+    gait = gait_of_walk(sure=sure)
     within = [s for s in gait.strides if s.start < 2.3 and s.end > 2.36]
     assert within
     assert all(s.unsure == 4 for s in within)
@@ -231,7 +231,7 @@ def test_unsure_frames_are_counted() -> None:
 
 
 def test_strides_as_a_table(tmp_path: Path) -> None:
-    gait = told()
+    gait = gait_of_walk()
     with gait.write(tmp_path / "strides.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(gait.strides)
@@ -245,7 +245,7 @@ def test_strides_as_a_table(tmp_path: Path) -> None:
 
 
 def test_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A run of which nothing walks, by the function and by the command; a body without feet is refused."""
+    """A run without walking, by the function and by the command; a body without feet is refused."""
     body = Body(load_subject("human34"))
     with RunWriter.create(tmp_path / "a.run", header(40)) as writer:
         for result in walk(body, 40):
@@ -265,7 +265,7 @@ def test_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_captured_walking(shared_data: Path) -> None:
-    """Events agree with when the feet stop and start; strides with the way of the hips."""
+    """Events agree with when the feet stop and start; strides with the path of the hips."""
     body = body_of("human34")
     mocap = load_mocap(shared_data / "mocap" / "walk_straight_07_01.bvh")
     time = np.arange(0.0, mocap.seconds - 1e-6, 1.0 / mocap.fps)

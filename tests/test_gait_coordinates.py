@@ -28,7 +28,7 @@ def standing(body: Body, **angles: float) -> np.ndarray:
 
 
 def coordinates(q: np.ndarray, model: str = "rajagopal") -> dict[str, Any]:
-    """By name: numbers for a pose (nq,), columns for several."""
+    """Values by name: numbers for a pose (nq,), columns for several."""
     names, values = gait_coordinates(body_of("human34"), np.atleast_2d(q), GAIT_MODELS[model])
     return dict(zip(names, values[0] if q.ndim == 1 else values.T, strict=True))
 
@@ -58,29 +58,29 @@ KNOWN = {
 @pytest.mark.parametrize("joint", KNOWN)
 def test_a_turn_of_a_joint_is_its_coordinate_alone(joint: str) -> None:
     name, sign = KNOWN[joint]
-    told = coordinates(standing(body_of("human34"), **{joint: 0.4}))
+    values = coordinates(standing(body_of("human34"), **{joint: 0.4}))
     expected = {name: sign * np.rad2deg(0.4)}
     if "knee" in name:
         expected[f"{name}_beta"] = expected[name]  # the kneecap's own coordinate follows
-    for other, value in told.items():
+    for other, value in values.items():
         if other not in ("pelvis_tx", "pelvis_ty", "pelvis_tz"):
             assert value == pytest.approx(expected.get(other, 0.0), abs=1e-3), other
 
 
 def test_the_knee_bends_the_other_way_in_gait2392() -> None:
     pose = standing(body_of("human34"), left_knee_flexion=1.0)
-    told = coordinates(pose, "gait2392")
-    assert told["knee_angle_l"] == pytest.approx(-np.rad2deg(1.0))
-    assert not [name for name in told if name.startswith(("arm", "elbow")) or name.endswith("beta")]
+    values = coordinates(pose, "gait2392")
+    assert values["knee_angle_l"] == pytest.approx(-np.rad2deg(1.0))
+    assert not [name for name in values if name.startswith(("arm", "elbow")) or name.endswith("beta")]
     assert coordinates(pose)["knee_angle_l"] == pytest.approx(np.rad2deg(1.0))
 
 
 def test_oblique_axes_are_followed_as_far_as_they_go() -> None:
-    """Toes up, and forearms forward, are positive; the share of the turn about the axis is told."""
-    told = coordinates(standing(body_of("human34"), right_ankle_dorsiflexion=0.3, left_elbow_flexion=1.0))
-    assert 0.97 * np.rad2deg(0.3) < told["ankle_angle_r"] < np.rad2deg(0.3)
-    assert 0.96 * np.rad2deg(1.0) < told["elbow_flex_l"] < np.rad2deg(1.0)
-    assert {name: v for name, v in told.items() if name.startswith(("subtalar", "mtp", "pro_sup", "wrist"))} == (
+    """Toes up, and forearms forward, are positive; the share of the turn about the axis is reported."""
+    values = coordinates(standing(body_of("human34"), right_ankle_dorsiflexion=0.3, left_elbow_flexion=1.0))
+    assert 0.97 * np.rad2deg(0.3) < values["ankle_angle_r"] < np.rad2deg(0.3)
+    assert 0.96 * np.rad2deg(1.0) < values["elbow_flex_l"] < np.rad2deg(1.0)
+    assert {name: v for name, v in values.items() if name.startswith(("subtalar", "mtp", "pro_sup", "wrist"))} == (
         dict.fromkeys(
             [f"{n}_{s}" for s in "rl" for n in ("subtalar_angle", "mtp_angle", "pro_sup", "wrist_flex", "wrist_dev")],
             0.0,
@@ -97,13 +97,13 @@ def test_arms_raised() -> None:
 
 
 def test_poses_are_composed_again() -> None:
-    """Turns about z, x, y make the segments' rotations, on left sides with x and y turned round; hips are in place."""
+    """Turns about z, x, y make the segments' rotations, on left sides with x and y negated; hips are in place."""
     body, rng = body_of("human34"), np.random.default_rng(1)
     for q in (random_pose(body, rng) for _ in range(20)):
-        told = coordinates(q)
+        values = coordinates(q)
 
-        def ball(names: tuple[str, str, str], sign: float = 1.0, told: dict[str, Any] = told) -> np.ndarray:
-            z, x, y = (told[name] for name in names)
+        def ball(names: tuple[str, str, str], sign: float = 1.0, values: dict[str, Any] = values) -> np.ndarray:
+            z, x, y = (values[name] for name in names)
             return about(Z, z) @ about(X, sign * x) @ about(Y, sign * y)
 
         pelvis, torso = segment(q, "pelvis"), segment(q, "torso")
@@ -113,11 +113,11 @@ def test_poses_are_composed_again() -> None:
         for side, s, sign in (("right", "r", 1.0), ("left", "l", -1.0)):
             hip = ball((f"hip_flexion_{s}", f"hip_adduction_{s}", f"hip_rotation_{s}"), sign)
             np.testing.assert_allclose(pelvis @ hip, segment(q, f"{side}_thigh"), atol=1e-9)
-            knee = about(-Z, told[f"knee_angle_{s}"])
+            knee = about(-Z, values[f"knee_angle_{s}"])
             np.testing.assert_allclose(pelvis @ hip @ knee, segment(q, f"{side}_shank"), atol=1e-9)
             arm = ball((f"arm_flex_{s}", f"arm_add_{s}", f"arm_rot_{s}"), sign)
             np.testing.assert_allclose(torso @ arm, segment(q, f"{side}_upper_arm"), atol=1e-9)
-        place = np.array([told[f"pelvis_t{axis}"] for axis in "xyz"])
+        place = np.array([values[f"pelvis_t{axis}"] for axis in "xyz"])
         landmarks = dict(zip(body.landmark_names, body.landmarks(body.at(q)) @ R_OPENSIM_WORLD.T, strict=True))
         middle = place + pelvis @ GAIT_MODELS["rajagopal"].mid_hip
         np.testing.assert_allclose(middle, 0.5 * (landmarks["left_hip"] + landmarks["right_hip"]), atol=1e-9)
@@ -136,31 +136,31 @@ def test_mirrored_poses_have_the_same_angles_on_the_other_side() -> None:
 
 
 def test_nothing_jumps_where_the_arm_goes_through_a_right_angle() -> None:
-    """Raised sideways to overhead, and on over the pelvis' half turn: no coordinate leaps in a frame."""
+    """Raised sideways to overhead, and through a half turn of the pelvis: no coordinate jumps between frames."""
     body = body_of("human34")
     poses = []
     for share in np.linspace(0.0, 1.0, 120):
         q = standing(body, right_shoulder_elevation=2.9 * share, right_shoulder_flexion=0.15)
         q[3:7] = pin.Quaternion(pin.exp3(np.array([0.0, 0.0, 7.0 * share]))).coeffs()
         poses.append(q)
-    told = coordinates(np.array(poses))
-    for name, column in told.items():
-        if name not in ("arm_flex_r", "arm_rot_r"):  # which are one where the arm is level
+    values = coordinates(np.array(poses))
+    for name, column in values.items():
+        if name not in ("arm_flex_r", "arm_rot_r"):  # undetermined where the arm is level
             assert np.abs(np.diff(column)).max() < 5.0, name
-    assert np.abs(np.diff(told["arm_add_r"])).max() < 5.0
-    assert np.abs(np.diff(told["arm_flex_r"])).max() < 60.0
-    assert told["pelvis_rotation"][-1] == pytest.approx(np.rad2deg(7.0), abs=1e-6)
+    assert np.abs(np.diff(values["arm_add_r"])).max() < 5.0
+    assert np.abs(np.diff(values["arm_flex_r"])).max() < 60.0
+    assert values["pelvis_rotation"][-1] == pytest.approx(np.rad2deg(7.0), abs=1e-6)
 
 
 def test_turns_are_continuous_and_make_the_rotation() -> None:
     share = np.linspace(0.0, 1.0, 200)
     path = np.stack([0.4 * np.sin(5.0 * share), 2.5 * share, -0.3 * share], axis=1)
     turns = np.stack([pin.exp3(a * Z) @ pin.exp3(b * X) @ pin.exp3(c * Y) for a, b, c in path])
-    told = continuous_turns(turns)
-    for R, (a, b, c) in zip(turns, told, strict=True):
+    angles = continuous_turns(turns)
+    for R, (a, b, c) in zip(turns, angles, strict=True):
         np.testing.assert_allclose(pin.exp3(a * Z) @ pin.exp3(b * X) @ pin.exp3(c * Y), R, atol=1e-9)
-    assert np.abs(path[:, 1]).max() > np.pi / 2  # beyond where the middle turn of the usual formula ends
-    np.testing.assert_allclose(told, path, atol=1e-6)
+    assert np.abs(path[:, 1]).max() > np.pi / 2  # beyond the range of the middle angle in the usual formula
+    np.testing.assert_allclose(angles, path, atol=1e-6)
 
 
 def test_the_turn_about_an_axis_leaves_the_least_angle() -> None:
@@ -180,14 +180,14 @@ def test_the_turn_about_an_axis_leaves_the_least_angle() -> None:
 def test_frames_without_a_pose_have_no_values() -> None:
     q = np.repeat(standing(body_of("human34"), left_knee_flexion=0.5)[None], 3, axis=0)
     q[1] = np.nan
-    told = coordinates(q)
-    assert all(np.isnan(column[1]) and np.isfinite(column[[0, 2]]).all() for column in told.values())
+    angles = coordinates(q)
+    assert all(np.isnan(column[1]) and np.isfinite(column[[0, 2]]).all() for column in angles.values())
 
 
 def test_only_whole_persons_have_these_coordinates() -> None:
-    for name, told in (("arm8", "no link pelvis"), ("upper13", "no link pelvis")):
+    for name, message in (("arm8", "no link pelvis"), ("upper13", "no link pelvis")):
         body = body_of(name)
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             gait_coordinates(body, body.neutral[None], GAIT_MODELS["rajagopal"])
 
 
@@ -197,7 +197,7 @@ LEFT_OPEN = {"thigh": 0.1, "shank": 14.0, "foot": 16.0, "upper_arm": 0.1, "forea
 
 
 def test_a_gait_model_moves_as_our_body_does() -> None:
-    """The model is the user's own: KINEMODE_GAIT_MODEL names an .osim with Rajagopal's coordinates."""
+    """With the user's model: KINEMODE_GAIT_MODEL names an .osim with Rajagopal's coordinates."""
     osim: Any = pytest.importorskip("opensim", reason="OpenSim is not installed: pip install opensim")
     path = os.environ.get("KINEMODE_GAIT_MODEL", "")
     if not Path(path).is_file():
@@ -209,13 +209,13 @@ def test_a_gait_model_moves_as_our_body_does() -> None:
     pose = standing(body, right_hip_flexion=0.7, right_hip_abduction=0.3, left_hip_rotation=0.2, right_knee_flexion=0.9,
                     left_ankle_dorsiflexion=0.3, left_elbow_flexion=1.0, left_shoulder_flexion=0.6)  # fmt: skip
     pose[:7] = [0.3, 0.2, 1.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.2, 0.3, 1.1)).coeffs()]
-    told = coordinates(pose)
+    values = coordinates(pose)
     lumbar = {f"lumbar_{n}" for n in ("extension", "bending", "rotation")}
-    assert set(told) - set(known) <= lumbar | {f"knee_angle_{s}_beta" for s in "lr"}
-    for name in set(told) & set(known):
+    assert set(values) - set(known) <= lumbar | {f"knee_angle_{s}_beta" for s in "lr"}
+    for name in set(values) & set(known):
         coordinate = model.updCoordinateSet().get(name)
         coordinate.setClamped(state, False)
-        value = told[name] if name[:-1] == "pelvis_t" else np.deg2rad(told[name])
+        value = values[name] if name[:-1] == "pelvis_t" else np.deg2rad(values[name])
         coordinate.setValue(state, float(value), False)
     model.realizePosition(state)
     for side, s in (("right", "r"), ("left", "l")):

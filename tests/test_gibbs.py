@@ -1,4 +1,4 @@
-"""Maximum entropy densities: known answers, and the moments that they promise."""
+"""Maximum entropy densities: known answers, and the required moments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frame rates that are given for films: whose they are, and what becomes of the films' own times."""
+"""Frame rates given for films: to which clock they apply, and how the films' own times change."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_a_film_that_is_slow_in_a_part_has_no_one_rate(fast: float, share: float
         report_at(FILM, film(np.concatenate(parts)), 240.0)
 
 
-def test_a_rate_is_the_keypoints_where_their_number_says_so() -> None:
+def test_the_number_of_keypoint_frames_decides_whose_rate_it_is() -> None:
     report = film(np.full(119, 1.0 / 30.0))
     assert not of_keypoints(120, report, 15.0)  # one for each picture: the pictures' rate
     assert of_keypoints(60, report, 15.0)
@@ -65,7 +65,7 @@ def test_a_rate_is_the_keypoints_where_their_number_says_so() -> None:
     assert not of_keypoints(30, report, 120.0)
 
 
-def test_a_declared_rate_is_of_the_clock_that_its_number_suits() -> None:
+def test_a_declared_rate_belongs_to_the_clock_that_matches_its_frame_count() -> None:
     own = film(np.full(119, 1.0 / 30.0))
     slow, _ = report_at(FILM, own, 120.0)
     assert keypoint_rate(keypoints(120, None), own, slow) is None

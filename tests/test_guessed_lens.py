@@ -1,4 +1,4 @@
-"""The lens of a single camera without a calibration: by the user's word, the clip's tags, or that of most phones."""
+"""The lens of a single camera without a calibration: from the user, the clip's tags, or that of most phones."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ TAG = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 
 
 def film(path: Path, *tags: str) -> Path:
-    said = [word for tag in tags for word in ("-metadata", tag)]
+    arguments = [word for tag in tags for word in ("-metadata", tag)]
     source = ["-f", "lavfi", "-i", "testsrc=size=64x48:rate=5", "-t", "0.4", "-movflags", "use_metadata_tags"]
-    subprocess.run([*ffmpeg_command(), *source, *said, str(path)], check=True)
+    subprocess.run([*ffmpeg_command(), *source, *arguments, str(path)], check=True)
     return path
 
 
-@pytest.mark.parametrize(("said", "focal"), [("26mm", 0.721), ("28 mm", 0.777), ("1400px", 1400 / 1920), ("0.9", 0.9)])
-def test_what_the_user_says_is_taken(said: str, focal: float) -> None:
+@pytest.mark.parametrize(("given", "focal"), [("26mm", 0.721), ("28 mm", 0.777), ("1400px", 1400 / 1920), ("0.9", 0.9)])
+def test_the_users_value_is_used(given: str, focal: float) -> None:
     """Of 26 and 28 mm phones the calibrations have 0.714 and 0.784."""
-    assert lens_of(said, None, 1920.0).focal == pytest.approx(focal, abs=1e-3)
+    assert lens_of(given, None, 1920.0).focal == pytest.approx(focal, abs=1e-3)
 
 
-@pytest.mark.parametrize("said", ["", "x", "26cm", "0", "1e9", "nan", "5000"])
-def test_what_is_no_focal_length_is_refused(said: str) -> None:
-    with pytest.raises(InputError, match=r"--focal: .*is no focal length .as 26mm"):
-        lens_of(said, None, 1920.0)
+@pytest.mark.parametrize("given", ["", "x", "26cm", "0", "1e9", "nan", "5000"])
+def test_invalid_focal_lengths_are_refused(given: str) -> None:
+    with pytest.raises(InputError, match=r"--focal: .*is not a focal length .as 26mm"):
+        lens_of(given, None, 1920.0)
 
 
-def test_films_and_pictures_tell_their_lens(tmp_path: Path) -> None:
+def test_films_and_pictures_declare_their_lens(tmp_path: Path) -> None:
     assert lens_tags(film(tmp_path / "a.mov", f"{TAG}=26")) == (26.0, None)
     assert lens_tags(film(tmp_path / "b.mov", f"{MODEL}=iPhone 12 Pro")) == (None, "iPhone 12 Pro")
     assert lens_tags(film(tmp_path / "c.mov", f"{TAG}=wide")) == (None, None)
@@ -79,13 +79,13 @@ def test_every_phone_is_found_by_its_names_and_has_one_lens() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "said"),
+    ("model", "message"),
     [("iPhone 12 Por", "did you mean iPhone 12 Pro"), ("Pixel 8", r"'Pixel 8' is not known \(Apple's are, as"),
      ("iPhone1,2", "is not known"), ("", "'' is not known")],
 )  # fmt: skip
-def test_a_phone_that_is_not_known_is_refused_with_near_names(model: str, said: str, tmp_path: Path) -> None:
+def test_a_phone_that_is_not_known_is_refused_with_near_names(model: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "a.json").touch()
-    with pytest.raises(InputError, match=f"^--phone: the lens of .*{said}"):
+    with pytest.raises(InputError, match=f"^--phone: the lens of .*{message}"):
         km.track("human34", None, keypoints=tmp_path / "a.json", phone=model)
 
 
@@ -110,25 +110,25 @@ def load(
     return inputs.observations[0].cameras[0].K[0, 0] / 64.0, " ".join(inputs.notes)
 
 
-def test_the_users_word_goes_before_the_clips(tmp_path: Path) -> None:
-    focal, said = load(tmp_path, f"{TAG}=26", f"{MODEL}=iPhone 12 Pro")
+def test_the_users_value_takes_precedence_over_the_clips(tmp_path: Path) -> None:
+    focal, notes = load(tmp_path, f"{TAG}=26", f"{MODEL}=iPhone 12 Pro")
     assert focal == pytest.approx(0.721, abs=1e-3)
-    assert "by the file (26 mm on 35 mm film)" in said
-    focal, said = load(tmp_path / "b", f"{TAG}=26", focal="0.9")
+    assert "by the file (26 mm on 35 mm film)" in notes
+    focal, notes = load(tmp_path / "b", f"{TAG}=26", focal="0.9")
     assert focal == pytest.approx(0.9)
-    assert "by --focal" in said
-    assert "guessed" not in said
+    assert "by --focal" in notes
+    assert "guessed" not in notes
     assert 0.67 < PHONES < 0.8
 
 
-def test_the_phone_that_a_film_names_goes_before_a_guess(tmp_path: Path) -> None:
-    focal, said = load(tmp_path / "a", f"{MODEL}=iPhone 12 Pro")
+def test_the_phone_named_by_a_film_takes_precedence_over_a_guess(tmp_path: Path) -> None:
+    focal, notes = load(tmp_path / "a", f"{MODEL}=iPhone 12 Pro")
     assert focal == pytest.approx(0.7136)
-    assert "by the phone that the file names (iPhone 12 Pro: OpenCap's calibration" in said
-    focal, said = load(tmp_path / "b", f"{MODEL}=Pixel 8")
-    assert (focal, "is guessed" in said) == (pytest.approx(PHONES), True)
-    focal, said = load(tmp_path / "c", f"{MODEL}=iPhone 12 Pro", phone="iPhone XR")
-    assert (focal, "by --phone (iPhone XR:" in said) == (pytest.approx(0.7063), True)
+    assert "by the phone that the file names (iPhone 12 Pro: OpenCap's calibration" in notes
+    focal, notes = load(tmp_path / "b", f"{MODEL}=Pixel 8")
+    assert (focal, "is guessed" in notes) == (pytest.approx(PHONES), True)
+    focal, notes = load(tmp_path / "c", f"{MODEL}=iPhone 12 Pro", phone="iPhone XR")
+    assert (focal, "by --phone (iPhone XR:" in notes) == (pytest.approx(0.7063), True)
     write_cameras(tmp_path / "cameras.json", [camera_at(0.0)])
     with pytest.raises(InputError, match="--phone: is of a camera that no file describes"):
         load(tmp_path / "d", phone="iPhone XR", cameras=tmp_path / "cameras.json")

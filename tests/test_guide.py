@@ -1,5 +1,5 @@
-"""The commands and programs of README and guide, run as they stand there; the pages as a site without a warning; the
-reference pages, which have every command, setting, tracker, format and public name."""
+"""The commands and programs of README and guide, run as written; the pages as a site without a warning; the reference
+pages, which have every command, setting, tracker, format and public name."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ GUIDE = sorted((DOCS / "guide").glob("*.md"))
 FIRST = "first-clip"
 RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues", "points", "retargeting")
 QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
-"""Pages whose tracks are made with few searches and of the subject as it is: other pages fit it."""
+"""Pages whose tracks use few searches and the unfitted subject: other pages fit it."""
 BATCH = "batch"
 PAGES = (FIRST, *RUNNABLE, *QUICKLY, BATCH, "conventions", "install", "troubleshooting", "two-phones")
 MANIFESTS = {"text": "clips.csv", "toml": "clips.toml"}
-"""Files that the page of batches shows, by the kinds of their blocks."""
+"""Files shown on the batch page, by block type."""
 COMMANDS = {name for name in cli.app if not name.startswith("-")}
 ALWAYS = {"--help", "--debug"}
 QUIET = "ignore:.*Check CHANGES for Sphinx API modifications"
@@ -59,7 +59,7 @@ def blocks(name: str) -> list[tuple[str, str]]:
 
 @pytest.fixture
 def folder(tmp_path_factory: pytest.TempPathFactory, tmp_path: Path) -> Path:
-    """A copy of what the first page has made, which the others use, with a clip, its keypoints, calibration and truth
+    """A copy of the first page's output, which the other pages use, with a clip, its keypoints, calibration and truth
     under the names of a reader's own files."""
 
     def first_page(empty: Path) -> Path:
@@ -76,13 +76,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def detector(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A detector that finds in every clip what is in walk.json."""
+    """A detector that returns walk.json for every clip."""
     monkeypatch.setattr(detection, "detect_clip", lambda clip, file, *_: shutil.copy("walk.json", file))
 
 
 @pytest.fixture
 def few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Trackers whose defaults make a frame short, and no fit before."""
+    """Trackers with fast frames at their defaults, and no fit before."""
     usual = registry._defaults
 
     def few(spec: Any) -> Any:
@@ -94,8 +94,8 @@ def few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def follow(name: str, folder: Path) -> None:
-    """Do what a page says, all of it in this process, and of shorter clips: what takes long is the same frame after
-    frame. Blocks called "console" need files or devices that a test does not have; manifests of batches are written."""
+    """Run the examples of a page in this process, on shorter clips: long ones only repeat similar frames. Blocks called
+    "console" need files or devices that a test does not have; manifests of batches are written."""
     steps = [block for block in blocks(name) if block[0] in ("sh", "python", *(MANIFESTS if name == BATCH else ()))]
     assert steps
     names: dict[str, Any] = {"__name__": "__main__"}
@@ -117,8 +117,8 @@ def follow(name: str, folder: Path) -> None:
 
 @pytest.mark.usefixtures("detector")
 @pytest.mark.parametrize("name", later((FIRST, *RUNNABLE), "own-robot"))
-def test_what_a_page_says_works(name: str, folder: Path) -> None:
-    if name != FIRST:  # that is done already
+def test_the_examples_of_a_page_work(name: str, folder: Path) -> None:
+    if name != FIRST:  # already done
         follow(name, folder)
     assert (folder / "reach.run").exists()
 
@@ -126,13 +126,13 @@ def test_what_a_page_says_works(name: str, folder: Path) -> None:
 @pytest.mark.usefixtures("detector", "few_searches")
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 @pytest.mark.parametrize("name", QUICKLY)
-def test_what_a_page_says_works_with_few_searches(name: str, folder: Path) -> None:
+def test_the_examples_of_a_page_work_with_few_searches(name: str, folder: Path) -> None:
     follow(name, folder)
 
 
 class StandIn:
-    """In place of a cluster that takes other machines: a scheduler and one worker in this process, started with the
-    arguments that the cluster takes. names: those of its arguments."""
+    """In place of a cluster of other machines: a scheduler and one worker in this process, started with the cluster's
+    arguments. names: of these arguments."""
 
     def __init__(self, *names: str) -> None:
         self._names = {*names}
@@ -152,7 +152,7 @@ class StandIn:
 
 @pytest.fixture
 def far_clusters(monkeypatch: pytest.MonkeyPatch) -> list[StandIn]:
-    """Dask's clusters of other machines, whose work is done here."""
+    """Dask's clusters of other machines, with their work done here."""
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     ssh = StandIn(*inspect.signature(distributed.SSHCluster).parameters)
     slurm = StandIn("queue", "cores", "processes", "memory", "walltime")  # of dask-jobqueue 0.9
@@ -161,7 +161,7 @@ def far_clusters(monkeypatch: pytest.MonkeyPatch) -> list[StandIn]:
     return [ssh, slurm]
 
 
-def test_what_the_page_of_batches_says_works(folder: Path, far_clusters: list[StandIn]) -> None:
+def test_the_examples_of_the_batch_page_work(folder: Path, far_clusters: list[StandIn]) -> None:
     follow(BATCH, folder)
     with (folder / "tracked" / "summary.csv").open(newline="", encoding="utf-8") as table:
         rows = list(csv.DictReader(table))
@@ -206,7 +206,7 @@ def understood(line: str) -> bool:
 
 
 def unknown_words(text: str) -> list[str]:
-    """Commands and options between backticks that there are not."""
+    """Commands and options between backticks that do not exist."""
     unknown = []
     for command, rest in MENTIONED.findall(text):
         if command not in COMMANDS:
@@ -268,8 +268,8 @@ def test_readme_and_table_have_every_command_and_target() -> None:
 
 
 def site(builder: str, out: Path) -> ModuleType:
-    """Build the documentation in this process, which has loaded what the reference is written from; the module that
-    wrote it."""
+    """Build the documentation in this process, where the sources of the reference are already imported; returns the
+    module that wrote it."""
     application = pytest.importorskip("sphinx.application", reason="Sphinx is not installed")
     docutils = pytest.importorskip("sphinx.util.docutils")
     warnings = io.StringIO()
@@ -282,10 +282,10 @@ def site(builder: str, out: Path) -> ModuleType:
 
 
 @pytest.mark.filterwarnings(QUIET)
-def test_the_site_has_every_page_and_the_reference_all_that_there_is(
+def test_the_site_has_every_page_and_a_complete_reference(
     tmp_path: Path,
 ) -> None:
-    generate = site("dummy", tmp_path)  # all but the writing of pages
+    generate = site("dummy", tmp_path)  # everything but writing the pages
     built = {path.relative_to(tmp_path / ".doctrees").with_suffix("") for path in tmp_path.rglob("*.doctree")}
     assert built == {path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md")}
     assert set(generate.PAGES) == {path.stem for path in (DOCS / "reference").glob("*.md")}
@@ -329,7 +329,7 @@ DOCSTRING = """What it is: a * b.
 
 
 def own_settings(name: str) -> set[str]:
-    """The last words of a tracker's settings, of all groups."""
+    """The last part of a tracker's settings keys, over all groups."""
 
     def last(values: dict[str, Any]) -> Iterator[str]:
         for key, value in values.items():
@@ -339,7 +339,7 @@ def own_settings(name: str) -> set[str]:
 
 
 @pytest.mark.filterwarnings(QUIET)
-@pytest.mark.paper  # a long example: the quicker test above finds all but what the writing of pages alone finds
+@pytest.mark.paper  # a long example: the quicker test above covers all but writing the pages
 def test_the_pages_are_written_without_a_warning(tmp_path: Path) -> None:
     site("html", tmp_path)
     commands = (tmp_path / "reference" / "commands.html").read_text(encoding="utf-8")

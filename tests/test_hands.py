@@ -1,4 +1,4 @@
-"""Hands that stand on the floor, where that is asked for."""
+"""Hands that stand on the floor, on request."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def test_what_rests_low_stands_and_what_rests_high_or_moves_does_not() -> None:
     assert not hands.standing(np.stack([low, low], axis=1), time, None).any()
 
 
-def test_they_are_held_where_that_is_asked_for() -> None:
-    """A person who stands, on a floor at the height of the hands: these stand, too, for what they can tell."""
+def test_hands_are_held_on_request() -> None:
+    """A standing person on a floor at the height of the hands, which therefore count as standing too."""
     body = body_of("human34")
     q, times = np.tile(body.neutral, (12, 1)), np.arange(12) / FPS
     camera = camera_at(20.0, distance=3.5, height=1.0, aim=(0.0, 0.0, 0.9))
@@ -51,19 +51,19 @@ def test_they_are_held_where_that_is_asked_for() -> None:
     assert costs[6].value_at(raised) > costs[6].value_at(body.neutral) + 1.0
 
 
-def test_contact_tells_of_hands_where_asked(tmp_path: Path) -> None:
+def test_contact_reports_hands_on_request(tmp_path: Path) -> None:
     file = tmp_path / "a.run"
     with RunWriter.create(file, header(8)) as writer:
         for result in random_walk(body_of("human34"), 8):
             writer.append(result, state_of(result))
     run = km.open_run(file)
     assert km.contact(run).hands is None
-    told = km.contact(run, hands=True, plot=tmp_path / "a.png")
-    assert told.hands is not None
-    assert told.hand_names == ("left_wrist", "right_wrist")
-    assert told.hands.shape == (len(run), 2)
-    assert all(s.point in told.hand_names for s in told.hand_stances)
-    with told.write(tmp_path / "a.csv").open() as file:
+    contact_found = km.contact(run, hands=True, plot=tmp_path / "a.png")
+    assert contact_found.hands is not None
+    assert contact_found.hand_names == ("left_wrist", "right_wrist")
+    assert contact_found.hands.shape == (len(run), 2)
+    assert all(s.point in contact_found.hand_names for s in contact_found.hand_stances)
+    with contact_found.write(tmp_path / "a.csv").open() as file:
         heads = next(csv.reader(file))
     assert heads[-2:] == ["left_wrist stands", "right_wrist stands"]
     assert (tmp_path / "a.png").stat().st_size > 1000

@@ -1,4 +1,5 @@
-"""Limbs proposed by a visual hull: candidates lie in it, true limbs of any body are among them, nothing gives none."""
+"""Limbs proposed by a visual hull: candidates lie in it and include the true limbs of any body; an empty hull gives
+none."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ Scene = tuple[LimbGraph, list[LimbView], np.ndarray, np.ndarray]
 
 
 def painted(graph: LimbGraph, t: np.ndarray, R: np.ndarray, camera: Camera) -> LimbView:
-    """White cones before black, and where they are."""
+    """White cones before black, and their places."""
     about = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
     circle = np.stack([np.cos(about), np.sin(about), np.zeros(40)], axis=1)
     picture = np.zeros((*camera.image_size[::-1], 3), np.uint8)
@@ -79,7 +80,7 @@ def test_candidates_lie_where_all_views_see_the_person(person, proposed) -> None
             x, y = np.rint(view.camera.project(middle)).astype(int).T
             shown = (x >= 0) & (y >= 0) & (x < 640) & (y < 480)
             assert shown.mean() > 0.9
-            # half a cell of 60 mm to its middle, and half its diagonal, of 714 px a metre at a distance of 1 m
+            # half a 60 mm cell plus half its diagonal, at 714 px per metre at a distance of 1 m
             depth = (middle @ view.camera.R_camera_world.T + view.camera.t_camera_world)[:, 2]
             assert (away[y[shown], x[shown]] * depth[shown]).max() < 714.0 * (0.03 + 0.052) * 1.1
     for proposals in proposed:
@@ -117,14 +118,14 @@ def test_equal_seeds_give_equal_bits(person, proposed) -> None:
         assert a.weights.tobytes() == b.weights.tobytes()
 
 
-def test_nobody_gives_no_candidates_and_no_background_some(person) -> None:
+def test_empty_silhouettes_give_no_candidates_and_no_background_gives_some(person) -> None:
     graph, views, _, _ = person
     black = np.zeros((480, 640, 3), np.uint8)
     empty = [limb_view(v.camera, black, np.zeros((480, 640), bool)) for v in views]
     assert [len(s.points) for s in proposals_of(person, views=empty)] == [0] * len(graph.limbs)
     one_sees = [empty[0], empty[1], views[2]]
     assert [len(s.points) for s in proposals_of(person, views=one_sees)] == [0] * len(graph.limbs)
-    for masked in (None, np.zeros((480, 640), bool)):  # without a background, and with nothing known of it
+    for masked in (None, np.zeros((480, 640), bool)):  # without a background, and with an unknown one
         bare = [limb_view(v.camera, black, masked, masked) for v in views]
         for proposals in proposals_of(person, HullSettings(poses=500, rounds=1), bare):
             assert np.isfinite(proposals.points).all()
@@ -171,7 +172,7 @@ def test_what_a_pose_leaves_over_is_what_it_does_not_cover(person) -> None:
         assert 0.0 < (rest.foreground == PERSON).sum() < 0.3 * (whole.foreground == PERSON).sum()
 
 
-def test_a_forearm_taken_for_the_trunk_is_shouted_where_it_is(person) -> None:
+def test_a_forearm_in_place_of_the_trunk_is_proposed_as_a_forearm(person) -> None:
     graph, views, t, R = person
     arm, wrong = graph.names.index("right_forearm"), t.copy()
     wrong[arm] = t[graph.names.index("torso")]

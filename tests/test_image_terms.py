@@ -1,4 +1,4 @@
-"""Terms of the image cost: derivatives, least at the truth, and what each cue is documented to do."""
+"""Terms of the image cost: derivatives, minimum at the truth, and the documented behaviour of each cue."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SETTINGS = cue_settings()
 
 
 def with_evidence(**evidence: float) -> CueSettings:
-    """The usual settings with other weights of some cues; surface: of the visibility penalties."""
+    """The usual settings with other weights of some cues; surface: weight of the visibility penalties."""
     groups: dict[str, Any] = {
         name: replace(SETTINGS.of(name), evidence=v) for name, v in evidence.items() if name != "surface"
     }
@@ -103,13 +103,13 @@ def likelihood(settings: CueSettings = SETTINGS) -> ImageLikelihood:
 
 
 def energy(settings: CueSettings, q: np.ndarray) -> float:
-    """Of both cameras' features, assigned anew."""
+    """The energy of both cameras' features, assigned again."""
     posed = frame().body.at(q)
     return Cost(frame().body, likelihood(settings).assigned(posed)).of(posed).value
 
 
 def terms(cue: str) -> list[Term]:
-    """What one cue of each camera says around the pose that is off."""
+    """The terms of one cue of each camera around the perturbed pose."""
     f, posed = frame(), frame().body.at(frame().q_off)
     if cue == "flow":
         return likelihood().followed(f.body.at(f.q_before), posed)
@@ -172,7 +172,7 @@ def test_the_exact_hessian_is_exact(potential: int, distance: float, focal: floa
 
 @pytest.mark.parametrize("settings", [EDGES, OUTLINE, SETTINGS], ids=["edges", "outline", "all"])
 def test_the_energy_is_least_at_the_true_pose(settings: CueSettings) -> None:
-    """Of all moves of the root by 4 cm or 4.6 degrees and of joints by 8.6 degrees, to either side."""
+    """Over all moves of the root by 4 cm or 4.6 degrees and of joints by 8.6 degrees, in both directions."""
     f = frame()
     at_truth, names = energy(settings, f.q), list(f.body.q_names)
     moves = [*0.04 * np.eye(f.body.nv)[:3], *0.08 * np.eye(f.body.nv)[3:6]]
@@ -210,7 +210,7 @@ def test_evidence_does_not_grow_with_the_mesh(settings: CueSettings) -> None:
 
 
 def stripes(at: dict[float, float], size: int = 61) -> EdgeMap:
-    """Upright edges at columns x, as strong as given, a pixel or two wide."""
+    """Vertical edges at columns x with given strengths, a pixel or two wide."""
     x = np.arange(size, dtype=float)
     row = sum(strength * np.exp(-0.5 * np.square(x - place)) for place, strength in at.items())
     direction = np.zeros((size, size, 2), dtype=np.float32)
@@ -230,7 +230,7 @@ def searched(edges: EdgeMap, x: float, state: int = OUTER, **changes: Any) -> tu
 
 
 def test_two_equal_edges_pull_alike() -> None:
-    """CSS eq. 8: in the middle between them nothing pulls; beside it the nearer does, towards itself."""
+    """CSS eq. 8: midway between them there is no pull; elsewhere the nearer pulls towards itself."""
     target, share, _ = searched(stripes({23.0: 0.8, 37.0: 0.8}), 30.0)
     assert sorted(target[:2]) == pytest.approx([23.0, 37.0], abs=0.05)
     assert share[0] == pytest.approx(share[1], rel=1e-5)
@@ -257,14 +257,14 @@ def test_two_equal_edges_pull_alike() -> None:
 
 def test_edges_are_found_to_a_fraction_of_a_pixel_along_the_normal_alone() -> None:
     edges = stripes({33.3: 0.9})
-    for x, within in ((25.0, 0.1), (30.4, 0.5), (40.0, 0.1)):  # pixels are looked at along the normal, not between them
+    for x, within in ((25.0, 0.1), (30.4, 0.5), (40.0, 0.1)):  # pixels are sampled along the normal
         target, share, _ = searched(edges, x)
         assert target[0] == pytest.approx(33.3, abs=within)
         assert not share[1:].any()
     assert not searched(edges, 30.0, normal=(0.0, 1.0))[1].any()
     assert not searched(edges, 30.0, state=HIDDEN)[1].any()
     assert not searched(edges, 10.0)[1].any()  # beyond the window
-    assert searched(edges, 33.0)[1][0] > 1.2 * searched(edges, 25.0)[1][0]  # the farther, the less likely
+    assert searched(edges, 33.0)[1][0] > 1.2 * searched(edges, 25.0)[1][0]  # less likely with distance
 
 
 def test_motion_boundaries_weigh_as_printed() -> None:
@@ -280,12 +280,12 @@ def test_motion_boundaries_weigh_as_printed() -> None:
         matched = ImageLikelihood.of(model(EDGES), [f.cues[0].changed(flow=flow)], f.extents[:1])
         scaled = Cost(f.body, matched.assigned(f.body.at(f.q))).at(f.q)
         curvature.append(np.trace(scaled.hessian))
-    # pulls weaken by 1 - k; the Leclerc potential gives a part of it back to residuals that count as smaller
+    # pulls weaken by 1 - k; the Leclerc potential compensates part of it, as residuals count as smaller
     assert 1.0 - EDGES.of("edges").motion_boundary < curvature[1] / curvature[0] < 1.0
 
 
-def test_the_foreground_tells_which_edges_can_be_the_bodys() -> None:
-    """The outline's edges lie on the foreground's; none of the body's lies outside of it."""
+def test_the_foreground_decides_which_edges_can_be_the_bodys() -> None:
+    """The outline's edges lie on the foreground's; none of the body's edges lies outside it."""
     edges = stripes({24.0: 0.8, 36.0: 0.8})
     distance = np.tile(np.arange(61, dtype=np.float32) - 24.0, (61, 1))  # foreground to the left of column 24
     target, share, _ = searched(edges, 30.0, distance=distance)

@@ -1,4 +1,4 @@
-"""The measure of an index measures right: exact search is exact, all examples hold the nearest, and more of them never
+"""The measure of an index is right: exact search is exact, all examples contain the nearest, and more of them never
 make the best worse."""
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def queries() -> Asked:
     return Asked(rng.random((5, M)) < 0.5, rng.uniform(10.0, 500.0, (5, N)))
 
 
-def test_who_compares_all_has_all_that_exact_search_has(
+def test_comparing_all_equals_exact_search(
     index: ExampleIndex, queries: Asked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def farthest(codes: np.ndarray, count: int) -> dict[str, object]:
@@ -76,7 +76,7 @@ def test_all_examples_hold_the_nearest_and_more_are_never_worse(index: ExampleIn
     assert shares[0] < shares[-1] < 1.0
 
 
-def test_what_cannot_be_made_is_told() -> None:
+def test_invalid_requests_are_refused() -> None:
     for name, value, option in (
         ("examples", 10, "--sizes"), ("key_bits", 0, "--key-bits"), ("key_bits", M + 1, "--key-bits"),
         ("tables", -1, "--tables"), ("neighbours", N + 1, "--counts"),

@@ -1,4 +1,4 @@
-"""Input that disagrees with itself: sizes, frame rates, clocks and names are put right or said, never assumed."""
+"""Inconsistent input: sizes, frame rates, clocks and names are corrected or reported, never assumed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def swinging(time: np.ndarray) -> np.ndarray:
 
 
 def seen(camera: Camera, time: np.ndarray, fps: float | None = RATE, **changes: Any) -> KeypointTrack:
-    """What an exact detector sees of the body at these times; the file declares no size unless `changes` do."""
+    """Keypoints of an exact detector at these times; the file declares no size unless `changes` does."""
     pixels = np.array([camera.project(BODY.landmarks(BODY.at(q))) for q in swinging(time)])
     return KeypointTrack("landmarks", BODY.landmark_names, pixels, np.ones(pixels.shape[:2]), fps=fps, **changes)
 
@@ -66,7 +66,7 @@ def every(track: KeypointTrack, step: int, fps: float | None) -> KeypointTrack:
 
 
 def pictures(folder: Path, count: int = COUNT, size: tuple[int, int] = SIZE) -> Path:
-    """A clip as a folder of pictures, each of which tells its number by its grey value."""
+    """A clip as a folder of pictures, whose grey value encodes the frame number."""
     folder.mkdir()
     for i in range(count):
         cv2.imwrite(str(folder / f"{i:03d}.png"), np.full((size[1], size[0]), i, np.uint8))
@@ -85,8 +85,8 @@ def files(folder: Path, tracks: dict[str, KeypointTrack]) -> dict[str, Path]:
     return {name: folder / f"{name}.json" for name in tracks}
 
 
-def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **told: Any) -> Inputs:
-    return load_inputs(BODY, FileOptions(clips, keypoints=files(folder / "k", tracks), cameras=CAMERAS, **told))
+def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **options: Any) -> Inputs:
+    return load_inputs(BODY, FileOptions(clips, keypoints=files(folder / "k", tracks), cameras=CAMERAS, **options))
 
 
 def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,14 +101,14 @@ def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatc
     write_cameras(tmp_path / "c.json", list(CAMERAS.values()))
     tracks = files(tmp_path / "k", {"a": every(SEEN["a"], 2, 15.0)})
     load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=tracks, cameras=tmp_path / "c.json", fps="a=30"))
-    assert sorted(opened) == ["a", "a", "a.json", "c.json"]  # the clip a second time, at the rate that is given
+    assert sorted(opened) == ["a", "a", "a.json", "c.json"]  # the clip a second time, at the given rate
 
 
 def stacked(inputs: Inputs) -> np.ndarray:
     return np.array([o.pixels for o in inputs.observations])
 
 
-def told(inputs: Inputs, text: str) -> bool:
+def has_note(inputs: Inputs, text: str) -> bool:
     return any(text in note for note in inputs.notes)
 
 
@@ -119,18 +119,24 @@ def test_what_agrees_is_taken_as_it_is(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stacked(inputs), np.stack([t.pixels for t in SEEN.values()], axis=1))
 
 
-def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
+def test_declared_sizes_are_scaled_with_a_note(tmp_path: Path) -> None:
     declared = {name: replace(halved(track), image_size=(80, 60)) for name, track in SEEN.items()}
-    unsaid = {name: halved(track) for name, track in SEEN.items()}
+    without_size = {name: halved(track) for name, track in SEEN.items()}
     expected = stacked(load(tmp_path, SEEN))
     sizes = {"b": (80, 60), "a": "80x60", "c": "80x60"}
-    for tracks, more in ((declared, {}), (unsaid, {"keypoint_size": "80x60"}), (unsaid, {"keypoint_size": sizes})):
+    for tracks, more in (
+        (declared, {}),
+        (without_size, {"keypoint_size": "80x60"}),
+        (without_size, {"keypoint_size": sizes}),
+    ):
         inputs = load(tmp_path, tracks, **more)
         np.testing.assert_allclose(stacked(inputs), expected, atol=1e-9)
         assert sum("80 x 60 are scaled to 160 x 120" in note for note in inputs.notes) == 3
     with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size has 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
-    alone = load_inputs(BODY, FileOptions(None, keypoints=files(tmp_path, {"a": unsaid["a"]}), keypoint_size=(80, 60)))
+    alone = load_inputs(
+        BODY, FileOptions(None, keypoints=files(tmp_path, {"a": without_size["a"]}), keypoint_size=(80, 60))
+    )
     assert alone.observations[0].cameras[0].image_size == (80, 60)
     with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
         load(tmp_path, {"a": replace(SEEN["a"], image_size=(80, 80))})
@@ -178,10 +184,10 @@ def test_undeclared_sizes_are_noticed(tmp_path: Path) -> None:
     doubled = replace(SEEN["a"], pixels=SEEN["a"].pixels * 4.0)
     with pytest.raises(InputError, match=r"outside the picture of 160 x 120.*--keypoint-size"):
         load(tmp_path, {"a": doubled})
-    assert told(load(tmp_path, {"a": halved(SEEN["a"])}), "--keypoint-size 80x60")
+    assert has_note(load(tmp_path, {"a": halved(SEEN["a"])}), "--keypoint-size 80x60")
     some = SEEN["a"].pixels.copy()
     some[:12] += 1000.0
-    assert told(load(tmp_path, {"a": replace(SEEN["a"], pixels=some)}), "20% of the keypoints lie outside")
+    assert has_note(load(tmp_path, {"a": replace(SEEN["a"], pixels=some)}), "20% of the keypoints lie outside")
     assert load(tmp_path, {"a": SEEN["a"]}).notes == ()
 
 
@@ -195,7 +201,7 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
     with pytest.raises(InputError, match=f"--keypoint-size b={size}"):
         load(tmp_path, odd)
     wrong = {name: replace(t, image_size=SIZE) for name, t in scaled.items()}
-    assert told(load(tmp_path, wrong), "are the sizes that are declared")
+    assert has_note(load(tmp_path, wrong), "are the sizes that are declared")
 
 
 def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Path) -> None:
@@ -203,7 +209,7 @@ def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Pa
     keypoints = files(tmp_path, {"a": SEEN["a"]})
     inputs = load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=keypoints, cameras=tmp_path / "c.json"))
     np.testing.assert_allclose(inputs.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
-    assert told(inputs, "calibrated at 320 x 240, scaled to 160 x 120")
+    assert has_note(inputs, "calibrated at 320 x 240, scaled to 160 x 120")
     write_cameras(tmp_path / "c.json", [replace(CAMERAS["a"], image_size=(160, 100))])
     with pytest.raises(InputError, match=r"c\.json: image sizes of 'a' disagree: camera 160 x 100, pictures 160 x 120"):
         load_inputs(BODY, FileOptions({"a": folder_clip}, keypoints=keypoints, cameras=tmp_path / "c.json"))
@@ -221,37 +227,37 @@ def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_cl
     full = seen(CAMERAS["a"], TIME)
     expected = full.pixels
     slow = load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}, fps=RATE)
-    assert told(slow, "keypoints at 15 frames per second, the clip at 30: matched by time")
+    assert has_note(slow, "keypoints at 15 frames per second, the clip at 30: matched by time")
     pixels = stacked(slow)[:, 0]
     np.testing.assert_array_equal(pixels[::2], expected[::2])
     middle = (expected[:-2:2] + expected[2::2]) / 2.0
     np.testing.assert_allclose(pixels[1:-1:2], middle, atol=1e-9)
-    assert np.isnan(pixels[-1]).all()  # nothing comes after the last keypoint
-    unsaid = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
-    assert told(unsaid, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
-    assert told(unsaid, "write their fps into the keypoint file")
-    assert told(load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}), "the pictures' rate: --fps a=RATE")
+    assert np.isnan(pixels[-1]).all()  # no keypoint comes later
+    without_size = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
+    assert has_note(without_size, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
+    assert has_note(without_size, "write their fps into the keypoint file")
+    assert has_note(load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}), "the pictures' rate: --fps a=RATE")
     copied = load(tmp_path, {"a": every(full, 2, RATE)}, {"a": folder_clip}, fps=RATE)
-    assert told(copied, "correct fps in the keypoint file")
+    assert has_note(copied, "correct fps in the keypoint file")
     fast = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, 60.0)}, {"a": folder_clip}, fps=RATE)
     np.testing.assert_allclose(stacked(fast)[:, 0], expected, atol=1e-9)
     double = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, None)}, {"a": folder_clip}, fps=RATE)
-    assert told(double, "only the first 60 are used; if the clip has every 2nd of these")
+    assert has_note(double, "only the first 60 are used; if the clip has every 2nd of these")
 
 
 def test_pictures_without_a_rate_take_the_keypoints_rate(tmp_path: Path, folder_clip: Path) -> None:
     inputs = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip})
     np.testing.assert_allclose(inputs.times, np.arange(COUNT) / 60.0)
-    assert told(inputs, "the pictures have no frame rate: 60, as")
+    assert has_note(inputs, "the pictures have no frame rate: 60, as")
     both = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip}, fps="a=30")
     np.testing.assert_allclose(both.times, TIME)  # as many keypoints as pictures are the pictures' own
     np.testing.assert_array_equal(stacked(both)[:, 0], SEEN["a"].pixels)
-    assert told(both, "both have 60 frames: frame by frame, at the clip's rate")
+    assert has_note(both, "both have 60 frames: frame by frame, at the clip's rate")
     with pytest.raises(InputError, match="declare their frame rates"):
         load(tmp_path, {"a": SEEN["a"]}, fps=25.0)
     with pytest.raises(InputError, match="no camera 'z'"):
         load(tmp_path, {"a": SEEN["a"]}, fps="z=25")
-    assert told(load(tmp_path, {"a": replace(SEEN["a"], fps=None)}), "30 frames per second assumed")
+    assert has_note(load(tmp_path, {"a": replace(SEEN["a"], fps=None)}), "30 frames per second assumed")
     assert load(tmp_path, {"a": replace(SEEN["a"], fps=None)}, fps=25.0).times[1] == pytest.approx(0.04)
 
 
@@ -261,10 +267,10 @@ def test_cameras_with_offsets_share_a_clock(tmp_path: Path) -> None:
     assert inputs.times[0] == pytest.approx(4 / RATE)
     expected = np.stack([track.pixels[4:] for track in SEEN.values()], axis=1)
     np.testing.assert_allclose(stacked(inputs), expected, atol=1e-9)
-    assert told(inputs, "56 instants from 0.13 to 1.97 s")
-    assert not told(inputs, "--offset")
-    unsaid = load(tmp_path, shifted)
-    assert told(unsaid, "--offset b=0.13")
+    assert has_note(inputs, "56 instants from 0.13 to 1.97 s")
+    assert not has_note(inputs, "--offset")
+    without_size = load(tmp_path, shifted)
+    assert has_note(without_size, "--offset b=0.13")
     for wrong, why in (("0.1", "no camera"), ("z=1", "no camera 'z'"), ("b=x", "--offset"), ("b=900", "never run at")):
         with pytest.raises(InputError, match=why):
             load(tmp_path, shifted, offset=wrong)
@@ -274,7 +280,7 @@ def test_cameras_of_different_rates(tmp_path: Path, folder_clip: Path) -> None:
     half = pictures(tmp_path / "b", COUNT // 2)
     tracks = {"a": SEEN["a"], "b": every(SEEN["b"], 2, 15.0)}
     inputs = load(tmp_path, tracks, {"a": folder_clip, "b": half}, fps=["a=30", "b=15"], offset="b=0.21")
-    assert told(inputs, "a 30 from 0 s, b 15 from 0.21 s")
+    assert has_note(inputs, "a 30 from 0 s, b 15 from 0.21 s")
     np.testing.assert_allclose(inputs.times, TIME[6:])
     assert inputs.frames[0] is not None
     assert inputs.frames[1] is not None
@@ -336,14 +342,14 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
         return load_inputs(BODY, FileOptions(clip, keypoints=points, cameras=cameras))
 
     inputs = loaded(str(folder_clip), str(keypoints))
-    assert told(inputs, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
-    assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are treated as")
+    assert has_note(inputs, f"the keypoints {keypoints} are used for the clip {folder_clip}")
+    assert not has_note(loaded(str(folder_clip), f"a={keypoints}"), "are treated as")
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
             load_inputs(BODY, FileOptions(str(folder_clip), keypoints=wrong, cameras=None))
     with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
         load_inputs(BODY, FileOptions(str(folder_clip), keypoints=[f"b={keypoints}"], cameras=None))
-    assert told(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
+    assert has_note(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'b'"):
         loaded(None, f"b={keypoints}", tmp_path / "c.json")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'b'"):
@@ -351,8 +357,8 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", [2, 5, 8, 9])
-def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Path) -> None:
-    """Anything fits better the smaller it is made: distances count at the size they were found in."""
+def test_another_person_in_every_camera_is_not_another_size(seed: int, tmp_path: Path) -> None:
+    """Any pose fits better when scaled down: distances count at the size at which they were found."""
     rng, tracks = np.random.default_rng(seed), {}
     for name, camera in CAMERAS.items():
         q = swinging(TIME)
@@ -360,8 +366,8 @@ def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Pat
         pixels = np.array([camera.project(BODY.landmarks(BODY.at(pose))) for pose in q])
         tracks[name] = replace(SEEN[name], pixels=pixels, image_size=SIZE)
     inputs = load(tmp_path, tracks)
-    assert told(inputs, "the keypoints of the cameras do not fit each other")
-    assert told(inputs, "and the person right?")
+    assert has_note(inputs, "the keypoints of the cameras do not fit each other")
+    assert has_note(inputs, "and the person right?")
 
 
 def test_the_real_clip_fits_itself(shared_data: Path) -> None:
@@ -393,13 +399,13 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
 def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
     video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
     half = {"a": every(SEEN["a"], 2, None)}
-    assert told(load(tmp_path, half, {"a": video}), "give the keypoints' rate: --fps a=RATE")
+    assert has_note(load(tmp_path, half, {"a": video}), "give the keypoints' rate: --fps a=RATE")
     inputs = load(tmp_path, half, {"a": video}, fps="a=15")
-    assert told(inputs, "matched by time")
+    assert has_note(inputs, "matched by time")
     np.testing.assert_array_equal(stacked(inputs)[::2, 0], SEEN["a"].pixels[::2])
     thirds = {"a": replace(later(SEEN["a"], 5), fps=None)}  # cut short, but no fraction of the clip
     assert load(tmp_path, thirds, {"a": video}).notes == ("a: keypoints end after 55 of 60 frames",)
-    assert load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE).notes == ()  # as the film and the keypoints say
+    assert load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE).notes == ()  # the declared rate
 
 
 @pytest.mark.parametrize(("declared", "rate"), [(None, 120.0), (RATE, 240.0), (None, 12.0)])

@@ -71,7 +71,7 @@ def test_pictures_are_those_of_the_right_frames(clip: RenderedClip, late: Run, t
     assert Clip.open(write_overlay(late, tmp_path / "o.mp4")).report.read == FRAMES - FIRST
 
 
-def test_a_stopped_run_of_a_part_goes_on_to_the_same_bits(clip: RenderedClip, late: Run, tmp_path: Path) -> None:
+def test_a_stopped_run_of_a_part_resumes_to_the_same_bits(clip: RenderedClip, late: Run, tmp_path: Path) -> None:
     out = tmp_path / "a.run"
     with pytest.raises(KeyboardInterrupt), interrupted_after(2):
         track(clip, out)
@@ -82,7 +82,7 @@ def test_a_stopped_run_of_a_part_goes_on_to_the_same_bits(clip: RenderedClip, la
         track(clip, out, resume=True, start=START - 0.2)
 
 
-def test_headers_from_before_there_were_clip_frames(late: Run) -> None:
+def test_headers_without_clip_frames(late: Run) -> None:
     old = json.loads(late.header.to_json())
     del old["frames of the clips"]
     header = RunHeader.from_json(json.dumps(old), "old.run")

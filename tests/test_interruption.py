@@ -1,4 +1,4 @@
-"""Ctrl-C, and signals that end the program just as well; what is said of a run to go on with; pasted commands."""
+"""Ctrl-C and other terminating signals; the message about a run to resume; pasted commands."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ pytestmark = pytest.mark.usefixtures("default_signals")
 
 
 def send_here(number: signal.Signals) -> None:
-    """Send this process a signal. AssertionError where nobody takes it, as it would end the suite without a word."""
+    """Send this process a signal. AssertionError where there is no handler, as the signal would end the suite
+    silently."""
     assert signal.getsignal(number) is not signal.SIG_DFL, f"{number.name} is not taken"
     signal.raise_signal(number)
 
@@ -58,11 +59,11 @@ def test_signals_end_a_command_with_one_line(
 def test_compiled_code_may_make_something_else_of_it(
     cause: BaseException, twice: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Python itself does, where a call from C overlooks an exception."""
+    """Python itself does, where a call from C swallows an exception."""
 
     def broken(*_: Any) -> None:
         with kept_if_interrupted(lambda: 3):
-            try:  # a call that makes several arrays overlooks it more than once
+            try:  # a call that makes several arrays swallows it more than once
                 raise SystemError("returned a result with an exception set") from cause
             except SystemError as first:
                 if not twice:
@@ -71,9 +72,9 @@ def test_compiled_code_may_make_something_else_of_it(
 
     monkeypatch.setattr(cli, "run_command", broken)
     code = front.main(["track", "a.mp4"])
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     if isinstance(cause, KeyboardInterrupt):
-        assert (code, said.partition(", go on")[0]) == (front.INTERRUPTED, "interrupted; what was tracked is kept")
+        assert (code, message.partition(", resume")[0]) == (front.INTERRUPTED, "interrupted; what was tracked is kept")
     else:
         assert code == front.INTERNAL_ERROR
 
@@ -103,7 +104,7 @@ def test_a_signal_is_not_lost_where_nothing_can_be_raised() -> None:
             send_here(signal.SIGTERM)
 
     def lose_one() -> None:
-        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL  # the other assertion goes unheard
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL  # the other assertion would be lost
         Finalised()
         threading.Event().wait(DEADLINE)
 
@@ -129,7 +130,7 @@ def interrupted(*_: Any, **__: Any) -> Any:
     raise KeyboardInterrupt
 
 
-def test_no_run_is_promised_where_there_is_none(
+def test_no_resume_command_without_a_run(
     track: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(jobs, "_fitted", interrupted)
@@ -142,16 +143,16 @@ def test_no_run_is_promised_where_there_is_none(
     assert Path(track[-1]).read_text() == "an old run"
 
 
-def test_the_command_that_is_promised_goes_on(
+def test_the_printed_command_resumes(
     track: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before the first frame, in the middle, and before anything in a run that goes on."""
+    """Before the first frame, in the middle, and at the start of a resumed run."""
 
     def how_to_go_on(line: list[str], where: str, stopped: Callable[..., Any]) -> tuple[str, list[str]]:
         with monkeypatch.context() as patched:
             patched.setattr(jobs, where, stopped)
             assert front.main(line) == front.INTERRUPTED
-        kept, _, command = capsys.readouterr().err.splitlines()[-1].partition(", go on with: ")
+        kept, _, command = capsys.readouterr().err.splitlines()[-1].partition(", resume with: ")
         return kept, shlex.split(command)
 
     whole, run_into = [*track, "--resume"], jobs.run_into
@@ -169,7 +170,7 @@ def test_the_command_that_is_promised_goes_on(
 
 
 def parsed(line: str) -> list[str]:
-    """The words of a command behind the program's name, which the command line understands."""
+    """The arguments of a command after the program's name, as the command line parses them."""
     words = shlex.split(line)
     assert words[0] == "kinemode"
     cli.app.parse_args(words[1:], exit_on_error=False, print_error=False)
@@ -189,9 +190,9 @@ def parsed(line: str) -> list[str]:
          ["compare", "a", "--out", "b", "--trackers", "css", "$HOME", "--resume"]),
     ],
 )  # fmt: skip
-def test_how_to_go_on_can_be_pasted(given: list[str], again: list[str]) -> None:
-    said = front._how_to_go_on(given, front.RunInterrupted(1))
-    assert parsed(said.partition("go on with: ")[2]) == again
+def test_the_resume_command_can_be_pasted(given: list[str], again: list[str]) -> None:
+    message = front._how_to_go_on(given, front.RunInterrupted(1))
+    assert parsed(message.partition("resume with: ")[2]) == again
 
 
 def test_what_is_suggested_can_be_pasted(

@@ -90,7 +90,7 @@ def pose_at(body: Body, points: np.ndarray, rng: np.random.Generator) -> np.ndar
 
 
 def known_solutions(body: Body, truth: np.ndarray, camera: Camera, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Poses of every forward/backward solution of the arm that the limits allow."""
+    """Poses of every forward or backward solution of the arm within the limits."""
     s, e, w = limb_points(body, truth)
     upper, fore = np.linalg.norm(e - s), np.linalg.norm(w - e)
     poses = {}
@@ -117,7 +117,7 @@ class Arm:
         self.solutions = known_solutions(self.body, self.truth, camera, np.random.default_rng(61))
 
     def modes(self) -> dict[str, Solution]:
-        """Each solution, let down to the minimum of the one picture's energy."""
+        """Each solution, descended to the minimum of the picture's energy."""
         return {name: Seeker(self.body).seek(self.cost, q) for name, q in self.solutions.items()}
 
 
@@ -130,7 +130,7 @@ def arm_seen_from_the_side() -> Arm:
 
 
 def arm_seen_from_the_front() -> Arm:
-    """Three are: with the elbow in front, the wrist cannot lean back."""
+    """Three are possible: with the elbow in front, the wrist cannot lean back."""
     return Arm(
         camera_at(0.0, distance=3.0, aim=(0.0, 0.2, 0.2)),
         left_shoulder_elevation=0.4, left_shoulder_flexion=0.5, left_shoulder_rotation=0.3, left_elbow_flexion=0.9,
@@ -157,7 +157,7 @@ def test_the_known_set(name: str, count: int) -> None:
 
 
 def test_solutions_look_alike_and_are_modes(arm: Arm) -> None:
-    """Each is a minimum with much the same picture, at the place worked out for it, and no two are the same."""
+    """Each is a minimum with nearly the same picture, at its computed place, and no two are equal."""
     pixels = arm.camera.project(limb_points(arm.body, arm.truth))
     shapes = []
     for name, solution in arm.modes().items():

@@ -33,7 +33,7 @@ def poses(body: Body, steps: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """A robot with two hypotheses as likely as each other; its endless joint passes half a turn; a frame is empty."""
+    """A robot with two equally likely hypotheses; its continuous joint passes half a turn; a frame is empty."""
     body = robot()
     t = np.arange(8)
     here = poses(body, np.stack([0.1 * t, 2.8 + 0.2 * t, 0.05 * t], axis=1))
@@ -71,7 +71,7 @@ def test_values_are_those_of_the_run(run: Run) -> None:
     np.testing.assert_array_equal(lift.std, run.std[:, 2])
     assert (bend.lower, bend.upper) == (-2.0, 2.0)
     known = np.arange(8) != 5
-    np.testing.assert_allclose(spin.value[known], (2.8 + 0.2 * np.arange(8))[known])  # on beyond half a turn
+    np.testing.assert_allclose(spin.value[known], (2.8 + 0.2 * np.arange(8))[known])  # continued beyond half a turn
     np.testing.assert_allclose(spin.hypotheses[known, 1] - spin.value[known], 0.2)
     assert np.isnan([bend.value[5], bend.std[5], spin.value[5], lift.high[5]]).all()
 
@@ -90,7 +90,8 @@ def test_degrees_and_back(run: Run) -> None:
 
 
 def test_the_interval_is_that_of_the_mixture(run: Run) -> None:
-    """Its ends against roots of the mixture's distribution, made anew; a Gaussian of the same moments is far off."""
+    """Its ends against roots of the mixture's distribution, computed independently; a Gaussian of equal moments is far
+    off."""
     c = PosteriorCalibration()
     z, share = np.polynomial.hermite_e.hermegauss(7)
     scale = SPREAD * np.sqrt(c.covariance_scale) * np.exp(c.scale_spread * z)
@@ -109,7 +110,7 @@ def test_the_interval_is_that_of_the_mixture(run: Run) -> None:
 
 
 def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
-    """Over more frames than are worked on at once, one of them without a pose, at limits and apart."""
+    """Over more frames than one block, one of them without a pose, at limits and away from them."""
     body, rng = body_of("arm8"), np.random.default_rng(2)
     q = np.array([[body.integrate(body.neutral, rng.normal(size=body.nv)) for _ in range(2)] for _ in range(40)])
     q[5] = np.nan
@@ -121,7 +122,7 @@ def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
         ends = alone.quantiles(0.1, 0.9)
         np.testing.assert_allclose(spread.std[t], alone.moments()[1], rtol=1e-9)
         np.testing.assert_allclose(spread.ends[t], alone.quantiles(0.05, 0.95), atol=1e-9)
-        np.testing.assert_allclose(interval[t], run.posterior(t).best + ends, atol=1e-9)  # joints of one number alone
+        np.testing.assert_allclose(interval[t], run.posterior(t).best + ends, atol=1e-9)  # joints with one coordinate
     assert np.isnan(interval[5]).all()
     with pytest.raises(InputError, match="level: 90 is not a probability"):
         run.interval(90)
@@ -130,8 +131,8 @@ def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
 def test_a_joints_name_in_another_place_is_explained_with_an_example(run: Run) -> None:
     wrong: Any
     for wrong, example in (("bend", "bend"), ("spin", "spin"), (None, "bend"), ([0.9], "bend"), (True, "bend")):
-        said = rf"level: cannot be .*run.interval.0.9.; of one joint: run.'{example}'..low and .high"
-        with pytest.raises(InputError, match=said):
+        message = rf"level: cannot be .*run.interval.0.9.; of one joint: run.'{example}'..low and .high"
+        with pytest.raises(InputError, match=message):
             run.interval(wrong)
     for wrong, ask in (("spin", run.result), ("spin", run.posterior), (1.5, run.posterior), ("bend", run.observation)):
         with pytest.raises(InputError, match=r"frame: cannot be .*run.result.0.; a joint over time is run"):
@@ -163,7 +164,7 @@ def test_a_joint_that_follows_has_its_masters_spread(tmp_path: Path) -> None:
     drive, inner = run["drive"], run["inner"]
     np.testing.assert_allclose(inner.value, MULTIPLIER * drive.value + OFFSET)
     np.testing.assert_allclose(inner.std, abs(MULTIPLIER) * drive.std)
-    np.testing.assert_allclose(inner.low, MULTIPLIER * drive.high + OFFSET)  # a negative multiplier turns ends round
+    np.testing.assert_allclose(inner.low, MULTIPLIER * drive.high + OFFSET)  # a negative multiplier swaps the ends
 
 
 def test_a_table_has_the_runs_arrays(run: Run) -> None:
@@ -182,13 +183,13 @@ def test_a_table_has_the_runs_arrays(run: Run) -> None:
     assert not [name for name in degrees.columns if name.endswith("_rad")]
 
 
-def test_where_pandas_is_missing_the_remedy_is_told(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_pandas_names_the_remedy(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(InputError, match=r"pip install 'kinemode\[pandas\]'"):
         run.to_dataframe()
 
 
-def test_csv_keeps_its_columns_and_has_degrees_when_asked(run: Run, tmp_path: Path) -> None:
+def test_csv_keeps_its_columns_and_has_degrees_on_request(run: Run, tmp_path: Path) -> None:
     with km.export(run, tmp_path / "a.csv").open() as file:
         rows = list(csv.reader(file))
     last = rows[0].index("status")
@@ -201,17 +202,17 @@ def test_csv_keeps_its_columns_and_has_degrees_when_asked(run: Run, tmp_path: Pa
     assert columns["bend_deg"][5] == ""
     for name in run.joint_names:
         joint = run[name].degrees
-        for told, values in (("", joint.value), ("_std", joint.std)):
-            read = [float(cell or "nan") for cell in columns[f"{name}{told}_{joint.unit}"]]
+        for suffix, values in (("", joint.value), ("_std", joint.std)):
+            read = [float(cell or "nan") for cell in columns[f"{name}{suffix}_{joint.unit}"]]
             np.testing.assert_allclose(read, values, rtol=1e-8)
     with pytest.raises(InputError, match="mot has its own units"):
         km.export(run, tmp_path / "a.mot", degrees=True)
 
 
-def test_objects_say_what_they_are(run: Run) -> None:
+def test_objects_describe_themselves(run: Run) -> None:
     unread = Run.open(run.file)
     assert repr(unread) == "<Run robot.run: frames 8 of 8 (0.23 s), subject test, cameras a, tracker css>"
-    assert "_frames" not in vars(unread)  # nothing was read for it
+    assert "_frames" not in vars(unread)  # no frame was read
     assert repr(run["bend"]).startswith(
         "<JointAngle bend: frames 8, time 0.00 to 0.23 s, value 0 to 0.7 rad, median std"
     )

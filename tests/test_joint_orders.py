@@ -1,4 +1,4 @@
-"""Joints without names are in the order under which a body's limbs are rigid and alike on both sides, or in none."""
+"""Unnamed joints get the order in which a body's limbs are rigid and alike on both sides, or none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KNEES = ("left_knee", "right_knee")
 
 @cache
 def moving(seed: int) -> dict[str, np.ndarray]:
-    """Places (T, 3) [m] of human34's landmarks, who moves all joints."""
+    """Places (T, 3) [m] of human34's landmarks while all joints move."""
     body, rng = body_of("human34"), np.random.default_rng(seed)
     speed = 0.6 * rng.normal(size=body.nv)
     speed[:6] = 0.5, 0.1, 0.0, 0.0, 0.0, 0.3
@@ -36,7 +36,7 @@ def moving(seed: int) -> dict[str, np.ndarray]:
 
 
 def in_order(name: str, seed: int, noise: float = 0.0) -> np.ndarray:
-    """(T, J, 3) [m] of `moving` as a program writes them; what is no landmark is somewhere in the trunk."""
+    """(T, J, 3) [m] of `moving` as a program writes them; joints that are not landmarks lie in the trunk."""
     places, rng = moving(seed), np.random.default_rng(seed)
     hips = 0.5 * (places["left_hip"] + places["right_hip"])
     elsewhere = [hips + rng.uniform(0.0, 1.0) * (places["neck"] - hips) for _ in ORDERS[name]]
@@ -71,7 +71,7 @@ def test_a_file_in_another_order(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "seed"), [("smpl", 3), ("kinect32", 4)])
-def test_an_order_that_nobody_knows_is_refused(tmp_path: Path, name: str, seed: int) -> None:
+def test_an_unknown_order_is_refused(tmp_path: Path, name: str, seed: int) -> None:
     joints = in_order(name, seed)[:, np.random.default_rng(seed).permutation(len(ORDERS[name]))]
     np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)
     with pytest.raises(InputError, match=rf"fit no known order: as .* \(--layout .*{name}") as raised:
@@ -81,9 +81,9 @@ def test_an_order_that_nobody_knows_is_refused(tmp_path: Path, name: str, seed: 
     assert f"not a body's in the order of {name}: the " in forced.notes[0]
 
 
-def test_layouts_that_cannot_be(tmp_path: Path) -> None:
+def test_invalid_layouts(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", joints=in_order("lafan1", 0), fps=RATE)
-    with pytest.raises(InputError, match=r"no order of joints .*lafan1"):
+    with pytest.raises(InputError, match=r"not an order of joints .*lafan1"):
         load_source(tmp_path / "a.npz", SourceOptions(up="z", layout="lafan"))
     with pytest.raises(InputError, match="kinect25 has 25 joints; --layout smpl or lafan1"):
         load_source(tmp_path / "a.npz", SourceOptions(up="z", layout="kinect25"))
@@ -92,8 +92,8 @@ def test_layouts_that_cannot_be(tmp_path: Path) -> None:
         load_source(named, SourceOptions(layout="smpl"))
 
 
-def test_names_and_words_in_a_file(tmp_path: Path) -> None:
-    """They are believed before any length."""
+def test_names_and_layout_words_in_a_file(tmp_path: Path) -> None:
+    """Names take precedence over lengths."""
     joints = in_order("lafan1", 5)
     names = [name or f"spine{i}" for i, name in enumerate(ORDERS["lafan1"])]
     turned = np.random.default_rng(0).permutation(len(names))
@@ -136,7 +136,7 @@ def test_joints_at_zero_are_missing(tmp_path: Path, first: int, after: int) -> N
 
 
 @pytest.mark.parametrize("order", ["h36m17", "kinect25"])
-def test_an_origin_in_the_body_is_no_gap(tmp_path: Path, order: str) -> None:
+def test_an_origin_in_the_body_is_not_a_gap(tmp_path: Path, order: str) -> None:
     joints = in_order(order, 7)
     joints -= joints[:, :1]
     joints[3] = 0.0
@@ -149,7 +149,7 @@ def test_an_origin_in_the_body_is_no_gap(tmp_path: Path, order: str) -> None:
 
 
 def test_a_limb_that_is_never_found_is_missing(tmp_path: Path) -> None:
-    """Not where the origin was put: that is in the middle of a body."""
+    """Unless the origin lies in the middle of the body."""
     joints = in_order("smpl", 8)
     joints[:, ORDERS["smpl"].index("right_wrist")] = 0.0
     np.savez(tmp_path / "a.npz", joints=joints, fps=RATE)

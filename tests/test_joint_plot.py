@@ -33,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return made_run(tmp_path_factory.mktemp("plot") / "a.run", body.subject, q, weight=(0.6, 0.4), status=status)
 
 
-def test_joints_are_asked_for_by_names_parts_and_sides() -> None:
+def test_joints_are_selected_by_names_parts_and_sides() -> None:
     usual = chosen_joints(HUMAN, None)
     assert {without_side(name) for name in usual} == {
         "hip_flexion", "hip_abduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "shoulder_elevation",
@@ -95,8 +95,8 @@ def test_what_is_drawn_is_what_the_run_has(run: Run) -> None:
     limits = [line.get_ydata()[0] for line in first.get_lines() if len(line.get_xdata()) == 2]
     assert limits == pytest.approx([np.rad2deg(2.0)])  # the lower one is far
     assert (first.get_ylabel(), third.get_ylabel()) == ("degrees", "metres")
-    told = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert told == {
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert labels == {
         "best hypothesis",
         "90 % interval",
         "other hypotheses",
@@ -106,7 +106,7 @@ def test_what_is_drawn_is_what_the_run_has(run: Run) -> None:
     }
 
 
-def test_files_are_what_their_endings_say(run: Run, tmp_path: Path) -> None:
+def test_the_ending_decides_the_format(run: Run, tmp_path: Path) -> None:
     starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
     for kind, start in starts.items():
         path = km.plot(run, tmp_path / f"a.{kind}", joints=["bend"])

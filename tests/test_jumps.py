@@ -38,7 +38,7 @@ def body_named(name: str) -> Body:
 
 
 def slopes(evidence: PoseOnRays, points: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """By how much the outer end of each segment is behind the point of its ray nearest to the inner end [m], (2,)."""
+    """How far the outer end of each segment is behind the point of its ray nearest to the inner end [m], (2,)."""
     return np.einsum("ij,ij->i", np.diff(points[landmarks], axis=0), evidence.rays[landmarks[1:]])
 
 
@@ -58,7 +58,7 @@ def test_limbs_are_found_on_any_body(name: str) -> None:
 
 @pytest.mark.parametrize("ball", [2, 3])
 def test_the_closed_form_against_known_turns(ball: int) -> None:
-    """Any axes whatever: turns made up, the places they lead to, and turns found from these."""
+    """Arbitrary axes: random turns, the places they lead to, and the turns found from these."""
     rng, unbound = np.random.default_rng(70), np.full(ball + 1, np.pi)
     for _ in range(100):
         axes = rng.normal(size=(ball + 1, 3))
@@ -75,7 +75,7 @@ def test_the_closed_form_against_known_turns(ball: int) -> None:
 
 @pytest.mark.parametrize("name", LIMBS)
 def test_solutions_keep_rays_and_limits(name: str) -> None:
-    """What no limit forbids keeps the image and mirrors the slopes; everything keeps limits and other joints."""
+    """Jumps within limits keep the image and mirror the slopes; all jumps keep limits and other joints."""
     body, rng, exact = body_named(name), np.random.default_rng(71), 0
     jumps = KinematicJumps(body)
     for _ in range(12):
@@ -101,7 +101,7 @@ def test_solutions_keep_rays_and_limits(name: str) -> None:
 
 
 def test_no_solution_is_overlooked() -> None:
-    """Against brute force: dense angles of a shoulder and an elbow, let down onto the pixels by Newton steps."""
+    """Against brute force: dense angles of a shoulder and an elbow, descended onto the pixels by Newton steps."""
     body = body_of("arm8")
     jumps, rng = KinematicJumps(body), np.random.default_rng(72)
     limb = jumps.limbs[0]
@@ -160,8 +160,8 @@ def test_every_jump_is_another_pose_with_much_the_same_image() -> None:
 
 
 def test_interpretations_combine_limbs_best_first() -> None:
-    """With the trunk as it is, every combination of the limbs' solutions is there once, those on the rays in the order
-    of the joints' prior."""
+    """For a fixed trunk each combination of the limbs' solutions appears once, those on the rays in the order of the
+    joints' prior."""
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
     jumps, evidence = KinematicJumps(body), pose_on_rays(body, q, CAMERA)

@@ -1,4 +1,4 @@
-"""Steps led to features: Kalman's update in closed form where features are linear, and a density of what is drawn."""
+"""Steps towards features: the Kalman update in closed form for linear features, and the density of the samples."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def linear() -> tuple[np.ndarray, np.ndarray]:
 
 
 def received_features(spread: float = 5.0) -> FeatureDensity:
-    """Two ways: both features, or the hand alone, which leaves the head unknown."""
+    """Two associations: both features, or the hand alone, which leaves the head unknown."""
     both = gaussian(NAMES, np.array([[10.0, 0.0], [-20.0, 5.0]]), spread**2 * np.eye(4))
     known = np.array([[True, True], [False, True]])
     mean = np.stack([both.mean[0], [[0.0, 0.0], [30.0, 30.0]]])
@@ -50,7 +50,7 @@ def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
 
 
 def test_the_density_is_that_of_what_is_drawn() -> None:
-    """One over the density, as an average over what is drawn inside of a box, is the volume of the box."""
+    """The mean of one over the density, over samples inside a box, is the volume of the box."""
     predicted, jacobian = linear()
     updated = kalman_steps(CENTRES, [Length(1.0, STD)], received_features(20.0), predicted, jacobian)
     drawn = updated.sample(np.random.default_rng(1), 200_000)
@@ -66,7 +66,7 @@ def test_the_density_is_that_of_what_is_drawn() -> None:
         assert volume == pytest.approx(np.prod(2.0 * scale), rel=0.05)
 
 
-def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
+def test_without_evidence_or_image_a_step_is_unchanged() -> None:
     predicted, jacobian = linear()
     plain = kalman_steps(CENTRES, [Length(1.0, STD)], uniform(NAMES), predicted, jacobian)
     unseen = kalman_steps(CENTRES, [Length(1.0, STD)], received_features(), np.full_like(predicted, np.nan), jacobian)
@@ -76,11 +76,11 @@ def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
         np.testing.assert_allclose(root, np.tile(np.diag(1.0 / STD), (2, 1, 1)), atol=1e-9)
 
 
-def test_a_long_step_is_led_where_a_short_one_does_not_reach() -> None:
+def test_a_long_step_reaches_farther_than_a_short_one() -> None:
     predicted, jacobian = linear()
     lengths = [Length(0.9, 1e-3 * STD), Length(0.1, STD)]
     updated = kalman_steps(CENTRES, lengths, received_features(), predicted, jacobian)
-    assert updated.mean.shape == (2, 4, 3)  # of both lengths and both ways
+    assert updated.mean.shape == (2, 4, 3)  # both lengths and both associations
     alone = kalman_steps(CENTRES, lengths[1:], received_features(), predicted, jacobian)
     np.testing.assert_allclose(updated.mean[:, 2:], alone.mean)
     assert (np.exp(updated.log_weight[:, 2:]).sum(axis=1) > 0.99).all()

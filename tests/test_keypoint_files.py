@@ -1,4 +1,4 @@
-"""Keypoints from DeepLabCut, COCO, rtmlib and arrays: the same person from each, and faults by their place."""
+"""Keypoints from DeepLabCut, COCO, rtmlib and arrays: the same person from each, and faults with their place."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def points(who: int = 0) -> np.ndarray:
 
 
 def same(track: KeypointTrack, expected: np.ndarray, *, sure: bool = False) -> None:
-    """The track is the person; with `sure` the file says only whether a point is there."""
+    """The track is the person; with `sure` the file only marks which points exist."""
     assert track.names == COCO17
     np.testing.assert_allclose(track.pixels, expected[..., :2])
     wanted = (expected[..., 2] > 0.0).astype(float) if sure else expected[..., 2]
@@ -102,7 +102,7 @@ def test_coco_data_sets(tmp_path: Path) -> None:
     np.testing.assert_allclose(track.pixels, points()[..., :2])
     for image in flagged["images"]:
         image["file_name"] = "picture.png"
-    path.write_text(json.dumps(flagged))  # then the ids tell the order
+    path.write_text(json.dumps(flagged))  # then the ids give the order
     order = np.argsort([(7 * t + 3) % FRAMES for t in range(FRAMES)])
     np.testing.assert_allclose(load_keypoints(path).pixels, points()[order, :, :2])
 
@@ -184,7 +184,7 @@ def data_set(**changed: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("a.csv", "frame,nose_x\n0,1\n", r"does not begin as DeepLabCut's.*read are AlphaPose, .*npz"),
         ("a.csv", HEAD, "no frame after its head"),
@@ -214,7 +214,7 @@ def data_set(**changed: Any) -> dict[str, Any]:
         ("a.json", {"keypoints": [[], []], "scores": [[]]}, "keypoints of 2 frames and scores of 1"),
     ],
 )  # fmt: skip
-def test_faults_name_their_place(tmp_path: Path, name: str, content: Any, said: str) -> None:
+def test_faults_name_their_place(tmp_path: Path, name: str, content: Any, message: str) -> None:
     path = tmp_path / name
     if isinstance(content, (bytes, str)):
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -224,7 +224,7 @@ def test_faults_name_their_place(tmp_path: Path, name: str, content: Any, said: 
         np.savez(path, **content)
     else:
         path.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_keypoints(path)
     assert caught.value.source == str(path)
 
@@ -234,14 +234,14 @@ def test_members_that_were_meant_for_known_ones_are_not_left_out(tmp_path: Path)
     write_keypoints(tmp_path / "a.json", track)
     own = json.loads((tmp_path / "a.json").read_text())
     person = {"id": 3, "keypoints": np.nan_to_num(points()[0]).tolist()}
-    for changed, said in (
+    for changed, message in (
         ({"image_sise": [640, 480]}, r"'image_sise' is unknown \(did you mean image_size\?"),
         ({"frames": [{"keypoint": [], "people": [person]}]}, r"frame 0: the member 'keypoint' is unknown"),
         ({"frames": [{"people": [{"ids": 3, **{k: v for k, v in person.items() if k != "id"}}]}]}, "person 0: .*'ids'"),
     ):
         kept = {key: value for key, value in own.items() if key != "image_size" or "image_sise" not in changed}
         (tmp_path / "b.json").write_text(json.dumps(kept | changed))
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             load_people(tmp_path / "b.json")
     (tmp_path / "b.json").write_text(json.dumps(own | {"detector": "x", "scores": 1}))
     same(load_keypoints(tmp_path / "b.json"), points())
@@ -254,8 +254,8 @@ def test_members_that_were_meant_for_known_ones_are_not_left_out(tmp_path: Path)
 
 
 def yolo(p: np.ndarray, id: int | None = None, scale: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:
-    """A person's points (17, 3) in a frame as `Results.summary()` has them; what is missing lies at (0, 0), though with
-    a confidence."""
+    """A person's points (17, 3) in a frame in the form of `Results.summary()`; missing points lie at (0, 0), though
+    with a confidence."""
     there = p[:, 2] > 0.0
     x, y = (np.where(there, p[:, axis] / scale[axis], 0.0) for axis in (0, 1))
     keypoints = {"x": x.tolist(), "y": y.tolist(), "visible": np.where(there, p[:, 2], 0.3).tolist()}
@@ -265,7 +265,7 @@ def yolo(p: np.ndarray, id: int | None = None, scale: tuple[float, float] = (1.0
 
 
 def yolo_frames(people: dict[int | None, np.ndarray], scale: tuple[float, float] = (1.0, 1.0)) -> list[list[Any]]:
-    """Everybody's points by frame; a frame without points has nobody."""
+    """All people's points by frame; a frame without points has no people."""
     return [[yolo(p[t], id, scale) for id, p in people.items() if np.any(p[t, :, 2] > 0.0)] for t in range(FRAMES)]
 
 
@@ -277,7 +277,7 @@ def test_ultralytics_json(tmp_path: Path) -> None:
         same(track, points())
         assert (track.layout, track.frame_count) == ("coco17", FRAMES)
         assert any("at exactly (0, 0) are missing (1 times)" in note for note in track.notes)
-    path.write_text(json.dumps(["[]", *[json.dumps(frame) for frame in frames]]))  # nobody in the first frame
+    path.write_text(json.dumps(["[]", *[json.dumps(frame) for frame in frames]]))  # no people in the first frame
     np.testing.assert_allclose(load_keypoints(path).pixels[1:], points()[..., :2])
     path.write_text(json.dumps(yolo_frames({4: points(), 9: points(1)})))
     for who, id in enumerate((4, 9)):
@@ -326,7 +326,7 @@ def write_labels(
 
 @pytest.mark.parametrize("ends", ["", "0.87", "{id}", "0.87 {id}"])
 def test_ultralytics_labels(tmp_path: Path, ends: str) -> None:
-    """Whatever stands behind the keypoints: nothing, a confidence, a number, or both."""
+    """Whatever follows the keypoints: nothing, a confidence, a number, or both."""
     size = (1280, 720)
     folder = write_labels(tmp_path / "labels", {4: points(), 9: points(1)}, size, ends)
     people = load_people(folder).in_pixels(size)
@@ -350,14 +350,14 @@ def test_labels_without_confidences_and_of_pictures(tmp_path: Path) -> None:
         words = file.read_text().split()
         kept = words[:5] + [w for k, w in enumerate(words[5:]) if k % 3 < 2]
         file.write_text(" ".join(kept) + "\n")
-    (folder / "img00002.txt").write_text("")  # as people who label by hand leave a picture without anybody
+    (folder / "img00002.txt").write_text("")  # as hand labelling leaves a picture without people
     same(load_keypoints(folder, image_size=(640, 360)), p, sure=True)
 
 
 def test_faults_of_ultralytics_files(tmp_path: Path) -> None:
     person = yolo(points()[0])
     short = {**person, "keypoints": {**person["keypoints"], "y": [1.0] * 5}}
-    for content, said in (
+    for content, message in (
         ([[person], [short]], r"frame 1, person 0.keypoints: has 17 x, 5 y and 17 confidences"),
         ([[person], [{"name": "person"}]], r"frame 1, person 0.keypoints: is missing"),
         ([[person], 3], "frame 1: a list .* is needed, found a number"),
@@ -365,15 +365,15 @@ def test_faults_of_ultralytics_files(tmp_path: Path) -> None:
         ([[], []], "has no person in any frame"),
     ):
         (tmp_path / "a.json").write_text(json.dumps(content))
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             load_keypoints(tmp_path / "a.json")
     folder = write_labels(tmp_path / "labels", {1: points()}, (640, 360))
-    for text, said in (
+    for text, message in (
         ("0 0.5 0.5 0.1 0.1\n", "line 1: has 5 numbers, which are not a class, a box and 17 keypoints .39 or 56"),
         ("0 a b\n", "line 1: has words among its numbers"),
     ):
         (folder / "walk_1.txt").write_text(text)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             load_keypoints(folder)
     (folder / "walk_1.txt").unlink()
     (folder / "other_2.txt").write_text("0 0.5 0.5 0.1 0.1\n")

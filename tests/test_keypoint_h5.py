@@ -25,7 +25,7 @@ PICTURES = [("labeled-data", "walk", f"img{t:03d}.png") for t in range(FRAMES)]
 
 
 def table(*who: str, kinds: Sequence[str] = ("x", "y", "likelihood")) -> tuple[list[tuple[str, ...]], np.ndarray]:
-    """Columns and values of DeepLabCut's tables, of a person for every name or of one without."""
+    """Columns and values of DeepLabCut's tables, with a person for every name or one without a name."""
     columns = [
         ("DLC", *([name] if who else []), part, kind) for name in who or ("",) for part in COCO17 for kind in kinds
     ]
@@ -86,7 +86,7 @@ def test_sleaps_tracks_in_every_order_of_their_axes(tmp_path: Path, order: str, 
 
 
 class Runs:
-    """What plain pickle would run."""
+    """Code that plain pickle would run."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return os.putenv, ("KINEMODE_RAN", "yes")
@@ -98,7 +98,7 @@ class Runs:
         pickle.dumps(Runs(), 0),
         pickle.dumps(Runs(), 4),
         b"cos\nsystem\n.",
-        b"(lp999999999999\n.",  # a place in the memo that takes memory
+        b"(lp999999999999\n.",  # a memo index that would take much memory
         b"\x80\x04\x96\xff\xff\xff\xff\xff\x00\x00\x00.",  # a byte array of a petabyte
         b"(lp0\n",
         b"",
@@ -139,7 +139,7 @@ LOOKED_FOR = "tracks and node_names, DeepLabCut's a table of pandas"
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (matlab(), f"without keypoints: it has 'joints' .*{LOOKED_FOR}"),
         (hdf5(model_weights=np.zeros(3), tracks=np.zeros(2)), f"it has 'model_weights', 'tracks' .*{LOOKED_FOR}"),
@@ -161,9 +161,9 @@ LOOKED_FOR = "tracks and node_names, DeepLabCut's a table of pandas"
         (hdf5(tracks=np.array([b"a"]), node_names=np.array([b"nose"])), "tracks: is of type"),
     ],
 )
-def test_faults_are_said_in_a_line(tmp_path: Path, content: bytes, said: str) -> None:
+def test_faults_are_one_line(tmp_path: Path, content: bytes, message: str) -> None:
     path = saved(tmp_path, content)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_keypoints(path)
     assert caught.value.source == str(path)
     assert "\n" not in str(caught.value)

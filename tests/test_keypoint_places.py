@@ -1,4 +1,4 @@
-"""Where detectors mark the body: read, kept, seen, fitted by several cameras, and the noise about it."""
+"""Where detectors mark the body: read, stored, projected, fitted by several cameras, and the noise about it."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ def test_an_unsure_place_widens_a_keypoint_and_a_measured_noise_scales_it() -> N
     )
     unsure = CostModel(body, replace(settings, keypoint_place=0.02)).keypoint_sigma(seen)
     added = np.sqrt(np.square(unsure) - np.square(sure))
-    np.testing.assert_allclose(added / added[:, :1], np.ones_like(added))  # in metres the same everywhere
+    np.testing.assert_allclose(added / added[:, :1], np.ones_like(added))  # equal in metres everywhere
 
 
 def test_several_cameras_find_where_a_person_is_marked() -> None:
-    """Toes 3 cm below where the body has them: the fit says so, by less than the deviation that it gives."""
+    """Toes marked 3 cm below the body's: the fit finds this, within its stated deviation."""
     given = with_layout_places(load_subject("human34"), "coco17")
     truth = {name: (np.array([0.0, 0.0, -0.03]), UNKNOWN_STD) for name in ("left_big_toe", "right_big_toe")}
     body = Body(load_subject("human34").with_keypoint_places(truth))
@@ -127,7 +127,7 @@ def test_noise_is_what_keypoints_scatter_by() -> None:
         seen.append(replace(shot, pixels=shot.pixels + sigma * rng.normal(size=shot.pixels.shape)))
     noise = measured_noise(model, seen, list(q), 1.0, 0)
     left = 1.0 - len(q) * body.nv / np.isfinite(np.array([o.pixels for o in seen])).sum()
-    # these poses were known and not fitted, so that the degrees of freedom that a fit takes are still there
+    # these poses were known and not fitted, so the degrees of freedom that a fit uses remain
     np.testing.assert_allclose(np.array(noise) * np.sqrt(left) / factors, 1.0, atol=0.12)
 
 
@@ -165,7 +165,7 @@ def test_one_cameras_places_are_not_fitted() -> None:
 
 
 @pytest.mark.parametrize("wrong", ['keypoint_std="-0.01"', 'keypoint_std="x"', 'keypoint="1 2"'])
-def test_a_place_that_is_none_is_refused(wrong: str) -> None:
+def test_an_invalid_place_is_refused(wrong: str) -> None:
     text = load_subject("human34").urdf.replace('<landmark name="nose"', f'<landmark {wrong} name="nose"')
     with pytest.raises(InputError, match="nose"):
         subject_from_text(text, source="human34", base="free")

@@ -51,10 +51,12 @@ def assert_is(track: KeypointTrack, layout: str, frames: int = FRAMES) -> None:
 @pytest.mark.parametrize("layout", FORMATS)
 def test_every_layout_in_every_file(tmp_path: Path, layout: str) -> None:
     people = [person(layout, t) for t in range(FRAMES)]
-    said = "auto" if LAYOUT_BY_COUNT[3 * len(FORMATS[layout])] == layout else layout  # the rarer of two of one count
+    declared = (
+        "auto" if LAYOUT_BY_COUNT[3 * len(FORMATS[layout])] == layout else layout
+    )  # the rarer of two of one count
     for folder, names in (("a", "clip_{:012d}_keypoints"), ("cam1_json", "cam1_{:06d}")):
         written = openpose(tmp_path / folder, {t: [p] for t, p in enumerate(people)}, names)
-        assert_is(load_keypoints(written, layout=said), layout)
+        assert_is(load_keypoints(written, layout=declared), layout)
     alpha = [
         {"image_id": f"{t}.jpg", "category_id": 1, "keypoints": p.ravel().tolist(), "score": 2.9, "idx": [1.0]}
         for t, p in enumerate(people)
@@ -77,7 +79,7 @@ def test_every_layout_in_every_file(tmp_path: Path, layout: str) -> None:
     ]
     for content in contents:
         (tmp_path / "a.json").write_text(json.dumps(content))
-        assert_is(load_keypoints(tmp_path / "a.json", layout=said), layout)
+        assert_is(load_keypoints(tmp_path / "a.json", layout=declared), layout)
     track = load_keypoints(tmp_path / "a.json", layout=layout)
     write_keypoints(tmp_path / "b.json", track)
     again = load_keypoints(tmp_path / "b.json")
@@ -147,7 +149,7 @@ GOOD = [[10.0 * j, 5.0 * j, 0.5] for j in range(17)]
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("", "is empty"),
         ('{"frames": [\n{]}', "line 2"),
@@ -172,10 +174,10 @@ GOOD = [[10.0 * j, 5.0 * j, 0.5] for j in range(17)]
         ({"people": 3}, "people"),
     ],
 )
-def test_faults_name_their_place(tmp_path: Path, content: Any, said: str) -> None:
+def test_faults_name_their_place(tmp_path: Path, content: Any, message: str) -> None:
     path = tmp_path / "a.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_keypoints(path)
     assert caught.value.source == str(path)
 
@@ -216,7 +218,7 @@ def test_observations_are_in_the_bodys_order(tmp_path: Path) -> None:
             else:
                 assert np.isnan(pixel).all()
                 assert observations[1].confidence[c, i] == 0.0
-    assert observations[4].count == int((observations[4].confidence[0] > 0).sum()) > 0  # b has ended
+    assert observations[4].count == int((observations[4].confidence[0] > 0).sum()) > 0  # b is over
     assert [note.split(":")[0] for note in length_notes(tracks, 5)] == ["a", "b"]
     with pytest.raises(InputError, match=r"no camera 'b'.*cameras: a"):
         assemble(body, tracks, {"a": cameras["a"]}, times)

@@ -1,4 +1,4 @@
-"""A background learned with what keypoints say of the body: who stands still is not scenery."""
+"""A background learned with the body's place from keypoints: a person who stands still is not scenery."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SETTINGS = SilhouetteSettings()
 
 
 def upright(x: float, grown: float = 0.0) -> np.ndarray:
-    """Something 24 px wide that stands upright, and what lies up to `grown` around it."""
+    """An upright bar 24 px wide, and the area up to `grown` around it."""
     return (np.abs(X - x) < 12.0 + grown) & (np.abs(Y - 60.0) < 40.0 + grown)
 
 
@@ -47,7 +47,7 @@ def known(x: float) -> KnownBody:
 
 
 @pytest.mark.parametrize("stands_first", later([True, False], True))
-def test_who_stands_still_and_walks_is_told_by_the_first_frame(stands_first: bool) -> None:
+def test_standing_then_walking_is_recognised_from_the_first_frame(stands_first: bool) -> None:
     walks, stands = np.linspace(40, 120, 9).round(), np.full(16, 40.0 if stands_first else 120.0)
     places = np.concatenate([stands, walks] if stands_first else [walks, stands])
     frames, room = clip_of(places)
@@ -56,14 +56,14 @@ def test_who_stands_still_and_walks_is_told_by_the_first_frame(stands_first: boo
     background = learn_background(frames, SETTINGS, [known(places[0])] + [None] * (len(frames) - 1))
     assert without is not None
     assert background is not None
-    assert np.median(np.abs(without.mean - room)[there & without.known]) > 20.0  # the person is taken for scenery
+    assert np.median(np.abs(without.mean - room)[there & without.known]) > 20.0  # the person counts as scenery
     assert background.known[there].mean() > 0.9
     assert np.median(np.abs(background.mean - room)[there]) < 2.0
     for i in (0, 12, 18, 24):
         assert overlap(foreground_mask(frames[i], background, SETTINGS), upright(places[i])) > 0.9
 
 
-def test_who_never_moves_stands_before_what_is_unknown() -> None:
+def test_the_background_behind_a_still_person_is_unknown() -> None:
     places = np.full(20, 80.0)
     frames, room = clip_of(places)
     background = learn_background(frames, SETTINGS, [known(x) for x in places])
@@ -73,7 +73,7 @@ def test_who_never_moves_stands_before_what_is_unknown() -> None:
     assert np.median(np.abs(background.mean - room)[background.known]) < 2.0
     silhouette = silhouette_of(foreground_mask(frames[7], background, SETTINGS), background.known)
     assert len(silhouette.boundary)
-    assert not silhouette.certain.any()  # and says nothing
+    assert not silhouette.certain.any()  # and has no effect
     cues = ImageCues(replace(camera_at(0.0), image_size=(WIDTH, HEIGHT)), {"silhouette": silhouette})
     assert "behind 100% of the keypoints of frame 7 is never seen" in Outline().doubt(cues, np.full((5, 2), 80.0), 7)
     assert "has 0% of the keypoints on it" in Outline().doubt(cues, np.full((5, 2), 10.0), 7)
@@ -108,7 +108,7 @@ def test_limbs_lie_where_the_body_does(seed: int, body: Body, limbs: Limbs) -> N
     assert limbs.mask(np.where(seen[:, None], pixels, np.nan), seen, camera.image_size, 1.8)[truth > 0].mean() > 0.95
 
 
-def test_a_fitted_body_is_looked_for_as_the_one_it_was_fitted_from(limbs: Limbs) -> None:
+def test_a_fitted_body_is_found_as_the_one_it_was_fitted_from(limbs: Limbs) -> None:
     fitted = load_subject("human34")
     fitted = fitted.scaled({p.joint: 1.1 for p in fitted.proportions})
     pixels, confidence = np.full((1, 1, len(limbs.ends), 2), np.nan), np.zeros((1, 1, len(limbs.ends)))
@@ -131,6 +131,6 @@ def test_keypoints_are_of_the_instants_frames(tmp_path: Path, body: Body, limbs:
     person = KnownPerson(limbs, pixels, seen, (WIDTH, HEIGHT))
     pictures = CameraPictures(tmp_path, small, WIDTH, frames=np.array([3, 4, 5]), person=person)
     assert pictures.spread(9)[1] == [None, None, None, 0, None, 2, None, None, None]
-    assert pictures.spread(2)[1] == [None, 0, None]  # the first, the last, and the one that is known
+    assert pictures.spread(2)[1] == [None, 0, None]  # the first, the last, and the known one
     assert pictures.body(2, 1.0).shape == (HEIGHT, WIDTH)
     pictures.close()

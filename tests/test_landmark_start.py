@@ -1,4 +1,4 @@
-"""A landmark file that a robot begins with loads as it is, and its landmarks are where its joints are."""
+"""The landmark template of a robot loads unchanged, and its landmarks are at the joints."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ARM = """<robot name="arm"><link name="world"/>
 
 
 def raw(name: str, tmp_path: Path) -> Subject:
-    """A robot of example-robot-data as its URDF alone has it."""
+    """A robot of example-robot-data from its URDF alone."""
     if name not in installed():
         pytest.skip("example-robot-data is not installed")
     (tmp_path / "none.toml").write_text("")
@@ -35,7 +35,7 @@ def raw(name: str, tmp_path: Path) -> Subject:
 
 
 @pytest.mark.parametrize(("name", "count"), [("g1", 16), ("talos", 37), ("panda", 11)])
-def test_it_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) -> None:
+def test_a_started_file_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) -> None:
     subject = raw(name, tmp_path)
     text = km.landmark_start(subject, out=tmp_path / "start.toml")
     assert (tmp_path / "start.toml").read_text(encoding="utf-8") == text
@@ -60,7 +60,7 @@ def test_it_loads_and_marks_the_joints(name: str, count: int, tmp_path: Path) ->
 
 
 def test_every_line_is_worth_uncommenting(tmp_path: Path) -> None:
-    """What stands in comments loads too; the box ends 0.4 m up, the sphere 0.2 m to the left."""
+    """The commented lines load too; the box ends 0.4 m up, the sphere 0.2 m to the left."""
     (tmp_path / "arm.urdf").write_text(ARM)
     assert (
         main(["subjects", "--landmarks", str(tmp_path / "arm.urdf"), "--out", str(tmp_path / "arm.landmarks.toml")])
@@ -104,7 +104,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
         ("left_chip", None), ("Shoulder_R", "right_shoulder"), ("left_hip_right_knee", None), ("HIPS_L", "left_hip"),
     ],
 )  # fmt: skip
-def test_words_tell_joints_of_the_body(name: str, part: str | None) -> None:
+def test_joint_names_give_the_body_part(name: str, part: str | None) -> None:
     assert body_part(name) == part
 
 
@@ -121,7 +121,7 @@ LEG = """<link name="{s}_hip"/><link name="{s}_knee"/><link name="{s}_ankle"><co
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0, 30.0])
 def test_toes_are_on_the_side_of_the_front(yaw: float, tmp_path: Path) -> None:
-    """Whichever axis of its URDF a robot looks along; its feet are longer ahead of the ankle."""
+    """Whichever axis of its URDF a robot faces; its feet are longer in front of the ankle."""
     turn = np.radians(yaw)
     front, left = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
     legs = "".join(

@@ -1,4 +1,4 @@
-"""Errors of keypoints that last are told from what is new in every frame, and taken away in smoothing."""
+"""Lasting keypoint errors are separated from independent ones, and removed in smoothing."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ LASTING = 0.25  # s
 
 
 def residuals(new: float, lasting: float, count: int = 600, fps: float = FPS, places: int = 20) -> Residuals:
-    """Of one camera: errors [px] that are new in every frame, and that last, of a detector that was expected to err by
-    both together."""
+    """Errors [px] of one camera, independent ones and lasting ones, of a detector expected to err by both together."""
     rng, times = np.random.default_rng(3), np.arange(count) / fps
     persistence = np.exp(-1.0 / (fps * LASTING))
     pixels = lasting * correlated_noise(rng, (count, 1, places, 2), persistence)
@@ -47,7 +46,7 @@ def test_the_share_of_a_frame_is_how_much_errors_change_in_one(new: float, lasti
     assert frame_shares(made) == pytest.approx(expected, rel=0.1)
 
 
-def test_few_frames_say_little() -> None:
+def test_few_frames_give_little_evidence() -> None:
     made = residuals(0.5, 5.0, places=3)
     assert frame_shares(made) < 0.5
     short = Residuals(*(part[:4] for part in made))
@@ -58,7 +57,7 @@ def test_few_frames_say_little() -> None:
 def test_what_lasts_is_found_and_what_does_not_change_keeps_its_pull() -> None:
     made = residuals(2.0, 5.0)
     share = frame_shares(made)
-    truth = made.pixels - residuals(2.0, 0.0).pixels  # of the same draws
+    truth = made.pixels - residuals(2.0, 0.0).pixels  # with the same draws
     errors = lasting_errors(made, share, LASTING)
     assert np.sqrt(np.square(errors - truth).mean()) < 0.5 * np.sqrt(np.square(made.pixels).mean())
     still = made._replace(pixels=np.full_like(made.pixels, 5.0))
@@ -66,8 +65,8 @@ def test_what_lasts_is_found_and_what_does_not_change_keeps_its_pull() -> None:
     for seen in (still, still._replace(confidence=0.5 * still.confidence)):
         left = seen.pixels - lasting_errors(seen, share, LASTING)
         np.testing.assert_allclose(left / new**2, still.pixels / whole**2, rtol=1e-9)
-    far = made._replace(left=np.full_like(made.left, 0.3))  # of outliers
-    assert np.abs(lasting_errors(far, np.ones(1), LASTING)).max() < 1e-3  # all is new in every frame
+    far = made._replace(left=np.full_like(made.left, 0.3))  # outliers
+    assert np.abs(lasting_errors(far, np.ones(1), LASTING)).max() < 1e-3  # all errors are independent
 
 
 def test_sudden_movements_are_followed_where_errors_stay() -> None:

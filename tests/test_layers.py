@@ -1,4 +1,4 @@
-"""Packages are layers: imports go down, nothing goes round, and no file knows the machine it was written on."""
+"""Packages are layers: imports go down, there are no cycles, and no file names the machine it was written on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ESTIMATOR = (
     "synthesis", "retargeting",
 )  # fmt: skip
 """The packages of `estimator`, the lowest first."""
-FEWEST = 3  # modules of a folder, its `__init__` not counted
+FEWEST = 3  # modules in a folder, without `__init__`
 
 
 def modules(root: Path) -> dict[str, Path]:
@@ -33,7 +33,8 @@ def modules(root: Path) -> dict[str, Path]:
 
 
 def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Iterator[str]:
-    """Modules of the four packages that a file imports; lazy: also those inside functions, which cannot go round."""
+    """Modules of the four packages that a file imports; lazy: also those inside functions, which cannot form import
+    cycles."""
     known = set(known)
     is_package = path.name == "__init__.py"
     for node, later in _imports_in(path.read_text(encoding="utf-8")):
@@ -53,7 +54,7 @@ def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Itera
 
 @cache
 def _imports_in(source: str) -> list[tuple[ast.Import | ast.ImportFrom, bool]]:
-    """Every import, and whether it runs later than the module."""
+    """Every import, and whether it runs after the module is loaded."""
     return list(_imports(ast.parse(source), later=False))
 
 
@@ -66,7 +67,7 @@ def _imports(node: ast.AST, later: bool) -> Iterator[tuple[ast.Import | ast.Impo
 
 
 def _runs_later(node: ast.AST) -> bool:
-    """Functions, and what only type checkers read."""
+    """Functions, and blocks for type checkers alone."""
     if isinstance(node, ast.If):
         return "TYPE_CHECKING" in ast.unparse(node.test)
     return isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
@@ -84,19 +85,19 @@ def upward_imports(root: Path) -> list[str]:
 
 
 def layer(name: str) -> tuple[int, int]:
-    """Of a module: its package's place in `TOP` and, in `estimator`, in `ESTIMATOR`."""
+    """The layer of a module: its package's position in `TOP` and, in `estimator`, in `ESTIMATOR`."""
     top, _, rest = name.partition(".")
     package = rest.split(".")[0]
     return TOP.index(top), ESTIMATOR.index(package) if top == "estimator" and package else -1
 
 
 def rings(root: Path) -> list[str]:
-    """Folders that import each other, directly or through others: each is to be a layer."""
+    """Folders that import each other, directly or through others: each has to be a layer."""
     known = modules(root)
     graph: dict[str, dict[str, str]] = {}
     for name, path in known.items():
         if path.name == "__init__.py" and path.parent.parent == root:
-            continue  # the package's face gathers names
+            continue  # the package's `__init__` gathers names
         for target in imports(path, name, known, lazy=True):
             here, there = folder_of(path, root), folder_of(known[target], root) if target in known else ""
             if there not in ("", *TOP) and here != there:
@@ -145,13 +146,13 @@ OF_ONE_USER = {
     "estimator.data.formats.cameras_kalibr",
     "estimator.data.formats.cameras_panoptic",
     "estimator.trackers.css.css_dual",  # a tracker
-    "estimator.trackers.dual_chain.settings",  # what run files keep, apart from what works by it
-    "estimator.trackers.elmo.reweighting",  # ELMO's section 3.2, beside the tracker
+    "estimator.trackers.dual_chain.settings",  # the settings stored in run files, apart from their users
+    "estimator.trackers.elmo.reweighting",  # ELMO's section 3.2, apart from the tracker
     "estimator.trackers.elmo.settings",
     "estimator.trackers.loose_limbed.settings",
-    "kinemode.calibrating",  # work, which its public function loads when it is called
+    "kinemode.calibrating",  # work, loaded by its public function when called
 }
-"""Short modules that one other module imports: members of a family that a registry lists, and settings."""
+"""Short modules that one other module imports: family members listed by a registry, and settings."""
 
 
 def short_modules_of_one_user(root: Path) -> set[str]:
@@ -199,12 +200,12 @@ def test_every_folder_is_a_layer() -> None:
 
 
 def test_estimator_shows_its_packages() -> None:
-    """`humanoid` and `estimator` have no file of their own but the one that says what they are."""
+    """`humanoid` and `estimator` contain no file but `__init__`, which describes them."""
     assert [path.name for top in TOP[:2] for path in (ROOT / top).glob("*.py")] == ["__init__.py"] * 2
     assert {path.parent.name for path in (ROOT / "estimator").glob("*/__init__.py")} == set(ESTIMATOR)
 
 
-def test_no_folder_holds_next_to_nothing() -> None:
+def test_no_folder_is_nearly_empty() -> None:
     assert small_folders(ROOT) == []
 
 
@@ -251,7 +252,7 @@ def test_a_planted_cycle_is_found(tmp_path: Path) -> None:
 
 
 def test_a_planted_ring_of_folders_is_found(tmp_path: Path) -> None:
-    """Also where no two files import each other in a circle, and for types or inside a function."""
+    """Also without a cycle between two files, and for types or inside a function."""
     plant(tmp_path, {"estimator/a/x.py": "from estimator.b import y", "estimator/b/y.py": "", "estimator/b/z.py": ""})
     assert rings(tmp_path) == []
     plant(tmp_path, {"estimator/b/z.py": "def f():\n    from estimator.a.x import g"})
@@ -268,7 +269,7 @@ def plant(root: Path, files: Mapping[str, str]) -> None:
         path.write_text(files.get(name, ""), encoding="utf-8")
 
 
-# Folders of one machine, and addresses of package indexes; written in pieces so that this file does not find itself.
+# Folders of one machine, and addresses of package indexes; split so that this file does not match itself.
 MACHINE = re.compile("/" + r"(home|Users|root|work|opt|tmp|mnt)/[\w.-]" + "|" + "[A-Z]:" + r"\\Users")
 INDEX = re.compile("(--(extra-)?index" + "-url|--find" + "-links|https?://[^ ]*/simple" + r"\b|pypi" + r"\.org)")
 # options that switch such addresses off

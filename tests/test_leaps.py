@@ -1,4 +1,4 @@
-"""A track that jumps to somebody else is not followed in silence."""
+"""A track that jumps to another person is reported."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FEW: dict[str, dict[str, object]] = {
 
 @cache
 def clip(step: float, gap: int = 0) -> tuple[Observation, ...]:
-    """A person of whom a twin takes over `step` [m] to the side; before that some frames without keypoints."""
+    """A person replaced by a twin `step` [m] to the side, after some frames without keypoints."""
     body, rng = body_of("human34"), np.random.default_rng(7)
     q = authored_motion(body, 0.4 + np.arange(FRAMES) / FPS)
     q[LEAP:] = placed(q[LEAP:], step * np.array([-np.sin(0.52), np.cos(0.52)]), 0.0)
@@ -40,19 +40,19 @@ def clip(step: float, gap: int = 0) -> tuple[Observation, ...]:
 
 
 @pytest.mark.parametrize("name", ["css", "robust-single-mode", "condensation"])
-def test_a_leap_is_hard_and_told(name: str) -> None:
+def test_a_leap_is_hard_and_reported(name: str) -> None:
     body = body_of("human34")
     group = TRACKERS[name].group
     tracker = make_tracker(name, body, settings_for(name, changes={group: FEW[group]}))
     results = [r for r, _ in run(tracker, clip(1.4), 3)]
     moved = np.linalg.norm(np.diff([r.q[0, :3] for r in results], axis=0), axis=1)
     assert results[LEAP].status == "hard"
-    assert (moved[LEAP - 1] > 1.0) == (name != "condensation")  # they go on with the twin; particles stay behind
+    assert (moved[LEAP - 1] > 1.0) == (name != "condensation")  # they follow the twin; particles stay behind
     assert leaps(body, results) == ([] if name == "condensation" else [LEAP])
     assert f"({LEAP};" in leap_note([LEAP])
 
 
-def test_a_step_is_no_leap() -> None:
+def test_a_step_is_not_a_leap() -> None:
     body = body_of("human34")
     tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
     results = [r for r, _ in run(tracker, clip(0.1), 3)]
@@ -61,7 +61,7 @@ def test_a_step_is_no_leap() -> None:
 
 
 def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
-    """Over frames without keypoints a body gets farther; a resumed run knows as much."""
+    """During frames without keypoints a body may move farther; a resumed run accounts for this too."""
     body = body_of("human34")
     tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
     straight = list(run(tracker, clip(1.0, gap=2), 3))
@@ -80,8 +80,8 @@ def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
     assert leaps(body, [r for r, _ in straight]) == []
 
 
-def test_a_state_stored_before_leaps_had_their_own_memory_tells_as_much() -> None:
-    """Then the tracker's state had the time unseen, and the roots are those of its mixture."""
+def test_older_stored_states_restore_the_same_memory() -> None:
+    """Older tracker states held the time unseen, and the roots come from the mixture."""
     body = body_of("human34")
     tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
     last, state = None, None
@@ -115,7 +115,7 @@ def test_the_limit_is_a_sprinters_and_knows_uncertainty() -> None:
     aside = body.neutral.copy()
     aside[1] += far
     assert check.leapt(before, unsure[None], aside, sure, dt)
-    nearer = np.stack([body.neutral, after])  # another hypothesis was there already
+    nearer = np.stack([body.neutral, after])  # another hypothesis was already there
     assert not check.leapt(nearer, np.stack([sure, sure]), after, sure, dt)
     arm = body_of("arm8")
     assert not LeapCheck(arm).leapt(arm.neutral[None] + 5.0, np.zeros((1, arm.nv, arm.nv)), arm.neutral, sure, dt)
@@ -133,5 +133,5 @@ def test_arms_that_are_elsewhere_a_frame_later_leap(angle: float, fps: float, le
     assert limb_leaps(body, body.landmarks_of(body.placed(q)), times) == []
     assert limb_leaps(body, body.landmarks_of(body.placed(first)), times) == ([4] if leaps_there else [])
     moved = body.landmarks_of(body.placed(first))
-    moved[4:] = np.nan  # nothing is known of limbs that were not seen
+    moved[4:] = np.nan  # limbs that were not seen are unknown
     assert limb_leaps(body, moved, times) == []

@@ -1,4 +1,4 @@
-"""Lenses of every model: OpenCV's pixels, derivatives by central differences, and the way back."""
+"""Lenses of every model: OpenCV's pixels, derivatives by central differences, and the inverse."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def lens_camera(model: str, azimuth: float = 20.0) -> Camera:
 
 
 def points_before(camera: Camera, model: str) -> np.ndarray:
-    """Places in the world (60, 3) [m] that a camera sees, of a fisheye up to 80 degrees from the axis, the axis too."""
+    """Points in the world (60, 3) [m] in view of a camera, up to 80 degrees off axis for a fisheye, one on the axis."""
     rng = np.random.default_rng(3)
     r = np.tan(np.radians(rng.uniform(0.0, 80.0 if model == "fisheye" else 32.0, 60)))
     r[:3] = 0.0, 1e-9, 1e-3
@@ -91,7 +91,7 @@ def test_derivatives_are_central_differences(model: str) -> None:
 
 @pytest.mark.parametrize("model", LENSES)
 def test_directions_lead_back(model: str) -> None:
-    """Of Brown's model as near as OpenCV's five iterations come."""
+    """For Brown's model within the accuracy of OpenCV's five iterations."""
     camera = lens_camera(model)
     points = points_before(camera, model)
     x = points @ camera.R_camera_world.T + camera.t_camera_world
@@ -104,7 +104,7 @@ def test_directions_lead_back(model: str) -> None:
         np.testing.assert_allclose(back, rays, rtol=1e-8, atol=1e-10)
 
 
-def test_beyond_a_fisheyes_circle_is_no_direction() -> None:
+def test_beyond_a_fisheyes_circle_there_is_no_direction() -> None:
     camera = replace(lens_camera("fisheye"), distortion=np.zeros(4))
     outside = camera.K[:2, 2] + [0.52 * np.pi * camera.K[0, 0], 0.0]
     rays = camera.directions(np.stack([outside, camera.K[:2, 2]]))
@@ -113,7 +113,7 @@ def test_beyond_a_fisheyes_circle_is_no_direction() -> None:
 
 
 def test_cameras_of_several_models_go_together() -> None:
-    """And a camera of Brown's model then has the very same pixels as alone."""
+    """A camera with Brown's model then has exactly the pixels it has alone."""
     cameras = [lens_camera(model, 20.0 * i) for i, model in enumerate(LENSES)]
     packed = pack_cameras(cameras)
     assert pack_cameras(cameras[:2])[1].shape == (2, 5)
@@ -125,7 +125,7 @@ def test_cameras_of_several_models_go_together() -> None:
 
 
 def test_the_energy_takes_all_of_them() -> None:
-    """Keypoints of cameras of every model: a perfect pose costs nothing, and the term keeps its promises."""
+    """Keypoints of cameras of every model: a perfect pose has no energy, and the term keeps its contract."""
     body = body_of("arm8")
     rng = np.random.default_rng(4)
     cameras = [lens_camera(model, 60.0 * i) for i, model in enumerate(LENSES)]

@@ -1,4 +1,4 @@
-"""A pose in space beside the keypoints: read from files, brought to observations, and weak evidence of a pose."""
+"""A lifted pose beside the keypoints: read from files, passed to observations, weak evidence of a pose."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def written(path: Path, frames: list[Any], layout: str = "coco17") -> Path:
 
 @pytest.mark.parametrize("layout", ["coco17", "mediapipe33"])
 def test_the_world_stays_with_its_keypoints(tmp_path: Path, layout: str) -> None:
-    """Whoever is chosen, whichever frame is the first, and through a file written again; a frame without has none."""
+    """For any person and first frame, and after the file is written again; a frame without a world has none."""
     frames = [{n: drawn(layout, 10 * t + n) for n in (0, 3)} for t in range(3)]
     del frames[1][3]["world"]
     write_people(tmp_path / "a.json", layout, [f"k{j}" for j in range(len(FORMATS[layout]))], frames)
@@ -63,7 +63,7 @@ def test_the_world_stays_with_its_keypoints(tmp_path: Path, layout: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("world", "said"),
+    ("world", "message"),
     [
         ([[0.0, 0.0, 0.0]] * 16, "17 x 3 numbers are needed, found 16 x 3"),
         ([[0.0, 0.0]] * 17, "17 x 3 numbers are needed, found 17 x 2"),
@@ -72,13 +72,13 @@ def test_the_world_stays_with_its_keypoints(tmp_path: Path, layout: str) -> None
         ("near", "numbers are needed, found text"),
     ],
 )
-def test_a_world_that_cannot_be_is_refused_by_its_place(tmp_path: Path, world: Any, said: str) -> None:
+def test_an_invalid_world_is_refused_with_its_place(tmp_path: Path, world: Any, message: str) -> None:
     person = {**drawn("coco17", 0), "world": world}
     path = written(tmp_path / "a.json", [drawn("coco17", 1), person])
-    with pytest.raises(InputError, match=rf"a\.json: frame 1, person 0, world: .*{said}"):
+    with pytest.raises(InputError, match=rf"a\.json: frame 1, person 0, world: .*{message}"):
         load_keypoints(path)
     written(path, [{"people": [{"id": 4, **drawn("coco17", 2)}, {"id": 5, **person}]}])
-    with pytest.raises(InputError, match=rf"a\.json: frame 0, person 1, world: .*{said}"):
+    with pytest.raises(InputError, match=rf"a\.json: frame 0, person 1, world: .*{message}"):
         load_keypoints(path)
 
 
@@ -124,7 +124,7 @@ def test_an_observation_has_the_world_of_its_only_camera(layout: str) -> None:
 
 
 def test_of_frames_that_are_alike_one_counts() -> None:
-    """The first, and what is 0.3 s later; any that is looked at alone."""
+    """The first, and the one 0.3 s later; every frame if processed alone."""
     times = np.array([0.0, 0.1, 0.15, 0.3, 0.5, 1.0])
     observations = observed(tracked(1, 2, None, 3, 4, 5), times=times)
     shares = [o.lifted.share for o in observations if o.lifted is not None]
@@ -148,7 +148,7 @@ FLAT = parallel_camera("flat", (640, 480), 180.0, np.zeros(3), azimuth=1.9)
 
 
 def lifted_by(camera: Camera, q: np.ndarray, scale: float = 1.0, body: Any = BODY) -> Observation:
-    """Keypoints of a pose and what a perfect network makes of it: the person as seen on the optical axis, of another
+    """Keypoints of a pose and the result of a perfect network: the person as seen on the optical axis, of another
     size."""
     seen = observe(body, q, (camera,))
     points = body.landmarks(body.at(q)) @ camera.R_camera_world.T
@@ -164,7 +164,7 @@ def lifted_by(camera: Camera, q: np.ndarray, scale: float = 1.0, body: Any = BOD
 @pytest.mark.parametrize("name", ["human34", "upper13"])
 @pytest.mark.parametrize("camera", [AHEAD, ASIDE, FLAT], ids=["ahead", "aside", "parallel"])
 def test_a_perfect_pose_has_no_energy_where_it_is_seen(name: str, camera: Camera) -> None:
-    """Whatever size the network gives it; without the turn to the ray it has one at the picture's edge."""
+    """For any size from the network; without the rotation to the ray there is energy at the picture's edge."""
     body, rng = body_of(name), np.random.default_rng(3)
     q = random_pose(body, rng, share=0.5, turn=0.5)
     seen = lifted_by(camera, q, 1.3, body)
@@ -178,7 +178,7 @@ def test_a_perfect_pose_has_no_energy_where_it_is_seen(name: str, camera: Camera
 
 
 def test_eleven_bones_of_a_person_each_with_its_spread() -> None:
-    """A forearm turned by a small angle in the picture, and by one out of it, to a camera that sees it ahead."""
+    """A forearm turned by a small angle in the picture plane and out of it, for a camera in front."""
     q = BODY.neutral
     seen, axes = lifted_by(FLAT, q), np.eye(3)
     assert len(BONES) == len({frozenset(bone) for bone in BONES}) == 11
@@ -214,7 +214,7 @@ def test_nothing_is_drawn_where_nothing_is_known() -> None:
 
 
 def test_left_and_right_are_exchanged_with_the_keypoints() -> None:
-    """Read with its sides exchanged, a detection that has them swapped says what the right one does."""
+    """A detection with swapped sides, read with its sides exchanged, equals the correct one."""
     rng = np.random.default_rng(5)
     q, other = random_pose(BODY, rng, share=0.5, turn=0.5), random_pose(BODY, rng, share=0.5, turn=0.5)
     seen, search = lifted_by(AHEAD, q), ModeSearch(CostModel(BODY))
@@ -230,9 +230,9 @@ def test_left_and_right_are_exchanged_with_the_keypoints() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 9])
-def test_it_tells_at_which_depth_limbs_are(seed: int) -> None:
-    """To one camera an arm that reaches towards it looks like one that reaches away: of the first poses the best is the
-    one that was lifted, though the frame counts little beside those before it, which a first pose does not know."""
+def test_it_determines_the_depth_of_limbs(seed: int) -> None:
+    """To one camera an arm that reaches towards it looks like one that reaches away: the best of the first poses is the
+    lifted one, though the frame counts little beside the earlier ones, which a first pose does not have."""
     body = body_of("upper13")
     q = body.clamp(random_pose(body, np.random.default_rng(seed), share=0.8))
     seen = lifted_by(camera_at(15.0, distance=3.0), q, 0.9, body)
@@ -249,6 +249,6 @@ def test_it_tells_at_which_depth_limbs_are(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["css-paper", "condensation", "annealed"])
-def test_the_trackers_of_the_papers_do_not_ask_it(name: str) -> None:
+def test_the_trackers_of_the_papers_do_not_use_it(name: str) -> None:
     assert settings_for(name).cost.lifted_weight == 0.0
     assert settings_for("css").cost.lifted_weight > 0.0

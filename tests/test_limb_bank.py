@@ -1,4 +1,4 @@
-"""Limbs of examples on a pose, ranked by what is seen of the surface."""
+"""Limbs of examples on a pose, ranked by the visible surface."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bank(body: Body, surface: Surface, poses: np.ndarray) -> LimbBank:
 
 
 def facing(body: Body, surface: Surface, q: np.ndarray) -> np.ndarray:
-    """Places (N, 3) of the nodes that face the eye."""
+    """Points (N, 3) of the nodes that face the camera."""
     posed = body.at(q)
     places = points_in_world(posed, surface.joint, surface.local)
     normals = directions_in_world(posed, surface.joint, surface.normal)
@@ -49,7 +49,7 @@ def seen(body: Body, surface: Surface, q: np.ndarray) -> SeenPoints:
 
 
 def test_limbs_that_hardly_move_are_left_out(bank: LimbBank, body: Body) -> None:
-    """The examples stand: their legs are not tried."""
+    """The examples are standing: their legs are not tried."""
     moved = {body.v_names[dof] for limb in bank.limbs for dof in limb.dofs}
     assert len(bank.limbs) == 2
     assert not any("knee" in name or "hip" in name for name in moved)
@@ -59,7 +59,7 @@ def test_limbs_that_hardly_move_are_left_out(bank: LimbBank, body: Body) -> None
 def test_the_limb_that_is_seen_is_the_best(
     k: int, bank: LimbBank, body: Body, surface: Surface, poses: np.ndarray
 ) -> None:
-    """Of sixty arms and the true one, the true one, wherever the arm was before; the rest of the pose is as it was."""
+    """Of sixty arms and the true one, the true one wins, wherever the arm was; the rest of the pose is unchanged."""
     nothing = poses[:0]
     for true in poses[::10]:
         wrong = bank.with_limb(true, k, poses[7:8])[0]
@@ -68,15 +68,15 @@ def test_the_limb_that_is_seen_is_the_best(
 
 
 def test_neighbours_go_with_the_bank(bank: LimbBank, body: Body, surface: Surface) -> None:
-    """An arm that is not among the bank's is taken from them."""
+    """An arm in the bank replaces one that is not."""
     true = PoseSampler(body, headings=60.0).draw(np.random.default_rng(99))
     (best,) = bank.best(true, 0, true[None], seen(body, surface, true), 1)
     np.testing.assert_array_equal(best, body.clamp(true))
 
 
 def test_the_energy_is_that_of_the_closest_pairs_both_ways(body: Body, surface: Surface, poses: np.ndarray) -> None:
-    """Differences between limbs are those of a plain sum over all pairs of nodes and points; with all nodes of a limb
-    looked at and every point left over by the rest of the body."""
+    """Differences between limbs equal a plain sum over all pairs of nodes and points; with all nodes of a limb, and
+    every point that the rest of the body leaves."""
     bank = LimbBank(body, surface, anatomy_of(body).limbs[:], poses)
     bank._nodes = [np.flatnonzero([body.support(j)[limb.dofs[0]] for j in surface.joint]) for limb in bank.limbs]
     bank._thinned = [1.0] * len(bank.limbs)
@@ -84,7 +84,7 @@ def test_the_energy_is_that_of_the_closest_pairs_both_ways(body: Body, surface: 
     changed = bank.with_limb(poses[1], 0, poses)
 
     def plain(q: np.ndarray) -> float:
-        """Mean over the nodes of the limb that face the eye, among all that do, and mean over the points."""
+        """Mean over the limb's nodes that face the camera, among all such nodes, and mean over the points."""
         posed, limb = body.at(q), np.zeros(len(surface.joint), bool)
         limb[bank._nodes[0]] = True
         places = points_in_world(posed, surface.joint, surface.local)
@@ -100,7 +100,7 @@ def test_the_energy_is_that_of_the_closest_pairs_both_ways(body: Body, surface: 
 
 
 def test_limbs_that_are_tried_are_not_alike(bank: LimbBank, body: Body, surface: Surface, poses: np.ndarray) -> None:
-    """An arm that is there sixty times and a little off is tried once; the others are as good as can be without it."""
+    """An arm with sixty near copies is tried once; the others are the best remaining ones."""
     rng = np.random.default_rng(2)
     same = np.repeat(poses[3][None], 60, axis=0)
     same[:, body.bounded_q] += rng.normal(0.0, 0.005, (60, len(body.bounded_q)))

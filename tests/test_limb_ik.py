@@ -1,4 +1,4 @@
-"""Arms drawn from an image: they are seen where they were drawn for, and their density is that of what is drawn."""
+"""Arms sampled from an image: they project to their targets, and the stated density is that of the samples."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BENT = np.array([-0.25, 0.08, 1e-3, -1e-3, -0.01])  # a lens
 
 
 def ik_of(body: Body, number: int) -> LimbIK:
-    """Of a limb to 30 % more than its end landmark, as if to a hand's middle."""
+    """The chain of a limb to 30 % beyond its end landmark, as if to a hand's middle."""
     limb = anatomy_of(body).limbs[number]
     end = int(limb.landmarks[2])
     return LimbIK.of(body, limb, int(body.landmark_joint[end]), body.landmark_local[end] * 1.3)
@@ -51,15 +51,15 @@ def swivels_of(ik: LimbIK, angles: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", LIMBS)
-def test_an_end_is_where_it_was_asked_for_and_no_limit_is_left(name: str) -> None:
-    """From the end and swivel of a pose inside the limits, that pose is among the ways back, each as likely."""
+def test_an_end_is_at_its_target_within_the_limits(name: str) -> None:
+    """From the end and swivel of a pose inside the limits, that pose is among the equally likely solutions."""
     ik = ik_of(body_of(name), LIMBS[name])
     angles = some_angles(ik, 400)
     ends, before = ik.forward(angles)
     assert before.ok.mean() > 0.8
     swivels = swivels_of(ik, angles)
     nearest = np.full(len(ends), np.inf)
-    for level in np.arange(0.5 / 12, 1.0, 1.0 / 12):  # twelfths meet each of one to four ways
+    for level in np.arange(0.5 / 12, 1.0, 1.0 / 12):  # twelfths cover each of one to four solutions
         again = ik.solved(ends, swivels, np.full(len(ends), level))
         there, forward_arms = ik.forward(again.angles)
         assert np.abs(there - ends)[again.ok].max() < 1e-9
@@ -103,7 +103,7 @@ def test_the_density_is_by_finite_differences_of_place_depth_and_swivel(name: st
 
 
 def length(ik: LimbIK, origin: np.ndarray, way: np.ndarray, body: Body) -> float:
-    """What of a line is in the shell of the limb's reach [m], by a fine ruler, the neutral body's trunk given."""
+    """Length of a line inside the shell of the limb's reach [m], by fine sampling, for the neutral trunk."""
     off = origin - ik.points[0] @ parent_of(ik, body)[:, :9].reshape(3, 3) - parent_of(ik, body)[0, 9:]
     depth = np.linspace(-ik.far, ik.far, 200_001) - off @ way
     square = off @ off + 2.0 * depth * (off @ way) + depth**2
@@ -146,7 +146,7 @@ def test_the_density_of_an_arm_in_closed_form() -> None:
 
 
 def proposal(body: Body, ik: LimbIK, camera: Camera) -> ImageProposal:
-    """Two places, of which the limb can reach both in part."""
+    """Two places, both partly within the limb's reach."""
     M = parent_of(ik, body)[0]
     root = camera.project(ik.points[0] @ M[:9].reshape(3, 3) + M[9:])
     scale = camera.K[0, 0] * ik.far / (1.0 if camera.parallel else 3.0)
@@ -159,8 +159,8 @@ def proposal(body: Body, ik: LimbIK, camera: Camera) -> ImageProposal:
 @pytest.mark.parametrize(
     "name", later(["upper13", "example-robot-data:talos", "example-robot-data:g1"], "example-robot-data:g1")
 )
-def test_drawn_and_looked_at_have_one_density_whose_integral_is_the_share_that_was_drawn(name: str) -> None:
-    """Trunks differ from draw to draw, and the lens bends the picture: hands are met to 1e-9 m all the same."""
+def test_sampled_and_evaluated_densities_agree_and_integrate_to_the_accepted_share(name: str) -> None:
+    """Trunks differ between samples and the lens distorts: hands are still met to 1e-9 m."""
     body, count = body_of(name), 20_000
     made = proposal(body, ik_of(body, LIMBS[name]), replace(cameras()["perspective"], distortion=BENT))
     ik, rng = made.ik, np.random.default_rng(5)
@@ -183,7 +183,7 @@ def test_drawn_and_looked_at_have_one_density_whose_integral_is_the_share_that_w
 
 
 def test_weighed_by_one_over_the_density_arms_are_uniform_and_not_without_the_volume() -> None:
-    """As the benchmark measures it, of fewer arms."""
+    """As in the benchmark, with fewer arms."""
     body, count = body_of("upper13"), 60_000
     ik = ik_of(body, 0)
     made = proposal(body, ik, cameras()["perspective"])
@@ -194,8 +194,8 @@ def test_weighed_by_one_over_the_density_arms_are_uniform_and_not_without_the_vo
     assert p_value(made, arms, without, body, np.random.default_rng(4)).p < 1e-6
 
 
-def test_places_without_an_arm_have_none_and_nothing_is_nan() -> None:
-    """Of a place at the shoulder, none, and far away; of a camera within the arm's reach, which sees half of it."""
+def test_unreachable_places_have_no_arm_and_no_nan() -> None:
+    """For a place at the shoulder, none, and far away; for a camera within the arm's reach, which sees half of it."""
     body = body_of("upper13")
     ik = ik_of(body, 0)
     places = np.array([ik.points[0], [np.nan, 0.0, 0.0], [9.0, 0.0, 0.0], [np.inf, 0.0, 0.0]])
@@ -225,7 +225,7 @@ def _without_arms(arms: Arms) -> None:
     assert (arms.log_density == -np.inf).all()
 
 
-def test_an_image_that_says_nothing_of_the_end_is_refused() -> None:
+def test_an_image_without_information_on_the_end_is_refused() -> None:
     body = body_of("upper13")
     with pytest.raises(InputError, match="does not locate the end of a limb"):
         ImageProposal(ik_of(body, 0), cameras()["parallel"], uniform(("end",)))

@@ -1,4 +1,4 @@
-"""Laws of limbs by keypoints: exact keypoints give back the limbs that they are of, and say no more than they show."""
+"""Laws of limbs from keypoints: exact keypoints reproduce their limbs, and give no more evidence than they contain."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def evidence(name: str, observation: Observation, **settings: float) -> Keypoint
     return KeypointEvidence(body_of(name), graph, observation, sigma, chosen, landmarks)
 
 
-def told(name: str) -> list[int]:
-    """Limbs of which fixed landmarks tell the axis."""
+def limbs_with_known_axis(name: str) -> list[int]:
+    """Limbs whose axis is given by fixed landmarks."""
     graph, landmarks = limbs_of(name)
     heights = [of.place[of.fixed, 2] for of in landmarks]
     return [k for k, z in enumerate(heights) if len(z) and np.ptp(z) > 0.1 * graph.limbs[k].length]
@@ -98,7 +98,7 @@ def test_landmarks_of_a_limb_stay_in_its_frame_and_are_mirrored() -> None:
         np.testing.assert_allclose(local[of.fixed], of.place[of.fixed], atol=2e-3)
         other = landmarks[graph.mirror[k]]
         assert set(mirror[of.landmark[of.fixed]]) == set(other.landmark[other.fixed])
-    assert len(told("human34")) == len(graph.limbs) - 1  # nothing but the neck is fixed to the torso
+    assert len(limbs_with_known_axis("human34")) == len(graph.limbs) - 1  # nothing but the neck is fixed to the torso
 
 
 @pytest.mark.parametrize("name", ["human34", "arm8", "upper13"])
@@ -110,7 +110,7 @@ def test_exact_keypoints_give_back_the_limbs(name: str, views: int) -> None:
             assert (proposals.weights > 0.0).all()
             assert len(proposals.points) == len(proposals.weights) > 0
             off, axis, turn = nearest(proposals, t[k], R[k])
-            if k in told(name):
+            if k in limbs_with_known_axis(name):
                 assert off < 3e-3
                 assert axis < 1.0
                 assert turn < 75.0
@@ -121,18 +121,18 @@ def test_exact_keypoints_give_back_the_limbs(name: str, views: int) -> None:
 
 def test_the_likeliest_candidate_is_the_limb_s_own() -> None:
     observation, t, R = seen("human34", 1)
-    for k in told("human34"):
+    for k in limbs_with_known_axis("human34"):
         proposals = part_proposals("human34", observation)[k]
         best = PartProposals(proposals.points[[proposals.weights.argmax()]], np.ones(1))
         assert nearest(best, t[k], R[k])[0] < 3e-3
 
 
-def test_neighbours_tell_how_a_limb_is_turned() -> None:
+def test_neighbours_determine_how_a_limb_is_turned() -> None:
     off = []
     for seed in range(6):
         observation, t, R = seen("human34", seed)
         made = part_proposals("human34", observation)
-        for k in told("human34"):
+        for k in limbs_with_known_axis("human34"):
             best = PartProposals(made[k].points[[made[k].weights.argmax()]], np.ones(1))
             off.append(nearest(best, t[k], R[k])[2])
     assert np.mean(np.array(off) < 30.0) > 0.85
@@ -141,9 +141,9 @@ def test_neighbours_tell_how_a_limb_is_turned() -> None:
 def test_rays_that_miss_each_other_are_doubted_and_far_ones_are_not_of_one_landmark() -> None:
     observation, t, _ = seen("human34", 1)
     pixels = observation.pixels.copy()
-    pixels[0, :, 1] += 30.0  # all of a view alike, so that only the rays' distance tells
+    pixels[0, :, 1] += 30.0  # the whole view alike, so that only the rays' distance shows it
     view_off = replace(observation, pixels=pixels)
-    for k in told("human34"):
+    for k in limbs_with_known_axis("human34"):
         proposals = part_proposals("human34", view_off)[k]
         away = np.linalg.norm(placements_of(proposals.points)[0] - t[k], axis=1)
         assert away[proposals.weights.argmax()] < 3e-3
@@ -172,7 +172,7 @@ def test_one_camera_knows_a_limb_by_its_length() -> None:
     for seed in range(6):
         observation, t, R = seen("human34", seed, 1)
         off = [nearest(proposals, t[k], R[k]) for k, proposals in enumerate(part_proposals("human34", observation))]
-        good += [off[k][0] < 0.1 and off[k][1] < 30.0 for k in told("human34")]
+        good += [off[k][0] < 0.1 and off[k][1] < 30.0 for k in limbs_with_known_axis("human34")]
     assert np.mean(good) > 0.95
     assert all(not len(proposals.weights) for proposals in part_proposals("human34", observation, alone=False))
 
@@ -183,22 +183,22 @@ def test_exchanged_sides_are_covered_in_one_view_or_all() -> None:
     pixels = observation.pixels.copy()
     pixels[0] = pixels[0, mirror]
     for other in (observation.exchanged(mirror), replace(observation, pixels=pixels)):
-        for k in told("human34"):
+        for k in limbs_with_known_axis("human34"):
             assert nearest(part_proposals("human34", other)[k], t[k], R[k])[0] < 3e-3
-    # in every view at the exchange's price in each of a pair, spread over its turns where nothing tells of them
+    # in every view at the cost of the exchange for each of a pair, spread over undetermined turns
     graph, made = limbs_of("human34")[0], part_proposals("human34", observation)
     price = 2.0 * KeypointDetectorSettings().exchange
-    for k in (k for k in told("human34") if graph.mirror[k] != k):
+    for k in (k for k in limbs_with_known_axis("human34") if graph.mirror[k] != k):
         places, weights = placements_of(made[k].points)[0], made[k].weights
         sums = [weights[np.linalg.norm(places - t[i], axis=1) < 3e-3].sum() for i in (k, graph.mirror[k])]
         assert sums[1] / sums[0] == pytest.approx(np.exp(-price), rel=0.05)
-    thigh = next(k for k in told("human34") if graph.mirror[k] != k)
-    # two views, one of them exchanged: nothing but an exchange meets
+    thigh = next(k for k in limbs_with_known_axis("human34") if graph.mirror[k] != k)
+    # two views, one of them exchanged: only an exchange is consistent
     two = replace(observation, cameras=CAMERAS[:2], pixels=pixels[:2], confidence=observation.confidence[:2])
     assert nearest(part_proposals("human34", two)[thigh], t[thigh], R[thigh])[0] < 3e-3
 
 
-def test_nothing_seen_says_nothing() -> None:
+def test_nothing_seen_gives_no_evidence() -> None:
     observation, t, R = seen("human34", 3)
     shape = observation.confidence.shape
     missing = replace(observation, pixels=np.full((*shape, 2), np.nan), confidence=np.zeros(shape))
@@ -209,9 +209,9 @@ def test_nothing_seen_says_nothing() -> None:
     for k in range(len(t)):
         assert evidence("human34", missing).log_likelihood(k, t[[k]], R[[k]])[0] == 0.0
     pixels = observation.pixels.copy()
-    pixels[1:, :, 0] = np.nan  # of confidence, but nowhere
+    pixels[1:, :, 0] = np.nan  # with confidence, but without a position
     alone = part_proposals("human34", replace(observation, pixels=pixels))
-    for k in told("human34"):
+    for k in limbs_with_known_axis("human34"):
         assert nearest(alone[k], t[k], R[k])[0] < 0.15
 
 
@@ -220,14 +220,14 @@ def test_nothing_seen_says_nothing() -> None:
 def test_the_true_placement_is_likelier_than_far_ones(name: str, views: int) -> None:
     observation, t, R = seen(name, 5, views)
     of, rng = evidence(name, observation), np.random.default_rng(0)
-    for k in told(name):
+    for k in limbs_with_known_axis(name):
         way = rng.normal(size=(500, 3))
         away = t[k] + way * (rng.uniform(0.3, 6.0, 500) / np.linalg.norm(way, axis=1))[:, None]
         values = of.log_likelihood(k, away, np.repeat(R[[k]], 500, axis=0))
         true = of.log_likelihood(k, t[[k]], R[[k]])[0]
         assert np.isfinite(values).all()
         assert true <= 0.0
-        # along a single camera's line of sight little changes
+        # little changes along a single camera's line of sight
         assert np.mean(true > values) > (0.97 if views == 1 else 0.995)
 
 
@@ -235,15 +235,15 @@ def test_evidence_of_exchanged_sides_costs_the_exchange_in_every_view() -> None:
     body, (graph, landmarks) = body_of("human34"), limbs_of("human34")
     observation, t, R = seen("human34", 6)
     other = observation.exchanged(mirror_index(body.landmark_names))
-    k = next(i for i in told("human34") if len(landmarks[i].landmark) == 2 and graph.mirror[i] != i)
+    k = next(i for i in limbs_with_known_axis("human34") if len(landmarks[i].landmark) == 2 and graph.mirror[i] != i)
     own = evidence("human34", observation).log_likelihood(k, t[[k]], R[[k]])[0]
     assert own == pytest.approx(-4.0 * np.log(1.0 + np.exp(-3.0)), abs=0.05)
     assert evidence("human34", other).log_likelihood(k, t[[k]], R[[k]])[0] == pytest.approx(own - 12.0, abs=0.05)
 
 
 def test_landmarks_that_move_in_a_limb_are_less_certain() -> None:
-    """Nothing but the neck is fixed to the torso: its true placement is hardly worse than the best one could be."""
-    trunk = next(k for k in range(len(limbs_of("human34")[0].limbs)) if k not in told("human34"))
+    """Only the neck is fixed to the torso: its true placement is nearly the best possible one."""
+    trunk = next(k for k in range(len(limbs_of("human34")[0].limbs)) if k not in limbs_with_known_axis("human34"))
     values = []
     for seed in range(12):
         observation, t, R = seen("human34", seed)
@@ -252,7 +252,7 @@ def test_landmarks_that_move_in_a_limb_are_less_certain() -> None:
 
 
 def test_keypoints_of_two_limbs_count_once() -> None:
-    """Twice the noise of one landmark's keypoint changes the sum over limbs as it would change one Gaussian energy."""
+    """Doubling the noise of one landmark's keypoint changes the sum over limbs like one Gaussian energy."""
     body, (graph, landmarks) = body_of("arm8"), limbs_of("arm8")
     observation, t, R = seen("arm8", 7, 1)
     owners = np.bincount(np.concatenate([of.landmark for of in landmarks]), minlength=len(body.landmark_names))
@@ -266,11 +266,14 @@ def test_keypoints_of_two_limbs_count_once() -> None:
         KeypointEvidence(body, graph, o, sigma, settings, landmarks)
         for o in (observation, replace(observation, pixels=pixels))
     ]
-    near = [sum(v.log_likelihood(i, t[[i]], R[[i]])[0] for i in range(len(t)) if i in told("arm8")) for v in values]
+    near = [
+        sum(v.log_likelihood(i, t[[i]], R[[i]])[0] for i in range(len(t)) if i in limbs_with_known_axis("arm8"))
+        for v in values
+    ]
     assert near[0] - near[1] == pytest.approx(0.5 * (3.0 / 2.0) ** 2, abs=0.02)
 
 
-def test_equal_input_equal_bits_and_wrong_input_is_told() -> None:
+def test_equal_input_equal_bits_and_wrong_input_is_refused() -> None:
     observation = seen("human34", 8, 3)[0]
     body, (graph, landmarks) = body_of("human34"), limbs_of("human34")
     for a, b in zip(part_proposals("human34", observation), keypoint_proposals(body, graph, observation), strict=True):

@@ -1,4 +1,4 @@
-"""The overlay of limbs: it draws what the run believes, where it believes it, and says what it cannot draw."""
+"""The overlay of limbs: it draws the beliefs of the run in place, and reports what it cannot draw."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SAMPLES = 6
 
 @pytest.fixture
 def loose(tmp_path: Path) -> Any:
-    """Makes a run of two frames, of which the first tells of limbs, with some of its extra arrays changed."""
+    """Makes a run of two frames, the first with limb estimates, with some of its extra arrays changed."""
     subject = load_subject("human34")
     body = km.Body(subject)
     q = pin.neutral(body.model)
@@ -36,7 +36,7 @@ def loose(tmp_path: Path) -> Any:
     plain = made_run(tmp_path / "plain.run", subject, np.tile(q, (2, 1, 1)))
     graph = limb_graph(body)
     points = np.repeat(points_of(*limb_placements(graph, body, q))[:, None], SAMPLES, axis=1)
-    told = {
+    arrays = {
         "limb_names": np.array(graph.names),
         "limb_points": points,
         "limb_weights": np.full(points.shape[:2], 1.0 / SAMPLES),
@@ -47,7 +47,7 @@ def loose(tmp_path: Path) -> Any:
         file = tmp_path / f"loose{len(list(tmp_path.iterdir()))}.run"
         with RunWriter.create(file, header) as writer:
             for k in range(2):
-                extra = told | changed if k == 0 else {}
+                extra = arrays | changed if k == 0 else {}
                 writer.append(replace(plain.result(k), extra=extra), {"q": q[None]})
             writer.finish()
         return Run.open(file)
@@ -56,13 +56,13 @@ def loose(tmp_path: Path) -> Any:
 
 
 def test_samples_are_drawn_where_the_limbs_are(loose: Any) -> None:
-    """All samples at the true place: what is drawn covers the projected joint of each limb, and little else."""
+    """All samples at the true place: the drawing covers the projected joint of each limb, and little else."""
     run = loose()
     layer = limb_layer(run)
     assert layer.beliefs[1] is None
-    told = layer.beliefs[0]
-    assert told is not None
-    points = told[0]
+    drawn = layer.beliefs[0]
+    assert drawn is not None
+    points = drawn[0]
     camera = replace(
         run.header.cameras[0],
         R_camera_world=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
@@ -92,16 +92,16 @@ def test_the_command_writes_what_the_function_writes(loose: Any, tmp_path: Path)
     assert (tmp_path / "c.gif").read_bytes() == film.read_bytes()
 
 
-def test_what_cannot_be_drawn_is_said(loose: Any, tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_refused(loose: Any, tmp_path: Path) -> None:
     with pytest.raises(km.InputError, match=r"has no limb estimates, its tracker is css .*track with loose-limbed"):
         km.overlay(tmp_path / "plain.run", tmp_path / "a.gif", limbs=True)
-    told = loose().result(0).extra
-    names = told["limb_names"].copy()
+    arrays = loose().result(0).extra
+    names = arrays["limb_names"].copy()
     names[0] = "tail"
     for name, value, problem in (
         ("limb_names", names, "frame 0: has the limbs tail, "),
-        ("limb_points", told["limb_points"][:, :, :6], "has limb_points of the shape"),
-        ("limb_weights", 2.0 * told["limb_weights"], "limb_weights that are not shares"),
+        ("limb_points", arrays["limb_points"][:, :, :6], "has limb_points of the shape"),
+        ("limb_weights", 2.0 * arrays["limb_weights"], "limb_weights that are not shares"),
     ):
         with pytest.raises(km.InputError, match=problem):
             km.overlay(loose(**{name: value}), tmp_path / "a.gif", limbs=True)

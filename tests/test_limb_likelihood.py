@@ -76,8 +76,8 @@ def test_the_outline_is_where_the_cone_ends_across_the_line_of_sight() -> None:
 
 
 def test_a_bar_before_black_is_measured_as_it_is() -> None:
-    """A bright upright bar, as wide as the limb and longer: both edges, a ridge, all inside and beyond its ends and
-    nothing beside is the person."""
+    """A bright upright bar, as wide as the limb and longer: both edges, a ridge; inside and beyond its ends is the
+    person, beside it is not."""
     camera = camera_at(0.0, height=0.0)
     limb = replace(LIMB, start=0.0, end=1.0, proximal=np.full(2, 0.06), distal=np.full(2, 0.06))
     t, R = np.array([[0.0, 0.0, -0.5]]), np.eye(3)[None]
@@ -121,8 +121,8 @@ def test_views_are_added_and_the_world_may_be_turned() -> None:
 def test_a_view_without_background_is_one_whose_foreground_does_not_count() -> None:
     camera, R = camera_at(10.0), some_rotations(3)
     bare = LimbLikelihood([LIMB], [noise_view(camera, masked=False)], settings=NO_LIMIT)
-    told = LimbLikelihood([LIMB], [noise_view(camera)], settings=replace(NO_LIMIT, foreground=False))
-    np.testing.assert_allclose(bare.log_ratio(0, INSIDE, R), told.log_ratio(0, INSIDE, R), atol=1e-12)
+    outline_only = LimbLikelihood([LIMB], [noise_view(camera)], settings=replace(NO_LIMIT, foreground=False))
+    np.testing.assert_allclose(bare.log_ratio(0, INSIDE, R), outline_only.log_ratio(0, INSIDE, R), atol=1e-12)
     unknown = limb_view(
         camera, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), bool), np.zeros((480, 640), bool)
     )
@@ -137,7 +137,7 @@ def test_beyond_the_common_volume_there_is_nothing() -> None:
     middle = np.array([0.0, 0.0, 0.5 * (LIMB.start + LIMB.end)])
     at = np.array([high + np.array([0.01, 0.0, 0.0]), 0.5 * (low + high)]) - middle
     assert np.isneginf(likelihood.log_ratio(0, at, R)).tolist() == [True, False]
-    # a corner of the box that a view does not show: the view says no more than `unseen`
+    # a corner of the box that a view does not show: the view counts as `unseen`
     corner = np.array([high - 0.01]) - middle
     shown = [np.isfinite(view.features(LIMB, corner, R[:1])[0, 0]) for view in (noise_view(c) for c in cameras)]
     assert shown == [False, False]
@@ -159,7 +159,7 @@ def test_every_place_that_all_cameras_see_is_in_the_box() -> None:
     assert (np.ptp(points[seen], axis=0) > 0.8 * (high - low - 0.3)).all()
 
 
-def test_nothing_to_see_and_nowhere_to_stand_is_no_nan() -> None:
+def test_no_view_and_no_volume_give_no_nan() -> None:
     camera = camera_at(0.0)
     black = limb_view(camera, np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), bool))
     likelihood = LimbLikelihood([LIMB], [black], settings=replace(NO_LIMIT, unseen=-5.0))
@@ -189,7 +189,7 @@ def standing() -> tuple[tuple[Limb, ...], list[LimbView], np.ndarray, np.ndarray
 
 @pytest.mark.parametrize(("foreground", "least"), [(True, 0.95), (False, 0.75)])
 def test_the_true_pose_beats_far_ones(standing, foreground: bool, least: float) -> None:
-    """A person in clothes and a room that were not learned from, in three small pictures."""
+    """A person in clothes and a room outside the training set, in three small pictures."""
     limbs, views, t, R = standing
     likelihood = LimbLikelihood(limbs, views, settings=LimbSettings(foreground=foreground))
     rng, shares = np.random.default_rng(0), []
@@ -217,7 +217,7 @@ def test_what_ships_is_small_and_has_not_seen_the_test_clip() -> None:
     assert not re.search(r"(07|16|49)_\d\d", about)
 
 
-def test_a_file_comes_back_and_a_damaged_one_is_told(tmp_path: Path) -> None:
+def test_a_file_round_trips_and_a_damaged_one_is_refused(tmp_path: Path) -> None:
     models, path = shipped_models(), tmp_path / "again.json"
     models.save(path, "again")
     again = load_models(path)

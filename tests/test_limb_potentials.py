@@ -106,7 +106,7 @@ def test_a_known_mixture_is_found_again(full: bool) -> None:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_the_likelihood_never_falls(full: bool) -> None:
-    """Of kernels that overlap and are wide, where the mean of eq. 4 is not the most likely one."""
+    """Overlapping wide kernels, where the mean of eq. 4 is not the most likely one."""
     for seed in range(2):
         rng = np.random.default_rng(seed)
         wide = known(rng)
@@ -118,7 +118,7 @@ def test_the_likelihood_never_falls(full: bool) -> None:
         assert np.isfinite(mixture.covariance).all()
 
 
-def test_signs_of_quaternions_say_nothing() -> None:
+def test_signs_of_quaternions_do_not_matter() -> None:
     rng = np.random.default_rng(3)
     points = known(rng).sample(rng, 800)
     other = points.copy()
@@ -143,7 +143,7 @@ def test_densities_integrate_to_one_and_are_the_engine_s() -> None:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_rigid_links_keep_the_floors_and_are_undone_by_the_way_back(full: bool) -> None:
-    """F_ij o F_ji is the identity, of a link that does not move at all."""
+    """F_ij o F_ji is the identity for a rigid link."""
     rng = np.random.default_rng(6)
     place = np.append(rng.normal(size=3), Rotation.random(rng=rng).as_quat())
     points = np.repeat(place[None], 50, axis=0)
@@ -161,7 +161,7 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def test_the_mirrored_body_has_mirrored_placements() -> None:
-    """Equal angles left and right, the trunk as it stands: what mirrors a pose mirrors its relative placements."""
+    """With equal angles left and right and the trunk at rest, mirroring a pose mirrors its relative placements."""
     body, graph = body_of("human34"), graph_of("human34")
     assert has_sides(graph, body)
     q = random_pose(body, np.random.default_rng(7))
@@ -193,7 +193,7 @@ def test_both_sides_learn_the_same() -> None:
     "name", later(["human34", "arm8", "upper13", "example-robot-data:g1"], "example-robot-data:g1")
 )
 def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
-    """Better than what cannot be, and equal seeds give equal bits; poses are within limits."""
+    """Better than impossible poses, and equal seeds give equal bits; poses are within limits."""
     if name.startswith("example") and "g1" not in installed():
         pytest.skip("example-robot-data is not installed")
     body = body_of(name)
@@ -208,7 +208,7 @@ def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
         assert log_densities(again, others) == (space, time)
     shifted = {e: p + np.eye(7)[0] * 0.3 for e, p in others.spatial.items()}
     assert space > log_densities(potentials, LimbPoses(shifted, {}))[0] + 5.0
-    # an arm is no mirror image of itself; the section of a G1's shoulder is turned by 7 degrees from the other's
+    # an arm is not its own mirror image; the section of a G1's shoulder is turned by 7 degrees from the other's
     assert has_sides(graph, body) == (name in ("human34", "upper13"))
     q = poses_within(body)
     assert (q >= body.lower - 1e-9).all()
@@ -216,7 +216,7 @@ def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
 
 
 def poses_within(body: Body) -> np.ndarray:
-    """Drawn poses (N, nq), read off what `limb_poses` is given."""
+    """Sampled poses (N, nq), captured at the call of `limb_poses`."""
     kept: list[np.ndarray] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -227,7 +227,7 @@ def poses_within(body: Body) -> np.ndarray:
 
 
 def test_pairs_are_as_far_apart_as_the_time_step() -> None:
-    """Of a body that moves evenly, half a frame is half the way; poses that are not good take no part."""
+    """For an evenly moving body half a frame is half the motion; poor poses are excluded."""
     body, graph = body_of("human34"), graph_of("human34")
     step = 0.01 * np.random.default_rng(9).normal(size=body.nv)
     q = [body.neutral]
@@ -270,11 +270,11 @@ def test_potentials_of_another_graph_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (lambda c: c.pop("spatial"), "spatial: is missing"),
         (lambda c: c["spatial"].pop(), "both directions"),
-        (lambda c: c["spatial"][1].update(to="tail"), "'tail' is none of the limbs"),
+        (lambda c: c["spatial"][1].update(to="tail"), "'tail' is not one of the limbs"),
         (lambda c: c["spatial"][1].update(weight=[-1, 1, 1]), "not shares"),
         (lambda c: c["spatial"][1].update(t=[[0, 0]]), "3 x 3 numbers"),
         (lambda c: c["spatial"][1].update(quaternion=[[0, 0, 0, 2]] * 3), "length 1"),
@@ -284,18 +284,18 @@ def test_potentials_of_another_graph_are_refused() -> None:
         (lambda c: c["temporal"][0].update(dt=-1), "not a time step"),
     ],
 )
-def test_damaged_files_are_refused(tmp_path: Path, change, says: str) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_files_are_refused(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "p.json"
     learned("arm8").save(path, "a test")
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         load_potentials(path)
 
 
 def test_another_person_s_joints_are_where_they_are() -> None:
-    """Potentials carried over to longer or shorter bones say of the same poses what they said of the first body's."""
+    """Potentials transferred to longer or shorter bones give the same poses the values of the first body."""
     proportions = ProportionedBody(load_subject("human34"))
     body, potentials, graph = body_of("human34"), learned("human34"), graph_of("human34")
     rng = np.random.default_rng(10)

@@ -37,7 +37,7 @@ def graphs() -> dict[tuple[str, str], LimbGraph]:
 
 
 def check(graph: LimbGraph, body: Body) -> None:
-    """A tree of limbs that share no link, with right-handed frames and cones that have a size."""
+    """A tree of limbs that share no link, with right-handed frames and cones of positive size."""
     size = len(graph.limbs)
     assert len(set(graph.names)) == size >= 2
     links = [link for limb in graph.limbs for link in limb.links]
@@ -222,14 +222,14 @@ def test_limbs_follow_fitted_lengths(graphs: dict[tuple[str, str], LimbGraph]) -
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_person_of_other_lengths_has_the_same_limbs(seed: int) -> None:
-    """The rule has room: lengths up to 2.5 standard deviations off change no limb."""
+    """The rule has a margin: lengths up to 2.5 standard deviations off change no limb."""
     subject, rng = load_subject("human34"), np.random.default_rng(seed)
     kept = [_partition(subject, rule) for rule in RULES.values()]
     scaled = subject.scaled({p.joint: float(rng.choice([0.85, 1.15])) for p in subject.proportions})
     assert [_partition(scaled, rule) for rule in RULES.values()] == kept
 
 
-def test_links_and_shape_as_somebody_wants_them(tmp_path: Path) -> None:
+def test_links_and_shapes_can_be_given(tmp_path: Path) -> None:
     path = tmp_path / "limbs.toml"
     path.write_text(
         """[limbs.left_leg]
@@ -263,7 +263,7 @@ FAULTS = {
     "link": ('[limbs.a]\nlinks = ["left_tigh"]', ("no link 'left_tigh'", "left_thigh")),
     "twice": ('[limbs.a]\nlinks = ["left_thigh"]\n[limbs.b]\nlinks = ["left_thigh", "left_shank"]', ("limb 'a' too",)),
     "apart": ('[limbs.a]\nlinks = ["left_thigh", "head"]', ("not connected", "between them")),
-    "carrier": ('[limbs.a]\nlinks = ["left_thigh"]\nlink = "head"', ("none of the links", "left_thigh")),
+    "carrier": ('[limbs.a]\nlinks = ["left_thigh"]\nlink = "head"', ("not one of the links", "left_thigh")),
     "joint": ('[limbs.left_thigh]\ndistal = "left_knee"', ("no joint 'left_knee'", "left_knee_flexion")),
     "far joint": ('[limbs.left_thigh]\ndistal = "neck_axial"', ("not on this limb", "left_knee_flexion")),
     "no length": ('[limbs.left_thigh]\ndistal = "left_hip_rotation"', ("same place",)),
@@ -282,13 +282,13 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_wrong_wishes_are_refused(tmp_path: Path, fault: str) -> None:
-    text, told = FAULTS[fault]
+def test_wrong_requests_are_refused(tmp_path: Path, fault: str) -> None:
+    text, message = FAULTS[fault]
     path = tmp_path / "limbs.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         limb_graph(body_of("human34"), overrides=path)
-    assert all(words in str(caught.value) for words in told), str(caught.value)
+    assert all(words in str(caught.value) for words in message), str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -376,7 +376,7 @@ def _partition(subject: Subject, rule: Rule) -> list[tuple[int, ...]]:
 
 
 def _nodes(bodies: Bodies, limb: Limb, z: np.ndarray) -> np.ndarray:
-    """The outer nodes of a limb that its cone stands for, in the world with the body at rest."""
+    """The outer nodes of a limb that its cone approximates, in the world with the body at rest."""
     joint = {link: j for j, links in enumerate(bodies.links) for link in links}
     group = Group(tuple(topmost_first(bodies, {joint[link] for link in limb.links})), joint[limb.link])
     return outer_nodes(bodies, along_axis(bodies, group, z))

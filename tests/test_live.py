@@ -1,4 +1,4 @@
-"""`kinemode live`: pictures as they come, dropped rather than late, shown as they are tracked, and kept as a run."""
+"""`kinemode live`: pictures in real time, dropped rather than late, shown as they are tracked, and stored as a run."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def shots(count: int) -> Iterator[CapturedPicture]:
 
 
 class Steps:
-    """In place of a stepper: notes the times of the pictures that it is given, or is interrupted at one of them."""
+    """In place of a stepper: records the times of its pictures, or is interrupted at one of them."""
 
     cues = ()
 
@@ -61,27 +61,27 @@ class Steps:
 
 
 class Turns(Steps):
-    """A stepper with its camera, which takes a picture when it is told to.
+    """A stepper with its camera, which takes pictures on command.
 
-    during: how many pictures are taken in the course of each step. waits: a step ends after these are there; else it
-    ends at once, and the next picture finds the tracker waiting or not, as it happens.
+    during: how many pictures are taken in the course of each step. waits: a step ends once these exist; otherwise it
+    ends at once, and the next picture may or may not find the tracker waiting.
     """
 
     def __init__(self, during: Sequence[int], *, waits: bool = True) -> None:
         super().__init__()
         self.during, self.waits = iter(during), waits
-        self.told, self.there = threading.Semaphore(1), threading.Semaphore(0)
+        self.allowed, self.there = threading.Semaphore(1), threading.Semaphore(0)
 
     def shots(self, count: int) -> Iterator[CapturedPicture]:
         for shot in shots(count):
-            assert self.told.acquire(timeout=DEADLINE)
+            assert self.allowed.acquire(timeout=DEADLINE)
             yield shot
-            if shot.number:  # who takes it has stored it; the first is awaited by the one who is given it
+            if shot.number:  # the producer has stored it; the first is awaited by its receiver
                 self.there.release()
 
     def step(self, keypoints: Any, picture: Any, time_: float) -> Any:
         for _ in range(next(self.during)):
-            self.told.release()
+            self.allowed.release()
             assert not self.waits or self.there.acquire(timeout=DEADLINE)
         return super().step(keypoints, picture, time_)
 
@@ -136,7 +136,7 @@ def test_ctrl_c_ends_it_and_what_was_tracked_stays() -> None:
     assert session.frames == 2
 
 
-def test_what_goes_wrong_in_the_camera_is_told() -> None:
+def test_camera_errors_are_reported() -> None:
     def broken() -> Iterator[CapturedPicture]:
         yield from shots(2)
         raise km.InputError("camera 0", "was unplugged")
@@ -165,7 +165,7 @@ def test_a_camera_is_left_at_its_next_picture_or_when_it_gives_none() -> None:
 
 def test_a_file_is_played_at_its_own_rate(clip: RenderedClip) -> None:
     (video,) = clip.videos.values()
-    now = iter(np.arange(100) * 0.0)  # a clock that stands still, so that all waiting is asked for
+    now = iter(np.arange(100) * 0.0)  # a clock that stands still, so that all waiting is explicit
     waited: list[float] = []
     taken = list(FileCamera(video, paced=True, clock=lambda: float(next(now)), pause=waited.append).shots())
     np.testing.assert_allclose(waited, np.arange(len(taken)) / FPS)
@@ -197,21 +197,21 @@ def test_every_picture_of_a_file_gives_the_run_of_a_tracker(clip: RenderedClip, 
 def test_a_run_of_some_pictures_knows_which(
     clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With keypoints from a function, which finds nobody at first, and meanwhile two pictures are taken."""
+    """With keypoints from a function, which finds no person at first; meanwhile two pictures are taken."""
     ((name, video),) = clip.videos.items()
     seen = km.load_keypoints(clip.keypoints[name])
     asked: list[float] = []
-    told, waits = threading.Semaphore(1), threading.Semaphore(0)
+    allowed, waits = threading.Semaphore(1), threading.Semaphore(0)
 
     def pause(seconds: float) -> None:
-        """The camera's before each picture, when those before it are handed over."""
+        """The camera's delay before each picture, while earlier ones are processed."""
         waits.release()
-        assert told.acquire(timeout=DEADLINE)
+        assert allowed.acquire(timeout=DEADLINE)
 
     def finder(picture: np.ndarray, at: float) -> np.ndarray | None:
         asked.append(at)
         frame = round(at * FPS)
-        told.release(2 if frame == 0 else 1)
+        allowed.release(2 if frame == 0 else 1)
         if frame == 0:  # when the camera waits for the fourth, the third is the newest
             assert all(waits.acquire(timeout=DEADLINE) for _ in range(4))
         points = np.concatenate([seen.pixels[frame], seen.confidence[frame][:, None]], axis=1)
@@ -227,13 +227,13 @@ def test_a_run_of_some_pictures_knows_which(
     assert run.header.frames_of(name).tolist() == session.pictures
     assert run.time.tolist() == asked == pytest.approx(np.array(session.pictures) / FPS)
     assert run.status[0] == "unobserved"
-    assert callable(km.live)  # no module has taken its name
+    assert callable(km.live)  # not hidden by a module of that name
 
 
 def test_a_terminal_that_interrupts_leaves_a_whole_run(clip: RenderedClip, tmp_path: Path) -> None:
-    """Of a film that lasts longer than anything is waited for, and does not move."""
+    """A still film that lasts longer than any wait."""
     ((name, video),) = clip.videos.items()
-    fps = 0.5  # no fewer are allowed
+    fps = 0.5  # the lowest allowed
     count = round(fps * (DEADLINE + 60))
     slow, out = tmp_path / f"{name}.mp4", tmp_path / "cut.run"
     write_film(slow, [Clip.open(video).frame(0)] * count, fps)
@@ -252,8 +252,8 @@ def test_a_terminal_that_interrupts_leaves_a_whole_run(clip: RenderedClip, tmp_p
         event = next(json.loads(line[6:]) for line in sent if line.startswith(b"data: {"))
     assert event["status"] == "tracked"
     process.send_signal(signal.SIGINT)
-    code, printed, told = ended(process)
-    assert code == 0, told
+    code, printed, errors = ended(process)
+    assert code == 0, errors
     assert " tracked" in printed
     run = km.open_run(out)
     assert run.complete
@@ -265,7 +265,7 @@ def test_a_terminal_that_interrupts_leaves_a_whole_run(clip: RenderedClip, tmp_p
 def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
     clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
 ) -> None:
-    """When it is stored and not yet counted, or half stored."""
+    """When it is stored but not yet counted, or half stored."""
     ((name, video),) = clip.videos.items()
     append = RunWriter.append
 
@@ -302,7 +302,7 @@ def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
         (97, {"keypoints": len}, "camera 97: gives no picture"),
     ],
 )
-def test_what_is_not_there_is_said(source: Any, given: Any, message: str) -> None:
+def test_missing_input_is_reported(source: Any, given: Any, message: str) -> None:
     with pytest.raises(km.InputError, match=message):
         km.live(source, **given)
 
@@ -325,7 +325,7 @@ def followed(preview: MovingPreview, send: Any) -> threading.Thread:
     return thread
 
 
-def test_a_page_is_sent_every_frame_and_has_heard_of_the_end() -> None:
+def test_a_page_receives_every_frame_and_the_end() -> None:
     body, sent = body_of("human34"), Queue[tuple[str, str]]()
     with MovingPreview(body, (camera_at(0.0),), 3, patience=DEADLINE, farewell=DEADLINE) as preview:
         assert b"waiting for a person" in urllib.request.urlopen(preview.address).read()
@@ -341,15 +341,15 @@ def test_a_page_is_sent_every_frame_and_has_heard_of_the_end() -> None:
         assert b"<title>human34" in urllib.request.urlopen(preview.address).read()
 
 
-def test_a_page_that_waits_is_asked_whether_it_is_still_there() -> None:
-    told, left = list[str](), list[int]()
+def test_a_waiting_page_is_pinged() -> None:
+    messages, left = list[str](), list[int]()
     with MovingPreview(body_of("arm8"), (camera_at(0.0),), 3, patience=0.0, farewell=0.0) as preview:
 
         def send(kind: str, text: str) -> None:
-            told.append(kind)
-            if len(told) == 2:
+            messages.append(kind)
+            if len(messages) == 2:
                 raise BrokenPipeError
-            if len(told) == 4:
+            if len(messages) == 4:
                 preview.end("ended")
 
         def two() -> None:
@@ -361,7 +361,7 @@ def test_a_page_that_waits_is_asked_whether_it_is_still_there() -> None:
         pages = threading.Thread(target=two, daemon=True)
         pages.start()
         pages.join(DEADLINE)
-    assert told == ["still"] * 4 + ["end"]
+    assert messages == ["still"] * 4 + ["end"]
     assert left == [0]
 
 
@@ -389,12 +389,12 @@ def test_a_page_that_is_too_slow_is_sent_the_newest_frame(preview: MovingPreview
 
 
 def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPreview) -> None:
-    """The joints of the body and of the hypothesis lie where they are, and the picture is the frame's."""
+    """The joints of the body and of the hypothesis are in their true places, and the picture is the frame's."""
     body = body_of("human34")
     first, second = body.neutral.copy(), bent(body, left_knee_flexion=0.5)
     second[:3] += (0.3, 0.2, 0.1)
     preview.show(moment(1, first, second))
-    browser.set_window_size(500, 400)  # fewer pixels are drawn sooner
+    browser.set_window_size(500, 400)  # fewer pixels draw faster
     browser.get(preview.address)
     preview.show(moment(2, second, first))
     until(lambda: browser.execute_script("return typeof data === 'object' && data.index[0] === 2"), "the second frame")
@@ -424,7 +424,7 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
     browser.set_window_size(1200, 800)
 
 
-def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_largest_person_at_the_start_stays_the_subject(monkeypatch: pytest.MonkeyPatch) -> None:
     small, large = (size * np.array([[0.0, 0.0, 1.0], [1.0, 2.0, 1.0]]) for size in (1.0, 3.0))
     pictures = iter([{0: small, 1: large}, {0: large, 1: small}, {0: large}, {0: large}])
     lost = iter([{}, {}, {1: ([], 0)}, {}])  # 1 is remembered for a while, then forgotten

@@ -1,4 +1,4 @@
-"""The servers of this machine's browser, on real sockets: who is answered, and what is left behind."""
+"""The servers of this machine's browser, on real sockets: which requests are answered, and what remains."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def ask(server: LocalServer, route: str, method: str = "GET", **headers: str) ->
     return answer.status, dict(answer.headers), answer.read()
 
 
-def test_only_who_knows_the_address_sees_the_page() -> None:
+def test_only_the_full_address_opens_the_page() -> None:
     with serving() as server:
         port, secret = server.server_address[1], f"/{server.token}/"
         assert server.address == f"http://127.0.0.1:{port}{secret}"
@@ -71,13 +71,13 @@ def test_head_has_no_body_and_an_icon_is_not_missed() -> None:
         assert b"".join(iter(lambda: raw.recv(4096), b"")).endswith(b"\r\n\r\n")
 
 
-def test_who_says_nothing_is_hung_up_on(capfd: pytest.CaptureFixture[str]) -> None:
+def test_silent_connections_are_closed(capfd: pytest.CaptureFixture[str]) -> None:
     with ExitStack() as stack:
         server = stack.enter_context(live.PreviewServer(lambda: b"<!DOCTYPE html>"))
         usual, server.silence = server.silence, 0.05
         silent = [socket.create_connection(server.server_address[:2], timeout=DEADLINE) for _ in range(3)]
-        for connection, said in zip(silent, (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost"), strict=True):
-            connection.sendall(said)  # before anybody listens: what is said is there when the silence begins
+        for connection, sent in zip(silent, (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost"), strict=True):
+            connection.sendall(sent)  # before the server listens, so that the data is there when the timeout starts
         stack.enter_context(answering(server))
         assert [connection.recv(100) for connection in silent] == [b""] * 3
         server.silence = usual
@@ -102,7 +102,7 @@ def test_a_browser_that_leaves_prints_nothing(capfd: pytest.CaptureFixture[str])
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_cannot_be_shown_is_said_to_the_browser() -> None:
+def test_errors_are_shown_in_the_browser() -> None:
     def fail() -> bytes:
         raise InputError("walk.run", "there is no such file")
 
@@ -129,7 +129,7 @@ def test_an_interrupt_ends_the_view_and_frees_its_port(capfd: pytest.CaptureFixt
             signal.raise_signal(signal.SIGINT)
 
     live.serve(scene, open_browser=False, ready=ready)
-    assert answers == [204]  # it served when the signal came
+    assert answers == [204]  # it was serving when the signal arrived
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(places[0], timeout=DEADLINE)
     assert capfd.readouterr() == ("", "")

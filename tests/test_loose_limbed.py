@@ -1,4 +1,4 @@
-"""The loose-limbed tracker on pictures alone: it starts, tracks, recovers, resumes, and says what it cannot do."""
+"""The loose-limbed tracker on pictures alone: it starts, tracks, recovers, resumes, and reports what it cannot do."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SMALL: dict[str, Any] = {
 }
 BEGIN, BLANK, END = 2, (4,), 6
 SEED = 3
-"""With so few samples every other seed takes the person's back for the front."""
+"""With so few samples every other seed confuses the person's back and front."""
 
 
 @cache
@@ -45,7 +45,7 @@ def clip() -> LimbClip:
 
 @cache
 def observations() -> tuple[Observation, ...]:
-    """Frames of the clip; in one nobody is in the pictures."""
+    """Frames of the clip; in one the pictures show no person."""
     return tuple(clip().observation(k, blank=k in BLANK) for k in range(BEGIN, END))
 
 
@@ -82,7 +82,7 @@ def error(result: FrameResult) -> float:
     return float(1e3 * np.linalg.norm(at[0] - at[1], axis=1).mean())
 
 
-def test_it_begins_with_pictures_alone_tracks_and_finds_who_was_away() -> None:
+def test_it_starts_from_pictures_alone_and_finds_a_person_again() -> None:
     results, _ = from_nothing()
     assert [r.status for r in results] == ["tracked", "tracked", "unobserved", "tracked"]
     assert max(error(r) for r in results if r.status == "tracked") < 80.0
@@ -93,13 +93,13 @@ def test_it_begins_with_pictures_alone_tracks_and_finds_who_was_away() -> None:
         assert (r.penetration <= 0.01).all()
 
 
-def test_it_tells_what_it_believes_of_limbs() -> None:
+def test_it_reports_its_limb_beliefs() -> None:
     results, states = from_nothing()
-    told = results[1].extra
-    assert tuple(told["limb_names"]) == clip().graph.names
-    assert told["limb_points"].shape == states[1].arrays()["limb_points"].shape
-    np.testing.assert_allclose(told["limb_weights"].sum(axis=1), 1.0)
-    assert not results[2].extra  # nothing was searched
+    stored = results[1].extra
+    assert tuple(stored["limb_names"]) == clip().graph.names
+    assert stored["limb_points"].shape == states[1].arrays()["limb_points"].shape
+    np.testing.assert_allclose(stored["limb_weights"].sum(axis=1), 1.0)
+    assert not results[2].extra  # no search
 
 
 def test_resumed_is_uninterrupted() -> None:
@@ -112,8 +112,8 @@ def test_resumed_is_uninterrupted() -> None:
 
 
 def test_with_smoothing_the_frame_before_is_inferred_again() -> None:
-    """What is believed then is of the frame before, as soon as it has a past; after a blank frame it is not looked back
-    at. Resumed is uninterrupted."""
+    """The stored beliefs are those of the previous frame once it has a past; after a blank frame they stay. Resumed is
+    uninterrupted."""
     known = true_state(clip(), BEGIN - 1, 40)
     results, states = track(known, smoothing=True)
     frame = 1.0 / 30.0
@@ -154,10 +154,10 @@ def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
     believed = tuple(Belief(PLACEMENTS, np.eye(7)[[6]], np.ones(1)) for _ in range(10))
     graph = window(potentials, 0.01, instants, PastBeliefs(0.0, believed))
     assert len(graph.nodes) == 30
-    # the paper's 94: three times 18, and 40 in time; what is believed of the past stays, and is told nothing
+    # the paper's 94: three times 18, and 40 in time; beliefs of the past are fixed and receive no messages
     assert len(graph.potentials) == 94 - 18 - 10
     assert sum(i // 10 == j // 10 for i, j in graph.potentials) == 2 * 18
-    # with the frame before inferred again all of the 94, and what is believed of its own past
+    # with the previous frame inferred again all of the 94, and those from its own past
     instants = [replace(instants[0], time=k / 30.0) for k in (1, 2, 3)]
     graph = window(potentials, 0.01, instants, PastBeliefs(0.0, believed))
     assert sum(max(edge) < 30 for edge in graph.potentials) == 94
@@ -166,7 +166,7 @@ def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
         window(potentials, 0.01, [instants[0], replace(instants[1], time=instants[0].time + 1.0)])
 
 
-def test_importance_functions_are_about_what_was_shouted_and_anywhere() -> None:
+def test_importance_functions_cover_proposals_and_the_whole_volume() -> None:
     box, rng = np.array([[-2.0] * 3, [2.0] * 3]), np.random.default_rng(1)
     proposals = PartProposals(np.array([[0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]), np.array([3.0]))
     nothing = PartProposals(np.zeros((0, 7)), np.zeros(0))
@@ -181,7 +181,7 @@ def test_importance_functions_are_about_what_was_shouted_and_anywhere() -> None:
     )
 
 
-def test_nobody_and_no_common_place() -> None:
+def test_no_person_and_no_common_volume() -> None:
     blank = clip().observation(BEGIN, blank=True)
     assert not tracker().can_start(blank)
     assert tracker().can_start(observations()[0])

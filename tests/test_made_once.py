@@ -1,4 +1,4 @@
-"""What is made once for all tests: by the first that asks, and again where that failed."""
+"""Fixtures made once for all tests: by the first request, and again after a failure."""
 
 from __future__ import annotations
 
@@ -18,4 +18,4 @@ def test_the_first_makes_it_and_a_failure_is_everybodys_own(tmp_path_factory: py
         with pytest.raises(ValueError, match="cannot be made"):
             made_once(tmp_path_factory, "test_made_once", fail)
     assert made_once(tmp_path_factory, "test_made_once", lambda folder: len(list(folder.iterdir()))) == 0
-    assert made_once(tmp_path_factory, "test_made_once", fail) == 0  # it is there already
+    assert made_once(tmp_path_factory, "test_made_once", fail) == 0  # it exists already

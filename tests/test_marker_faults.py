@@ -1,4 +1,4 @@
-"""Labels that changed places, and axes that are mirrored."""
+"""Swapped labels and mirrored axes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def exchanged(track: MarkerTrack, pair: tuple[str, str], frames: slice) -> Marke
 
 
 @pytest.mark.parametrize("frames", [slice(0, 10), slice(40, 41), slice(97, 160), slice(250, 300)])
-def test_swapped_labels_are_put_right_and_said(frames: slice) -> None:
+def test_swapped_labels_are_corrected_with_a_note(frames: slice) -> None:
     whole = legs(np.random.default_rng(1))
     mended, notes = mirrored_swaps(exchanged(whole, ("L", "R"), frames), [("L", "R"), ("absent", "R")])
     np.testing.assert_array_equal(mended.points, whole.points)
@@ -64,7 +64,7 @@ def test_gaps_hide_no_swap() -> None:
 
 
 def test_points_that_were_measured_elsewhere_change_no_labels() -> None:
-    """Of a head that leaps, with noise, gaps and outliers as of a laboratory, all labels stay."""
+    """With a jumping head, noise, gaps and outliers as in a laboratory, all labels stay."""
     time = np.arange(180) / 60.0
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ def test_points_that_were_measured_elsewhere_change_no_labels() -> None:
         assert not changed.any(), seed
 
 
-def test_paths_that_cross_are_no_swap() -> None:
+def test_paths_that_cross_are_not_a_swap() -> None:
     whole = legs(np.random.default_rng(3))
     whole.points[:, :, 1] *= 0.05  # a centimetre apart as they pass
     assert mirrored_swaps(whole, [("L", "R")])[1] == ()
@@ -102,7 +102,7 @@ def test_a_real_walk_is_left_alone_and_its_swaps_are_put_right(shared_data: Path
     np.testing.assert_array_equal(mirrored_swaps(swapped, pairs)[0].points, track.points)
 
 
-def test_mirrored_axes_are_told(shared_data: Path) -> None:
+def test_mirrored_axes_are_reported(shared_data: Path) -> None:
     for name in TRIALS:
         track = trial(shared_data, name)
         markers = [m for m in matching_set(track.names).markers if m.link in ("pelvis", "torso")]
@@ -119,7 +119,7 @@ def test_what_is_flat_is_not_mirrored() -> None:
     assert not mirrored(flat[:3], flat[None, :3])
 
 
-def test_the_axis_that_points_up_is_told_by_who_walks(shared_data: Path, tmp_path: Path) -> None:
+def test_walking_shows_the_up_axis(shared_data: Path, tmp_path: Path) -> None:
     for name in TRIALS[1:]:
         track = trial(shared_data, name)
         for up in UPS:

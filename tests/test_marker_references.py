@@ -1,4 +1,4 @@
-"""Markers of laboratories as references: which are joint centres, in which world and on whose clock."""
+"""Markers of laboratories as references: which are joint centres, in which world and on which clock."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def errors(run: Run, file: Path, **how: Any) -> Evaluation:
 
 
 def test_every_file_of_the_same_markers_gives_the_same_errors(run: Run, tmp_path: Path) -> None:
-    """Whichever axis points up, in whichever unit, whole numbers or not."""
+    """For any up axis and unit, integers or not."""
     points = laboratory(run)
     write_trc(tmp_path / "a.trc", MARKERS, points, run.time)
     y_up = errors(run, tmp_path / "a.trc")
@@ -95,7 +95,7 @@ def test_every_file_of_the_same_markers_gives_the_same_errors(run: Run, tmp_path
     for row in metres[6:]:
         row[2:] = [f"{1e-3 * float(cell):.9f}" for cell in row[2:]]
     (tmp_path / "m.trc").write_text("\n".join(map("\t".join, metres)).replace("\tmm\t", "\tm\t"))
-    write_trc(tmp_path / "z.trc", MARKERS, points @ R_OPENSIM_WORLD, run.time)  # what is written points up along z
+    write_trc(tmp_path / "z.trc", MARKERS, points @ R_OPENSIM_WORLD, run.time)  # the written file has z up
     assert errors(run, tmp_path / "z.trc", up="z").per_joint == pytest.approx(y_up.per_joint, abs=1e-4)
     for name, unit, up, whole in (("z", "mm", "+Z", True), ("y", "m", "+Y", False), ("i", "mm", "+Y", True)):
         own = points if up == "+Z" else points @ R_OPENSIM_WORLD.T
@@ -111,7 +111,7 @@ def test_every_file_of_the_same_markers_gives_the_same_errors(run: Run, tmp_path
     assert wrong.pa_mpjpe == pytest.approx(y_up.pa_mpjpe, abs=1e-4)
 
 
-def test_what_was_matched_is_said(run: Run, tmp_path: Path) -> None:
+def test_the_matched_markers_are_reported(run: Run, tmp_path: Path) -> None:
     write_trc(tmp_path / "a.trc", MARKERS, laboratory(run), run.time)
     notes = errors(run, tmp_path / "a.trc").notes
     for pair in ("right_hip (RHJC)", "left_hip (L_HJC_reg)", "right_knee (r_knee and r_mknee)"):
@@ -157,7 +157,7 @@ TRC = "PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\tRHJC\t\t\tC7\t\t\
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("a.trc", TRC.replace("\tUnits", "").replace("\tmm", ""), "Units: has no unit of length .one of mm, cm, m"),
         ("a.trc", TRC.replace("mm", "inch"), "Units: unknown unit 'inch' .one of mm, cm, m"),
@@ -174,19 +174,19 @@ TRC = "PathFileType\t4\nDataRate\tUnits\n30\tmm\nFrame#\tTime\tRHJC\t\t\tC7\t\t\
         ("a.c3d", c3d_file(("A",), np.ones((2, 1, 3)))[:600], "ends within its parameters"),
     ],
 )  # fmt: skip
-def test_faults_are_said_in_a_line(run: Run, tmp_path: Path, name: str, content: Any, said: str) -> None:
+def test_faults_are_one_line(run: Run, tmp_path: Path, name: str, content: Any, message: str) -> None:
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         km.evaluate(run, path)
 
 
-def test_an_axis_nobody_names_is_said(run: Run, tmp_path: Path) -> None:
+def test_an_undeclared_axis_is_reported(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.c3d").write_bytes(c3d_file(MARKERS, 1e3 * laboratory(run), up="", rate=30.0))
     assert "--up" in errors(run, tmp_path / "a.c3d").notes[0]
     assert "--up" not in errors(run, tmp_path / "a.c3d", up="z").notes[0]
-    for how, said in (({"up": "w"}, "up: 'w' is not an axis"), ({"offset": float("nan")}, "offset: must be")):
-        with pytest.raises(InputError, match=said):
+    for how, message in (({"up": "w"}, "up: 'w' is not an axis"), ({"offset": float("nan")}, "offset: must be")):
+        with pytest.raises(InputError, match=message):
             errors(run, tmp_path / "a.c3d", **how)
     np.savez(tmp_path / "a.npz", points=run.landmarks, names=np.array(LIMB_JOINTS), fps=30.0)
     with pytest.raises(InputError, match="up: is of the world of markers"):

@@ -1,4 +1,4 @@
-"""Sets of markers: where they sit, which a file's names are of, and what is wrong with a file of one's own."""
+"""Sets of markers: where they sit, which set a file's names belong to, and faults of a user's own file."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_sides_mirror_each_other_and_lie_on_their_side(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", marker_set_names())
-def test_a_set_is_told_by_its_names_however_they_are_spelled(name: str) -> None:
+def test_a_set_is_recognised_by_its_names_in_any_spelling(name: str) -> None:
     markers = marker_set(name)
     names = [marker.name.upper().replace("_", " ").replace(".", "") for marker in markers.markers]
     chosen = matching_set([*names, "WAND"])
@@ -59,7 +59,7 @@ def test_names_of_triangulated_keypoints() -> None:
     assert ("LKnee", "RKnee") in chosen.pairs
 
 
-def test_a_set_that_nobody_knows() -> None:
+def test_an_unknown_set() -> None:
     with pytest.raises(InputError, match=r"lacks 'a, b.*opencap.*kinemode subjects --markers"):
         matching_set(["a", "b", "C7"])
     with pytest.raises(InputError, match="has none of the markers of opencap: 'a, b'"):
@@ -82,28 +82,28 @@ def test_the_other_side_is_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", r"has no table \[markers\]"),
         ("[a]\n", "unknown table 'a'"),
         ("[markers]\n" + LINE.replace("std", "sdt"), "'A': unknown entry 'sdt' .did you mean std"),
         ("[markers]\n" + LINE.replace(", std = 0.02", ""), "'A': lacks 'std'"),
         ("[markers]\n" + LINE.replace("0.02", "0"), "'A'.std: 0 cannot be a length here"),
-        ("[markers]\n" + LINE.replace("0.1, 0", "nan, 0"), "'A'.xyz: nan cannot be"),
+        ("[markers]\n" + LINE.replace("0.1, 0", "nan, 0"), "'A'.xyz: nan cannot be a length"),
         ("[markers]\n" + LINE.replace('"B"', '"A"'), "'A'.mirror: 'A' is not another marker"),
         ("[markers]\nA = 3\n", "'A': is not a table"),
-        ("[set]\nnoise = 'a'\n[markers]\n" + LINE, r"\[set\] noise: 'a' cannot be"),
+        ("[set]\nnoise = 'a'\n[markers]\n" + LINE, r"\[set\] noise: 'a' cannot be a length"),
         ("[markers]\n" + LINE.replace('"left_shank"', "?"), "is not TOML"),
     ],
 )
-def test_faults_are_said_in_a_line(tmp_path: Path, text: str, said: str) -> None:
+def test_faults_are_one_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         marker_set(tmp_path / "a.toml")
 
 
 def test_opencap_lies_where_a_standing_person_has_it(shared_data: Path) -> None:
-    """After one rigid motion, trunk, knees and ankles within 6 cm: no side or axis is mistaken."""
+    """After one rigid motion, trunk, knees and ankles within 6 cm: no side or axis is confused."""
     file = shared_data / "opencap" / "subject4" / "static1.trc"
     if not file.is_file():
         pytest.skip("needs opencap/subject4")

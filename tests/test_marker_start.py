@@ -1,4 +1,4 @@
-"""A set of markers to begin with: it has every name of the file, and loads."""
+"""A marker set template: it has every name of the file, and loads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "a.trc"
 
 
-def test_it_begins_with_what_is_known(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_starts_from_what_is_known(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["subjects", "--markers", str(file), "--out", str(tmp_path / "own.toml")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'own.toml'}\n"
     own = marker_set(tmp_path / "own.toml")
@@ -44,7 +44,7 @@ def test_it_begins_with_what_is_known(file: Path, tmp_path: Path, capsys: pytest
     km.load_subject("human34").with_markers(whole.markers)
 
 
-def test_faults_are_said_in_a_line(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_are_one_line(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="is not a set of markers"):
         km.marker_start(file, begin="nosuch")
     with pytest.raises(InputError, match="no such file"):

@@ -1,4 +1,4 @@
-"""Markers: what they say of a pose, lengths and places that are fitted to them, tracks and runs by them."""
+"""Markers: their evidence on a pose, lengths and places fitted to them, tracks and runs from them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FLEXED = {"left_knee_flexion": 0.9, "right_hip_flexion": 0.7, "left_elbow_flexio
 
 @cache
 def marked() -> Subject:
-    """human34 with the markers of Plug-in Gait, none of them where nobody knows."""
+    """human34 with the markers of Plug-in Gait, all at known places."""
     return load_subject("human34").with_markers(marker_set("plug-in-gait").markers)
 
 
@@ -50,7 +50,7 @@ def poses(body: Body, count: int) -> np.ndarray:
 
 
 def measured(body: Body, q: np.ndarray, noise: float = 0.0, seed: int = 0) -> list[Observation]:
-    """What a laboratory measures of poses (T, nq), with noise [m]."""
+    """A laboratory's measurement of poses (T, nq), with noise [m]."""
     rng, count = np.random.default_rng(seed), len(body.landmark_names)
     points = body.markers_of(body.placed(q))
     points = points + noise * rng.normal(size=points.shape)
@@ -100,9 +100,9 @@ def test_lengths_are_found_and_places_handed_on() -> None:
     person = subject.scaled(factors)
     body = Body(person)
     fit = fit_markers(subject, measured(body, poses(body, 8), 0.001), settings=MarkerFitSettings(effective_frames=8.0))
-    told = dict(zip(fit.names, fit.scales, strict=True))
+    lengths_found = dict(zip(fit.names, fit.scales, strict=True))
     for name in fit.names:
-        assert told[name] == pytest.approx(factors.get(name, 1.0), abs=0.035), name
+        assert lengths_found[name] == pytest.approx(factors.get(name, 1.0), abs=0.035), name
     fitted = {marker.name: marker for marker in fit.subject.markers}
     for marker in subject.markers:
         assert fitted[marker.name].std <= marker.std * (1.0 + 1e-9)
@@ -118,7 +118,7 @@ def test_a_person_of_another_size_is_resized_first() -> None:
 
 
 def displaced(subject: Subject, seed: int) -> Subject:
-    """A person whose markers sit a centimetre from where the set has them."""
+    """A person whose markers sit a centimetre from their places in the set."""
     rng = np.random.default_rng(seed)
     moved = [np.array(m.xyz) + rng.normal(size=3) * 0.01 / np.sqrt(3.0) for m in subject.markers]
     places: list[tuple[float, float, float]] = [(float(x), float(y), float(z)) for x, y, z in moved]
@@ -133,8 +133,8 @@ def standing(body: Body, count: int, **held: float) -> np.ndarray:
     return np.tile(body.clamp(q), (count, 1))
 
 
-def test_a_static_trial_tells_the_zeros_of_the_joints() -> None:
-    """Markers that sit elsewhere turn the joints' zeros, which a pose that is known brings back."""
+def test_a_static_trial_determines_the_zeros_of_the_joints() -> None:
+    """Misplaced markers shift the joints' zeros, which a known pose restores."""
     body = Body(displaced(marked(), 5))
     q = poses(body, 8)
     moving, static = measured(body, q, 0.001), measured(body, standing(body, 4), 0.001, seed=1)
@@ -149,7 +149,7 @@ def test_a_static_trial_tells_the_zeros_of_the_joints() -> None:
 
 
 def test_static_frames_count_as_one() -> None:
-    """A longer static trial is no better known pose, and the heading it is taken at does not matter."""
+    """A longer static trial does not make the pose better known, and its heading does not matter."""
     body = Body(marked())
     moving, stood = measured(body, poses(body, 3)), standing(body, 1)
     fits = [fit_markers(marked(), moving, measured(body, np.tile(stood, (count, 1)))) for count in (1, 5)]
@@ -173,7 +173,7 @@ def test_joints_that_are_bent_in_a_static_trial_are_not_taken_as_known() -> None
     assert "left_shoulder_elevation" in note
 
 
-def test_exact_markers_give_the_pose_whatever_outliers_say() -> None:
+def test_exact_markers_give_the_pose_despite_outliers() -> None:
     body = Body(marked().with_markers([replace(m, std=1e-3) for m in marked().markers]))
     q = poses(body, 6)
     seen = measured(body, q)
@@ -245,7 +245,7 @@ def correlation(covariance: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Body, np.ndarray]:
-    """A TRC file of somebody with the lengths of human34, the body and its poses."""
+    """A TRC file of a person with the lengths of human34, the body and its poses."""
     body = Body(marked())
     q = poses(body, 12)
     path = tmp_path_factory.mktemp("points") / "bend.trc"
@@ -275,7 +275,7 @@ def test_a_file_of_points_becomes_a_run(recorded: tuple[Path, Body, np.ndarray],
     assert not residuals.missing.any()
 
 
-def test_a_run_by_points_goes_on_to_the_bit(
+def test_a_run_from_points_resumes_to_the_bit(
     recorded: tuple[Path, Body, np.ndarray], tracked: Any, tmp_path: Path
 ) -> None:
     again = km.track("human34", points=[recorded[0]], fit="off", out=tmp_path / "again.run")
@@ -284,7 +284,7 @@ def test_a_run_by_points_goes_on_to_the_bit(
     np.testing.assert_array_equal(again.q, resumed.q)
 
 
-def test_a_run_by_points_is_drawn_as_by_a_camera_that_looks_at_it(tracked: Any) -> None:
+def test_a_run_from_points_is_drawn_by_a_camera_facing_it(tracked: Any) -> None:
     scene = pictured_scene(tracked)
     (camera,) = scene.cameras
     pixels = camera.project(tracked.landmarks.reshape(-1, 3))
@@ -325,7 +325,7 @@ def test_options_of_points_need_points() -> None:
 
 
 def test_a_static_trial_of_a_file_joins_the_fit(recorded: tuple[Path, Body, np.ndarray], tmp_path: Path) -> None:
-    """By TRC and by npz it is the same trial, and a run has no trace of it but the person."""
+    """The trial is the same from TRC and npz, and the run keeps nothing of it but the person."""
     path, body, _ = recorded
     points, time = body.markers_of(body.placed(standing(body, 3))), np.arange(3) / FPS
     more = np.concatenate([points, points[:, :1] + 0.1], axis=1)
@@ -356,9 +356,9 @@ def test_a_static_trial_without_a_use_is_refused(
         ("human34", {"points": path, "static": tmp_path / "other.trc"}, "other.trc: no frame has 4 of the markers"),
         ("human34", {"points": path, "static": tmp_path / "none.trc"}, "none.trc"),
     ):
-        with pytest.raises(km.InputError, match=problem) as told:
+        with pytest.raises(km.InputError, match=problem) as caught:
             km.track(subject, **given)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(caught.value)
 
 
 def test_a_left_handed_file_is_refused(recorded: tuple[Path, Body, np.ndarray], tmp_path: Path) -> None:

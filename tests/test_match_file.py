@@ -1,4 +1,4 @@
-"""Correspondences as files: what is begun can be read, and every fault is one line that says where it is."""
+"""Correspondence files: templates can be read, and every fault is one line with its place."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def matched(folder: Path, text: str) -> Path:
     return path
 
 
-def check_line(line: str, path: Path, says: str) -> None:
-    """It begins with the file, and says so, quotes apart."""
+def check_line(line: str, path: Path, message: str) -> None:
+    """Errors start with the file and contain the text, up to quotes."""
     assert line.startswith(f"{path}: ")
-    assert says in line.replace("'", "")
+    assert message in line.replace("'", "")
     assert "\n" not in line
 
 
 @pytest.mark.parametrize("name", ["human34", "upper13", "arm8"])
-def test_what_is_begun_is_the_common_correspondence(tmp_path: Path, name: str) -> None:
+def test_a_template_has_the_common_correspondence(tmp_path: Path, name: str) -> None:
     names = body_of(name).landmark_names
     path = matched(tmp_path, match_start(name, names))
     read, common = load_match(path), common_correspondence(names, names)
@@ -35,8 +35,8 @@ def test_what_is_begun_is_the_common_correspondence(tmp_path: Path, name: str) -
     assert (read.places, read.scale, read.source) == ((), None, str(path))
 
 
-def test_what_is_begun_is_completed_by_its_comments(tmp_path: Path) -> None:
-    """A subject with no limb of a person has them all in comments, which are entries once they are filled in."""
+def test_a_template_is_completed_by_its_comments(tmp_path: Path) -> None:
+    """A subject without human limbs has all of them as comments, which become entries once filled in."""
     text = match_start("gripper", body_of("gripper").landmark_names)
     with pytest.raises(InputError, match="has no limbs and no places"):
         load_match(matched(tmp_path, text))
@@ -65,14 +65,14 @@ def test_every_entry_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (f"[limb]\n{LIMB}", "limb: unknown table"),
         (f"scale = 1.0\n[limbs]\n{LIMB}", "scale: unknown table"),
         ("[limbs]\nleft_thigh = 3", "[limbs] left_thigh: is not a table"),
         ('[limbs]\na = {from = "b", to = "c", wieght = 1}', "[limbs] a: unknown entry wieght"),
-        ('[limbs]\na = {from = "b"}', "[limbs] a: to is no landmark"),
-        ('[limbs]\na = {from = [], to = "b"}', "[limbs] a: from is no landmark"),
+        ('[limbs]\na = {from = "b"}', "[limbs] a: to is not a landmark"),
+        ('[limbs]\na = {from = [], to = "b"}', "[limbs] a: from is not a landmark"),
         ('[limbs]\na = {from = "b", to = "c", weight = 0}', "[limbs] a weight: is 0"),
         ('[limbs]\na = {from = "b", to = "c", weight = true}', "[limbs] a weight: is True"),
         ('[limbs]\na = {from = "b", to = "c", weight = nan}', "[limbs] a weight: is nan"),
@@ -87,15 +87,15 @@ def test_every_entry_is_read(tmp_path: Path) -> None:
         ("", "has no limbs and no places"),
     ],
 )
-def test_faults_are_one_line(tmp_path: Path, text: str, says: str) -> None:
+def test_faults_are_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = matched(tmp_path, text)
     with pytest.raises(InputError) as raised:
         load_match(path)
-    check_line(str(raised.value), path, says)
+    check_line(str(raised.value), path, message)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ('[limbs]\na = {from = "left_hip", to = "knee"}', "limb a: the subject has no landmark knee"),
         ('[limbs]\na = {from = "left_hip", to = "left_knee", source_to = "k"}', "limb a: the source has no landmark k"),
@@ -107,12 +107,12 @@ def test_faults_are_one_line(tmp_path: Path, text: str, says: str) -> None:
         ),
     ],
 )
-def test_unknown_landmarks_are_one_line(tmp_path: Path, text: str, says: str) -> None:
+def test_unknown_landmarks_are_one_line(tmp_path: Path, text: str, message: str) -> None:
     names = body_of("human34").landmark_names
     path = matched(tmp_path, text)
     with pytest.raises(InputError) as raised:
         check_correspondence(load_match(path), names, names)
-    check_line(str(raised.value), path, says)
+    check_line(str(raised.value), path, message)
 
 
 def test_nothing_in_common_is_one_line() -> None:

@@ -1,4 +1,4 @@
-"""Meshes that cannot be used are refused; some of them used to end the process, or never to end it."""
+"""Unusable meshes are refused, including some that once crashed or hung the process."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def body_with(mesh: Path, kind: str) -> Body:
 
 
 BAD = {
-    "a vertex is no number": ("m.stl", with_corner(np.nan), "a vertex is not finite"),
+    "a vertex is not a number": ("m.stl", with_corner(np.nan), "a vertex is not finite"),
     "a vertex is infinite": ("m.stl", with_corner(np.inf), "a vertex is not finite"),
     "a vertex is absurd": ("m.stl", with_corner(1e12), "a vertex lies 1.0e+12 m out"),
     "it is flat": ("m.stl", stl(TRIANGLES * [1.0, 1.0, 0.0]), "flat"),
@@ -48,7 +48,7 @@ BAD = {
     "it is too small": ("m.stl", stl(TRIANGLES * 1e-9), "flat"),
     "it is one triangle": ("m.stl", stl(TRIANGLES[:1]), "flat"),
     "it is cut short": ("m.stl", stl(TRIANGLES)[:1000], "cannot be read"),
-    "it is no mesh": ("m.obj", b"hello\n" * 20, "No meshes found"),
+    "not a mesh": ("m.obj", b"hello\n" * 20, "No meshes found"),
     "an index is out of range": ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 300\n", "vertex index out of range"),
     "its XML breaks off": ("m.dae", b"<COLLADA", "malformed XML"),
 }
@@ -57,15 +57,15 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 @pytest.mark.parametrize("use", [("collision", SelfCollision), ("visual", surface_of)])
 def test_a_mesh_that_cannot_be_used_is_refused(case, use, tmp_path, capfd) -> None:  # type: ignore[no-untyped-def]
-    name, content, said = BAD[case]
+    name, content, message = BAD[case]
     (tmp_path / name).write_bytes(content)
     kind, made = use
     with pytest.raises(InputError) as caught:
         made(body_with(tmp_path / name, kind))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert str(tmp_path / name) in str(caught.value)
     assert "\n" not in str(caught.value)
-    assert capfd.readouterr() == ("", "")  # what C++ has to say of it is not shown
+    assert capfd.readouterr() == ("", "")  # messages of C++ are hidden
 
 
 def test_a_sound_mesh_is_its_hull(tmp_path: Path) -> None:
@@ -100,8 +100,8 @@ def dae(unit: str, metres: float) -> str:
         ('<unit meter="2.54e-2"/>', 0.0254),
     ],
 )
-def test_a_mesh_is_as_large_as_its_unit_says(unit: str, metres: float, tmp_path: Path) -> None:
-    """To distances, to the surface and to the eye; a scale of the URDF comes on top."""
+def test_a_mesh_is_scaled_by_its_unit(unit: str, metres: float, tmp_path: Path) -> None:
+    """For distances, the surface and drawing; a scale of the URDF multiplies it."""
     path = tmp_path / "ball.dae"
     path.write_text(dae(unit, metres))
     for kind in ("collision", "visual"):
@@ -116,7 +116,7 @@ def test_a_mesh_is_as_large_as_its_unit_says(unit: str, metres: float, tmp_path:
 
 
 @pytest.mark.parametrize("unit", ["0", "-1", "inch", "inf", "nan"])
-def test_a_unit_that_is_no_length_is_refused(unit: str, tmp_path: Path) -> None:
+def test_a_unit_that_is_not_a_length_is_refused(unit: str, tmp_path: Path) -> None:
     (tmp_path / "ball.dae").write_text(dae(f'<unit meter="{unit}"/>', 1.0))
     with pytest.raises(InputError, match=f'ball.dae: the mesh cannot be used: <unit meter="{unit}"> is not a length'):
         solids_of(body_with(tmp_path / "ball.dae", "collision"))

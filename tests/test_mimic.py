@@ -1,4 +1,4 @@
-"""Joints that follow others: they move with their master everywhere, and the master moves what they move."""
+"""Joints that follow others: they move with their master everywhere, and the master moves what they carry."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pose(body: Body, seed: int = 0) -> np.ndarray:
 
 
 def loosened(subject: Subject, text: str, q: np.ndarray) -> tuple[Body, np.ndarray]:
-    """The same body with a follower that moves on its own, and the pose in which it does as it should."""
+    """The same body with an independent follower, and the pose in which it follows."""
     free, own = Body(subject_from_text(without_mimic(text), source="loose")), Body(subject)
     by_name = dict(zip(own.q_names, q, strict=True))
     for mimic in subject.mimics:
@@ -109,7 +109,7 @@ def test_energies_and_distances_know_what_the_master_moves(case: tuple[Subject, 
 
 
 def test_shapes_are_fitted_to_what_followers_carry(case: tuple[Subject, str]) -> None:
-    """The rows that a fit makes of points give the gradient and Hessian that terms make of the same points."""
+    """The rows of a fit to points give the gradient and Hessian of the terms on the same points."""
     body, rng = Body(case[0]), np.random.default_rng(5)
     posed, joint = body.at(pose(body)), np.arange(1, body.njoints)
     m = rng.normal(size=(len(joint), 3, 3))
@@ -187,10 +187,10 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_cannot_be_followed_is_refused(name: str, tmp_path: Path) -> None:
-    (old, new), said = FAULTS[name]
+    (old, new), message = FAULTS[name]
     text = gripper()
     assert old in text
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         load(tmp_path, text.replace(old, new))
 
 
@@ -211,7 +211,7 @@ def test_the_fingers_of_a_gripper_close_on_the_middle() -> None:
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_a_motion_with_followers_is_found_again(tmp_path: Path) -> None:
-    """From clean keypoints of two cameras, from files to files; smoothing draws so quick a motion in by a little."""
+    """From clean keypoints of two cameras, from files to files; smoothing slightly damps so quick a motion."""
     subject = load(tmp_path, gripper())
     body, times = Body(subject), np.arange(12) / 12.0
     start, step = pose(body, 3), 0.5 * np.random.default_rng(4).normal(size=body.nv)
@@ -235,8 +235,8 @@ def test_a_motion_with_followers_is_found_again(tmp_path: Path) -> None:
 
 
 def fan_of(masters: dict[str, tuple[str, float, float]], order: list[str]) -> str:
-    """Joints a, b, c, ... of one link, in some order of the file; masters: whom a joint follows, with multiplier and
-    offset."""
+    """Joints a, b, c, ... of one link, in any order in the file; masters: the joint that each follows, with multiplier
+    and offset."""
     names = sorted(order)
     joints = {}
     for i, name in enumerate(names):
@@ -274,7 +274,7 @@ def test_what_follows_a_follower_follows_its_master(seed: int, tmp_path: Path) -
     by_name = dict(zip(body.q_names, q.tolist(), strict=True))
     free = Body(subject_from_text(fan_of({}, names), source="free", base="fixed"))
     q_free = np.array([value_of(name, masters, by_name) for name in free.q_names])
-    assert np.abs(q_free).max() <= 2.0 + 1e-12  # limits of all hold
+    assert np.abs(q_free).max() <= 2.0 + 1e-12  # all limits hold
     placed, alone = body.at(q).placements, free.at(q_free).placements
     for name in names:
         ours, theirs = placed[body.model.getJointId(name)], alone[free.model.getJointId(name)]

@@ -1,4 +1,4 @@
-"""Laws of what is carried from frame to frame: modes, mixtures, first poses, and paths through the hypotheses."""
+"""Laws of what passes from frame to frame: modes, mixtures, first poses, and paths through the hypotheses."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_first_poses_from_every_side(search: ModeSearch, heading: float) -> None
     assert best.association == "as_detected"
     assert heading_error(body, best.q, heading) < 10.0
     assert reprojection_rms(body, best, seen, search.mirror) < 2.0
-    # a little depth is always anyone's guess
+    # depth is always slightly undetermined
     apart = np.linalg.norm(body.landmarks(body.at(best.q)) - body.landmarks(body.at(truth)), axis=1)
     assert apart.mean() < 0.12
     extent = np.sqrt(np.square(seen.pixels[0] - seen.pixels[0].mean(axis=0)).sum(axis=1).mean())
@@ -81,7 +81,7 @@ def test_first_poses_from_every_side(search: ModeSearch, heading: float) -> None
         assert inside(body, mode.q)
 
 
-def test_view_sphere_stands_where_the_picture_says() -> None:
+def test_view_sphere_is_placed_by_the_picture() -> None:
     body = body_of("human34")
     for distance in (2.5, 6.0):
         camera = camera_at(30.0, distance=distance)
@@ -200,13 +200,13 @@ def test_the_best_of_every_cluster_is_kept() -> None:
 
     assert kept(10) == [0.05, 1.0, 2.0]
     assert kept(2) == [0.05, 1.0]
-    # one landmark apart is enough to differ
+    # one differing landmark is enough
     far = best_distinct([0.0, 1.0], float, lambda x: np.array([[0.0, 0.0, 0.0], [x, 0.0, 0.0]]), 0.5, 5)
     assert len(far) == 2
 
 
 def test_bhattacharyya_distance() -> None:
-    """Zero of itself, symmetric on a vector space, the known form for one direction."""
+    """Zero for equal arguments, symmetric on a vector space, the known form in one dimension."""
     body = body_of("arm8")
     rng = np.random.default_rng(74)
     q = random_pose(body, rng, share=0.2)
@@ -238,7 +238,7 @@ def test_paths_follow_the_parents() -> None:
         weight = rng.random((8, 4))
         parent = rng.integers(-1, 4, size=(8, 4))
         assert backtrack(parent, weight).tolist() == brute_path(parent, weight)
-    # a frame without hypotheses is stepped over: the path goes on from the best one before it
+    # a frame without hypotheses is skipped: the path continues from the best one before it
     weight = np.array([[0.2, 0.8], [0.6, 0.4], [np.nan, np.nan], [0.9, 0.1]])
     parent = np.array([[-1, -1], [0, 1], [-1, -1], [-1, -1]])
     assert backtrack(parent, weight).tolist() == [0, 0, -1, 0]
@@ -246,7 +246,7 @@ def test_paths_follow_the_parents() -> None:
 
 
 def test_a_free_roots_search_does_not_depend_on_where_the_world_is(search: ModeSearch) -> None:
-    """Turning the world about and moving it, cameras and all, turns and moves the pose."""
+    """Rotating and moving the world with its cameras rotates and moves the pose."""
     body = search.body
     camera = CAMERA
     R, t = pin.rpy.rpyToMatrix(0.0, 0.0, 1.1), np.array([0.3, -2.0, 0.4])

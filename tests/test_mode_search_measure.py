@@ -1,4 +1,4 @@
-"""The side-by-side with scipy is of one energy: values, gradients and minima agree, and the counting is right."""
+"""The comparison with scipy uses one energy: values, gradients and minima agree, and the counting is right."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_robust_group_halved_and_squared_is_its_potential() -> None:
 
 
 def test_near_the_truth_both_find_the_same_minimum() -> None:
-    """On a clock that every reading of it moves on."""
+    """With a clock that advances at every reading."""
     rng, ticks = np.random.default_rng(1), count()
     contest = Contest(lambda: float(next(ticks)))
     duels = [contest.duel(contest.random_start(0.02, rng), rng) for _ in range(5)]
@@ -85,7 +85,7 @@ def test_reaching_a_level_is_noticed() -> None:
         assert (watched.reached is not None) == reached
 
 
-def test_figures_count_what_they_say() -> None:
+def test_figures_count_what_they_name() -> None:
     def duel(ours: float, in_a_tenth: float) -> Duel:
         return Duel("0.1", 50.0, ours, 10.0, in_a_tenth, 1.0, 12.0, 20.0, 5.0, 10, 20, True)
 

@@ -54,7 +54,7 @@ def test_gradient_and_hessian_are_differences(name: str, memory: float) -> None:
 
 @pytest.mark.parametrize("memory", [0.0, 0.12])
 def test_the_exact_hessian_is_that_of_the_potential(memory: float) -> None:
-    """Of joints whose steps just add up; fast movements bend the energy downwards."""
+    """For joints with additive steps; fast movements have negative curvature."""
     body, rng, step = body_of("arm8"), np.random.default_rng(6), 1e-6
     motion = motion_of(body, memory)
     q = np.array([body.neutral + 0.2 * rng.normal(size=body.nv) for _ in range(COUNT)])

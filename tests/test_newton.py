@@ -25,7 +25,7 @@ class Point(NamedTuple):
 
 
 class LeastSquares(Problem[Point]):
-    """1/2 |r(x)|^2; remembers what it was asked. promises: whether it says what a step promises."""
+    """1/2 |r(x)|^2; records its calls. promises: whether it gives the decrease that a step promises."""
 
     def __init__(
         self, residual: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], *, promises: bool = True
@@ -99,7 +99,7 @@ def test_the_valley_is_descended_and_the_energy_never_rises(damping: Damping, pr
 
 
 class Stubborn(Problem[Point]):
-    """Every trial rises, or is as bad as `trial` says; `unsolved`: dampings below it have no step."""
+    """Every trial rises, or has the value `trial`; `unsolved`: dampings below it have no step."""
 
     def __init__(self, trial: float = 2.0, unsolved: float = 0.0) -> None:
         self._trial, self._unsolved = trial, unsolved
@@ -126,14 +126,14 @@ def test_refused_steps_are_damped_more_until_the_descent_stalls() -> None:
     assert problem.dampings == [0.5, 1.0, 4.0, 32.0, 512.0]  # the growth doubles each time
 
 
-def test_growth_starts_anew_after_a_step_that_was_taken() -> None:
+def test_growth_restarts_after_an_accepted_step() -> None:
     class Once(Stubborn):
         def at(self, model: Point, step: Step) -> Point:
             return model._replace(value=model.value + (-1.0 if len(self.dampings) == 3 else 1.0))
 
     problem = Once()
     minimise(problem, FLAT, NewtonSettings(5, NIELSEN))
-    taken = 4.0 * 0.1  # the promise of 1 was kept, so the ratio is 1
+    taken = 4.0 * 0.1  # the promised decrease was reached, so the ratio is 1
     assert problem.dampings == pytest.approx([0.5, 1.0, 4.0, taken, 2.0 * taken])
 
 
@@ -198,7 +198,7 @@ def test_wild_energies_raise_nothing(value: float) -> None:
 
 
 class Valley:
-    """The valley's descent as functions of a state; remembers where derivatives were asked for."""
+    """The valley's descent as functions of a state; records where derivatives were computed."""
 
     def __init__(self) -> None:
         self.expanded: list[tuple[float, ...]] = []
@@ -223,7 +223,7 @@ def test_states_of_any_type_descend(start: tuple[float, ...]) -> None:
     end = descend(start, valley.energy, valley.expand, valley.step, NewtonSettings(200, Damping(growth=6.0)))
     assert end.model.state == pytest.approx((1.0, 1.0), abs=1e-9)
     assert end.model.value == valley.energy(end.model.state)
-    assert len(valley.expanded) == len(set(valley.expanded)) < end.tried  # once each, however often a step is refused
+    assert len(valley.expanded) == len(set(valley.expanded)) < end.tried  # once each, however many steps are refused
     count = len(valley.expanded)
     assert end.model.expansion is end.model.expansion
     assert len(valley.expanded) - count <= 1
@@ -244,7 +244,7 @@ def test_refused_steps_may_be_free() -> None:
 
 @pytest.mark.parametrize(("share", "tried"), [(0.3, 2), (0.15, 3), (0.1, 4)])
 def test_a_share_of_the_energy_is_enough(share: float, tried: int) -> None:
-    """Gains of 1/3, 1/5, 1/9 and 1/17 of the energy that is left: the first that is less is the last."""
+    """Gains of 1/3, 1/5, 1/9 and 1/17 of the energy that is left: the first below the threshold is the last."""
     energies = [16.0, 12.0, 10.0, 9.0, 8.5, 8.4]
     end = descend(0, energies.__getitem__, int, lambda k, known, damping: k + 1, NewtonSettings(5, share=share))
     assert (end.status, end.tried, end.model.value) == ("settled", tried, energies[tried])

@@ -1,4 +1,4 @@
-"""The notebooks run from the first cell to the last, say themselves what has to hold, and are kept without outputs."""
+"""The notebooks run from the first cell to the last, assert their own claims, and are stored without outputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.waiting import DEADLINE
 FOLDER = ROOT / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 PATIENCE = dict.fromkeys(("timeout", "startup_timeout", "iopub_timeout"), round(DEADLINE))
-"""With the kernel's start, a cell (the first may compile), and what a cell has printed, which comes after its end."""
+"""For the kernel's start, a cell (the first may compile), and a cell's output, which arrives after its end."""
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -29,7 +29,7 @@ def read(path: Path) -> Any:
 def executed(notebook: Any, folder: Path) -> Any:
     """The notebook with its outputs, from a kernel of this interpreter and this checkout, in an empty folder.
 
-    What `python3` is among the kernels of a machine may be another environment, so the kernel is described here.
+    The kernel `python3` of a machine may belong to another environment, so the kernel is described here.
     """
     nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
     pytest.importorskip("ipykernel", reason="ipykernel is not installed")
@@ -70,7 +70,7 @@ def test_there_are_two() -> None:
 @pytest.mark.paper
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
-    """Its cells assert what it says."""
+    """Its cells assert its claims."""
     pytest.importorskip("pandas", reason="pandas is not installed")
     notebook = read(path)
     assert any("\nassert " in "\n" + "".join(cell["source"]) for cell in notebook["cells"])
@@ -80,7 +80,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_what_a_notebook_calls_is_there(path: Path) -> None:
+def test_the_functions_a_notebook_calls_exist(path: Path) -> None:
     cells = [cell for cell in read(path)["cells"] if cell["cell_type"] == "code"]
     nodes = [node for cell in cells for node in ast.walk(ast.parse("".join(cell["source"])))]
     asked = {n.attr for n in nodes if isinstance(n, ast.Attribute) and getattr(n.value, "id", "") == "km"}
@@ -89,12 +89,12 @@ def test_what_a_notebook_calls_is_there(path: Path) -> None:
 
 
 @pytest.mark.paper
-def test_a_kernel_is_of_this_interpreter_and_checkout(tmp_path: Path) -> None:
+def test_a_kernel_uses_this_interpreter_and_checkout(tmp_path: Path) -> None:
     done = executed(
         one_cell("import os, sys, kinemode\nprint([sys.executable, kinemode.__file__, os.getcwd()])"), tmp_path
     )
-    told = done.cells[0].outputs[0].text
-    assert told.strip() == str([sys.executable, str(ROOT / "kinemode" / "__init__.py"), str(tmp_path / "work")])
+    printed = done.cells[0].outputs[0].text
+    assert printed.strip() == str([sys.executable, str(ROOT / "kinemode" / "__init__.py"), str(tmp_path / "work")])
 
 
 @pytest.mark.paper
@@ -109,7 +109,7 @@ def test_a_notebook_is_kept_without_outputs_and_its_links_lead_somewhere(path: P
     for cell in notebook["cells"]:
         assert not cell.get("outputs")
         assert cell.get("execution_count") is None
-    assert notebook["metadata"]["kernelspec"]["name"] == "python3"  # what every environment calls its own
+    assert notebook["metadata"]["kernelspec"]["name"] == "python3"  # the usual name in every environment
     text = "".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
     links = LINK.findall(text)
     assert links

@@ -1,5 +1,5 @@
-"""Small linear systems against LAPACK; alignments against what they were made from and against their neighbours; the
-closest places against all distances."""
+"""Small linear systems against LAPACK; alignments against their known motions and their neighbours; the closest points
+against all distances."""
 
 from __future__ import annotations
 
@@ -98,12 +98,12 @@ def test_known_motions_come_back() -> None:
 
 
 def test_mirror_images_are_turned_and_not_reflected() -> None:
-    """The best rotation onto the mirror image of points along the axes: the shortest axis is given up."""
+    """The best rotation onto the mirror image of points along the axes: the shortest axis is sacrificed."""
     points = np.diag([3.0, 2.0, 1.0])
     assert rotation_onto(points, points * [1.0, 1.0, -1.0]) == pytest.approx(np.eye(3), abs=1e-12)
     assert rotation_onto(points, points * [-1.0, 1.0, 1.0]) == pytest.approx(np.diag([-1.0, 1.0, -1.0]), abs=1e-12)
     mirrored = similarity_onto(np.vstack([points, -points]), np.vstack([points, -points]) * [1, 1, -1], scaled=True)
-    assert mirrored.scale == pytest.approx((9.0 + 4.0 - 1.0) / 14.0)  # Umeyama's trace, one sign turned
+    assert mirrored.scale == pytest.approx((9.0 + 4.0 - 1.0) / 14.0)  # Umeyama's trace, one sign flipped
 
 
 def test_no_neighbour_is_better() -> None:
@@ -140,7 +140,7 @@ def test_points_without_an_extent_are_only_moved() -> None:
 
 @pytest.mark.parametrize("count", [1, 255, 256, 257, 700])
 def test_the_closest_of_all(count: int) -> None:
-    """By all distances, over the seams of its blocks; of equals the first."""
+    """By all distances, across block borders; the first of equals."""
     rng = np.random.default_rng(7)
     places, among = rng.normal(size=(count, 3)), rng.normal(size=(40, 3))
     twice = np.concatenate([among, among])

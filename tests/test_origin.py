@@ -1,4 +1,4 @@
-"""Where modes came from: as records, as arrays of a run file, and in the words of older ones."""
+"""Where modes came from: as records, as arrays of a run file, and under older names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = [
 
 
 def test_origins_survive_storing() -> None:
-    """What a kind does not have stays away: no pose before the first frame, nothing paid in a static search."""
+    """Fields that do not apply are absent: no pose before the first frame, no penalty in a static search."""
     origins = Origins.of(KINDS, nq=2)
     assert origins is not None
     read = Origins.from_arrays(origins.arrays(), nq=2)
@@ -42,8 +42,8 @@ def test_origins_survive_storing() -> None:
     assert Origins.of([*KINDS, None], nq=2) is None
 
 
-def test_runs_keep_their_names_and_old_words_are_read() -> None:
-    """The flat penalty is stored as it always was; families have had other words."""
+def test_runs_keep_their_names_and_old_names_are_read() -> None:
+    """The constant penalty is stored as before; families had other names."""
     origins = Origins.of(KINDS, nq=2)
     assert origins is not None
     stored = origins.arrays()
@@ -58,7 +58,7 @@ def test_runs_keep_their_names_and_old_words_are_read() -> None:
         families({"origin_family": np.array(["x"])})
 
 
-def test_every_field_of_a_hypothesis_is_in_the_table_that_files_go_by() -> None:
+def test_every_field_of_a_hypothesis_is_in_the_file_table() -> None:
     renamed = {"paid": "has_transition", "price": "penalty"}
     assert {f.name for f in fields(Mode)} - {"origin"} == set(MODE_FIELDS)
     of_the_frame = {"index", "time", "status", "origins", "extra"}

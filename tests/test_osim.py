@@ -1,4 +1,4 @@
-"""Models for OpenSim: their markers are our landmarks, wherever the motion file takes them."""
+"""Models for OpenSim: their markers follow our landmarks in every pose of the motion file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ JOINTS_OF_ALL_KINDS = """<robot name="all kinds"><link name="base plate"/>
 
 
 def fitted() -> Body:
-    """human34 as a fit leaves it: other lengths, left and right alike."""
+    """human34 after a fit: other lengths, left and right alike."""
     subject = load_subject("human34")
     scales = {p.joint: 1.0 + 0.02 * (i - 3) for i, p in enumerate(subject.proportions)}
     return Body(subject.scaled(scales))
@@ -81,7 +81,7 @@ def body_named(name: str, tmp_path: Path) -> Body:
 
 
 def poses(body: Body) -> np.ndarray:
-    """Random poses within the limits; endless and planar joints and inner floating ones anywhere."""
+    """Random poses within the limits; continuous, planar and inner floating joints anywhere."""
     rng = np.random.default_rng(4)
     q = np.array([random_pose(body, rng) for _ in range(POSES)])
     for row in q:
@@ -102,7 +102,7 @@ def written(body: Body, tmp_path: Path, q: np.ndarray) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_markers_are_the_landmarks(name: str, tmp_path: Path) -> None:
-    """Within a thousandth of a millimetre, by a second reader, at what the motion file says."""
+    """Within a thousandth of a millimetre, by a second reader, at the values of the motion file."""
     body = body_named(name, tmp_path)
     q = poses(body)
     model, motion = written(body, tmp_path, q)
@@ -123,7 +123,7 @@ def test_markers_are_the_landmarks(name: str, tmp_path: Path) -> None:
     ("name", "follower"), [("gripper", "inner"), ("gripper, sliding", "inner"), ("gripper, still", "")]
 )
 def test_followers_go_where_their_leader_takes_them(name: str, follower: str, tmp_path: Path) -> None:
-    """The model's own constraints give what the motion file says of followers, from the other coordinates alone."""
+    """The model's own constraints give the followers' values of the motion file from the other coordinates alone."""
     body = body_named(name, tmp_path)
     model, motion = written(body, tmp_path, poses(body))
     read = OsimModel(model)
@@ -131,13 +131,13 @@ def test_followers_go_where_their_leader_takes_them(name: str, follower: str, tm
     assert {c.findtext("dependent_coordinate_name") for c in read.couplings} == ({follower} if follower else set())
     assert ("inner" in read.coordinates) == bool(follower)  # one that cannot move is welded, at its offset
     for coupling in read.couplings:
-        said = numbers(coupling, "coupled_coordinates_function/LinearFunction/coefficients")
-        np.testing.assert_array_equal(said, [MULTIPLIER, OFFSET])
+        coefficients = numbers(coupling, "coupled_coordinates_function/LinearFunction/coefficients")
+        np.testing.assert_array_equal(coefficients, [MULTIPLIER, OFFSET])
     lengths = slid(read)
     for row in values:
         named = {n: v if n in lengths else np.deg2rad(v) for n, v in zip(names, row, strict=True)}
         leaders = {n: 9.0 if n == follower else v for n, v in named.items()}
-        assert read.coupled(leaders) == pytest.approx(named, abs=1e-8)  # digits of the file
+        assert read.coupled(leaders) == pytest.approx(named, abs=1e-8)  # rounding in the file
 
 
 def slid(read: OsimModel) -> set[str]:
@@ -148,7 +148,7 @@ def slid(read: OsimModel) -> set[str]:
 
 
 def test_turns_about_one_point_are_one_joint(tmp_path: Path) -> None:
-    """Where nothing hangs between them; the belly hangs between the turns of the back."""
+    """Unless a body lies between them, as the belly between the joints of the back."""
     read = OsimModel(written(body_of("human34"), tmp_path, body_of("human34").neutral[None])[0])
     joints = {joint.get("name"): [c.get("name") for c in joint.iter("Coordinate")] for joint in read.joints}
     assert joints["left_hip"] == [f"left_hip_{n}" for n in ("flexion", "abduction", "rotation")]
@@ -185,7 +185,7 @@ def test_masses_of_the_urdf_are_kept(tmp_path: Path) -> None:
     centre = {name: placed[name] * numbers(segment, "mass_center") for name, segment in read.segments.items()}
     total = sum(mass.values())
     data = body.model.createData()
-    fixed = body.model.inertias[0]  # of what does not move, which Pinocchio leaves out
+    fixed = body.model.inertias[0]  # of the fixed part, which Pinocchio leaves out
     moving = pin.centerOfMass(body.model, data, q)
     whole = (data.mass[0] * moving + fixed.mass * fixed.lever) / (data.mass[0] + fixed.mass)
     assert total == pytest.approx(data.mass[0] + fixed.mass)
@@ -227,7 +227,7 @@ def joint_of(body: Body, link: str) -> int:
 
 
 def inside(size: tuple[float, float, float], placed: pin.SE3) -> np.ndarray:
-    """Points spread evenly in an ellipsoid, as many as fit its volume, in the frame that it is placed in."""
+    """Points spread evenly in an ellipsoid, in proportion to its volume, in its parent frame."""
     rng, box = np.random.default_rng(5), np.array(size)
     points = rng.uniform(-box, box, (round(1e8 * box.prod()), 3))
     return points[np.square(points / box).sum(axis=1) < 1.0] @ placed.rotation.T + placed.translation
@@ -254,7 +254,7 @@ def test_turns_of_a_frame() -> None:
         np.testing.assert_allclose(about[0] @ about[1] @ about[2], R, atol=1e-12)
 
 
-def test_a_joint_that_opensim_has_not_is_refused(tmp_path: Path) -> None:
+def test_a_joint_unknown_to_opensim_is_refused(tmp_path: Path) -> None:
     body = body_of("arm8")
     model = pin.Model(body.model)
     model.addJoint(1, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")

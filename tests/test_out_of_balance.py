@@ -53,13 +53,13 @@ def run_of(path: Path, q: np.ndarray) -> Run:
     return Run.open(path)
 
 
-def test_who_would_fall_over_is_found_unless_it_is_short(tmp_path: Path) -> None:
-    """Somebody who leans by 30 degrees about the ankles for over half a second; for three frames; and not at all."""
+def test_a_falling_person_is_found_unless_it_is_brief(tmp_path: Path) -> None:
+    """A person leaning by 30 degrees about the ankles for over half a second, for three frames, and not at all."""
     settings, upright, falling = BalanceSettings(), leaning(0.0), leaning(0.55)
     long, short = np.array([upright] * 15 + [falling] * 30), np.array([upright] * 30 + [falling] * 3 + [upright] * 12)
     rows = out_of_balance(run_of(tmp_path / "long.run", long), settings)
     assert rows[-1] == FRAMES - 1
-    assert 15 <= rows[0] <= 22  # feet that have just moved stand a little later
+    assert 15 <= rows[0] <= 22  # feet that have just moved count as standing a little later
     assert out_of_balance(run_of(tmp_path / "short.run", short), settings) == ()
     assert out_of_balance(run_of(tmp_path / "upright.run", np.array([upright] * FRAMES)), settings) == ()
     assert out_of_balance(run_of(tmp_path / "off.run", long), replace(settings, weight=0.0)) == ()

@@ -1,4 +1,4 @@
-"""Boundary samples find the same contour points in cells of the image as by a look at all of them."""
+"""Boundary samples find the same contour points through cells of the image as by comparing all."""
 
 from __future__ import annotations
 

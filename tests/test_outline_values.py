@@ -1,4 +1,4 @@
-"""Values of many poses by one picture: what they go by, and what must not matter."""
+"""Values of many poses by one picture: what they depend on, and what must not matter."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIZE = (320, 240)
 
 
 def camera_of(parallel: bool) -> Camera:
-    """In front of somebody at the origin who looks at it."""
+    """A camera in front of a person at the origin who faces it."""
     camera = guessed_camera("k", SIZE)
     R = camera.R_camera_world @ np.diag([-1.0, -1.0, 1.0])
     camera = replace(camera, R_camera_world=R, t_camera_world=-R @ np.array([2.5, 0.0, 0.3]))
@@ -35,7 +35,7 @@ def camera_of(parallel: bool) -> Camera:
 
 @cache
 def pose(name: str) -> np.ndarray:
-    """With the arms away from the trunk and each other, where a body has arms like ours."""
+    """A pose with the arms away from the trunk and each other, where a body has arms."""
     body = body_of(name)
     q = body.neutral.copy()
     for joint, angle in (
@@ -108,7 +108,7 @@ def test_many_are_as_each_alone_to_the_bit() -> None:
         assert alone_cover[0] == cover[n]
 
 
-def test_a_limb_that_is_left_out_says_nothing_and_the_others_what_they_said() -> None:
+def test_a_left_out_limb_gives_no_evidence_and_the_others_are_unchanged() -> None:
     body = body_of("upper13")
     made = likelihood(body, seen(body, pose("upper13"), camera_of(False)))
     placed = body.placed(around(body, pose("upper13"), 0.3, 5))
@@ -143,7 +143,7 @@ def test_what_is_outside_of_the_picture_is_neither_good_nor_bad() -> None:
     assert cover[0] == 0.0
 
 
-def test_an_outline_behind_a_nearer_limb_says_nothing() -> None:
+def test_an_outline_behind_a_nearer_limb_gives_no_evidence() -> None:
     """From the right side the left arm is behind the trunk, the right one before it."""
     body, front = body_of("upper13"), camera_of(True)
     side = replace(front, R_camera_world=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))
@@ -160,7 +160,7 @@ def test_an_outline_behind_a_nearer_limb_says_nothing() -> None:
 
 @pytest.mark.parametrize("parallel", [False, True])
 def test_a_point_behind_the_trunk_is_hidden_unless_it_is_its_own(parallel: bool) -> None:
-    """Beside it, before it or of another body it is not; nor behind the camera."""
+    """Not beside it, before it or on another body; nor behind the camera."""
     body, camera = body_of("upper13"), camera_of(parallel)
     made = likelihood(body, seen(body, pose("upper13"), camera))
     graph, placed = limb_graph(body), body.placed(pose("upper13")[None])
@@ -177,7 +177,7 @@ def test_a_point_behind_the_trunk_is_hidden_unless_it_is_its_own(parallel: bool)
     assert value[0] == made.log_likelihood(placed)[0]
 
 
-def test_the_evidence_does_not_grow_with_the_points_that_are_looked_at() -> None:
+def test_the_evidence_does_not_grow_with_the_number_of_points() -> None:
     body = body_of("upper13")
     cues = seen(body, pose("upper13"), camera_of(True))
     placed = body.placed(around(body, pose("upper13"), 0.2, 100))

@@ -1,4 +1,4 @@
-"""Motions of one's own subject: from tables of joints, and random ones."""
+"""Motions of a user's subject: from joint tables, and random ones."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def test_a_random_motion_is_smooth_and_possible(name: str) -> None:
     assert max(collision.penetration(body.at(pose)) for pose in q) == 0.0
     v = np.array([body.velocity(a, b, 1.0 / 30.0) for a, b in pairwise(q)])
     assert np.abs(v).max() < 3.0
-    assert np.abs(np.diff(v, axis=0)).max() < 1.0  # no jerks from frame to frame
-    assert (np.ptp(q, axis=0) > 0.05).mean() > 0.8  # nearly everything moves
+    assert np.abs(np.diff(v, axis=0)).max() < 1.0  # no jumps between frames
+    assert (np.ptp(q, axis=0) > 0.05).mean() > 0.8  # nearly all joints move
     np.testing.assert_array_equal(q, random_motion(body, TIMES, np.random.default_rng(5)))
     assert np.abs(q - random_motion(body, TIMES, np.random.default_rng(6))).max() > 0.1
 
@@ -47,7 +47,7 @@ def test_overlaps_are_avoided_and_not_only_by_luck(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(SelfCollision, "penetration", lambda self, posed: 0.0)
     blind = [random_motion(body, np.array([0.79]), np.random.default_rng(s))[0] for s in range(6)]
     monkeypatch.undo()
-    assert still > 0  # of ways drawn once some were refused
+    assert still > 0  # some paths were rejected and drawn again
     assert any(collision.penetration(body.at(q)) > 0.0 for q in blind)
 
 
@@ -88,7 +88,7 @@ def test_a_table_in_degrees_between_its_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("subject", "head", "rows", "said"),
+    ("subject", "head", "rows", "message"),
     [
         ("arm8", "time,left_elbow_flex_deg", ["0,1"], r"no joint 'left_elbow_flex' \(did you mean left_elbow_flexion"),
         ("arm8", "time,colour", ["0,1"], r"no joint 'colour' \(valid joints: left_clavicle_elevation"),
@@ -103,9 +103,9 @@ def test_a_table_in_degrees_between_its_rows(tmp_path: Path) -> None:
         ("human34", "t,root_x_m", ["0,1"], r"has no column root_y \(all of root, or none\)"),
     ],
 )  # fmt: skip
-def test_faults_of_tables(tmp_path: Path, subject: str, head: str, rows: list[str], said: str) -> None:
+def test_faults_of_tables(tmp_path: Path, subject: str, head: str, rows: list[str], message: str) -> None:
     path = table(tmp_path, head, *rows)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         motion_of(body_of(subject), read_motion_table(path), np.zeros(1))
     assert caught.value.source == str(path)
 
@@ -118,6 +118,6 @@ def test_a_clip_of_a_random_motion_stands_on_the_floor(tmp_path: Path) -> None:
     with np.load(clips[0].truth) as a, np.load(clips[1].truth) as b:
         np.testing.assert_array_equal(a["q"], b["q"])
         lowest = a["landmarks"][..., 2].min()
-    assert abs(lowest) < 0.1  # of the landmarks, beside the soles
+    assert abs(lowest) < 0.1  # of the landmarks, near the soles
     with pytest.raises(InputError, match=r"no 'rondom' \(one of reach, .*, random, or a .bvh, .csv or .npz file\)"):
         render(tmp_path / "c", "rondom")

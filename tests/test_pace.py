@@ -1,4 +1,4 @@
-"""How quick a person is: accelerations that remember, and a pace of each frame, told from a clip."""
+"""How quick a person is: correlated accelerations, and a pace per frame, estimated from a clip."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def test_a_descent_of_a_paced_chain_never_rises_and_held_frames_stay() -> None:
     np.testing.assert_array_equal(after[held], q[held])
 
 
-def test_a_pace_of_one_is_none() -> None:
-    """To the last bit; and without memory, what is new in an acceleration is all of it."""
+def test_a_pace_of_one_changes_nothing() -> None:
+    """To the last bit; without memory the whole acceleration is new."""
     body, rng = body_of("human34"), np.random.default_rng(5)
     times = np.arange(10) / FPS
     costs, q = seen(body, kicking(body, times, 0.3), rng)
@@ -101,7 +101,7 @@ def test_what_is_drawn_has_the_covariance_of_the_hessian() -> None:
     np.testing.assert_allclose(samples.std(axis=1), scale, rtol=0.05)
 
 
-def test_limbs_are_told_by_what_they_move() -> None:
+def test_limbs_are_identified_by_what_they_move() -> None:
     body = body_of("human34")
     of = dict(zip(body.v_names, limbs_of(body).tolist(), strict=True))
     legs = {name for name in of if name.split("_", 1)[-1].split("_")[0] in ("hip", "knee", "ankle")}
@@ -111,8 +111,9 @@ def test_limbs_are_told_by_what_they_move() -> None:
     assert {of[name] for name in set(of) - legs - arms} == {0}
 
 
-def test_who_kicks_has_quick_legs_and_keeps_the_swing() -> None:
-    """Better than with the old prior, and than with this one at an even pace; who stands still is not shaken by it."""
+def test_a_kick_makes_the_legs_quick_and_keeps_the_swing() -> None:
+    """Better than with the old prior, and than with this one at a constant pace; standing still gets no extra
+    jitter."""
     body = body_of("human34")
     times = np.arange(45) / FPS
     settings, model = SmoothSettings(), CostModel(body)

@@ -1,4 +1,4 @@
-"""The tables from papers to code name functions and tests that there are."""
+"""The tables from papers to code name existing functions and tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TEST = re.compile(r"`(tests/[\w/]+\.py)::(\w+)`")
 
 
 def resolves(name: str) -> bool:
-    """Whether a dotted name is a module, or reached from one by attributes."""
+    """Whether a dotted name is a module or an attribute of one."""
     parts = name.split(".")
     for length in range(len(parts), 0, -1):
         module = ".".join(parts[:length])
@@ -24,7 +24,7 @@ def resolves(name: str) -> bool:
             reached: object = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is not None and not module.startswith(error.name):
-                raise  # the module is there, something that it imports is not
+                raise  # the module exists, but an import of it fails
             continue
         for attribute in parts[length:]:
             if not hasattr(reached, attribute):
@@ -42,7 +42,7 @@ def defined(file: str, test: str) -> bool:
 
 
 def rows(page: str) -> list[list[str]]:
-    """The cells of all rows of the page's tables, without their heads."""
+    """The cells of all rows of the page's tables, without headers."""
     lines = [line.strip().strip("|") for line in page.splitlines() if line.startswith("|")]
     cells = [[cell.strip() for cell in line.split("|")] for line in lines]
     return [row for row in cells if row[0] != "in the paper" and not set(row[0]) <= set("-: ")]
@@ -61,7 +61,7 @@ def faults(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_name_is_there(page: Path) -> None:
+def test_every_name_exists(page: Path) -> None:
     text = page.read_text()
     assert len(rows(text)) > 10
     assert faults(text) == []

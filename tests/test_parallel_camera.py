@@ -1,4 +1,4 @@
-"""Parallel (orthographic) cameras, wherever cameras are used: by closed forms, and by what they share with pinholes."""
+"""Parallel (orthographic) cameras, wherever cameras are used: closed forms, and properties shared with pinholes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_kernels_are_the_linear_map_and_its_derivatives() -> None:
 
 
 def brown_as_before(camera: Camera, p: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """Pixel and Jacobian (2, 3) of a pinhole camera with Brown's lens: operations in the order of old."""
+    """Pixel and Jacobian (2, 3) of a pinhole camera with Brown's lens: operations in the former order."""
     (fx, fy, cx, cy, skew), (k1, k2, p1, p2, k3), R, t = camera.arrays
     x, y, z = (R[i, 0] * p[0] + R[i, 1] * p[1] + R[i, 2] * p[2] + t[i] for i in range(3))
     a, b = x / z, y / z
@@ -107,7 +107,7 @@ def test_pinholes_are_what_they_were_to_the_bit() -> None:
 
 @pytest.mark.parametrize("camera", [FISHEYE, LONG, camera_at(20.0, distortion=BROWN)])
 def test_beside_a_parallel_camera_others_project_as_alone(camera: Camera) -> None:
-    alone = pack_cameras([camera, LONG])  # the kernels that know every lens
+    alone = pack_cameras([camera, LONG])  # the kernels that handle every lens
     mixed = pack_cameras([camera, LONG, skewed()])
     assert mixed[1].ndim == 4
     for p in points_around():
@@ -131,7 +131,7 @@ def test_a_far_pinhole_comes_near_it_as_one_over_the_distance() -> None:
         K = flat.K * [[distance, distance, 1.0], [distance, distance, 1.0], [1.0, 1.0, 1.0]]
         t = flat.t_camera_world + np.array([0.0, 0.0, distance - 4.0])
         pinhole = replace(flat, K=K, t_camera_world=t, parallel=False)
-        depth = x[:, 2] - 4.0  # from the plane that both show at one scale
+        depth = x[:, 2] - 4.0  # from the plane that both show at the same scale
         off = -(x[:, :2] * (depth / (distance + depth))[:, None]) @ flat.K[:2, :2].T
         np.testing.assert_allclose(pinhole.project(points) - flat.project(points), off, atol=1e-6)
 
@@ -153,11 +153,11 @@ def test_rays_lead_back_to_their_pixels_and_points(camera: Camera) -> None:
     np.testing.assert_allclose(sights, ways, atol=1e-5)
 
 
-def test_the_helper_looks_at_a_subject_that_faces_x() -> None:
+def test_the_helper_faces_a_subject_that_faces_x() -> None:
     front = parallel_camera("front", (640, 480), 200.0, MIDDLE)
     np.testing.assert_allclose(front.project(MIDDLE), [319.5, 239.5])
     shown = front.project(MIDDLE + 0.1 * np.eye(3)) - front.project(MIDDLE)
-    np.testing.assert_allclose(shown, [[0.0, 0.0], [20.0, 0.0], [0.0, -20.0]], atol=1e-9)  # its left is on the right
+    np.testing.assert_allclose(shown, [[0.0, 0.0], [20.0, 0.0], [0.0, -20.0]], atol=1e-9)  # its left is at the right
     assert front.depths(MIDDLE + np.eye(3)[0]) == pytest.approx(9.0)
     left = parallel_camera("left", (640, 480), 200.0, MIDDLE, azimuth=0.5 * np.pi)
     np.testing.assert_allclose(left.project(MIDDLE + np.array([0.1, 5.0, 0.0])), [299.5, 239.5], atol=1e-9)
@@ -177,7 +177,7 @@ def test_files_keep_the_kind_to_the_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"parallel": "yes"}, "c.parallel"),
         ({"parallel": True, "distortion": [0.1, 0.0, 0.0, 0.0, 0.0]}, "c.distortion"),
@@ -185,8 +185,8 @@ def test_files_keep_the_kind_to_the_bit(tmp_path: Path) -> None:
         ({"parallel": True, "K": [[0.0, 0, 1], [0, 1, 1], [0, 0, 1]]}, "a scale is not positive"),
     ],
 )
-def test_bad_entries_are_refused_with_their_place(change: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_bad_entries_are_refused_with_their_place(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         camera_from_json(camera_to_json(camera_at(0.0)) | change, "f.json", "c")
 
 
@@ -204,9 +204,9 @@ def test_bad_entries_are_refused_with_their_place(change: dict[str, Any], told: 
     ],
 )
 def test_what_needs_a_centre_refuses_it_in_one_line(use: Callable[[Camera], Any]) -> None:
-    with pytest.raises(InputError, match="parallel") as told:
+    with pytest.raises(InputError, match="parallel") as caught:
         use(skewed())
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 # ---- flips and starts
@@ -227,7 +227,7 @@ def test_flips_keep_the_image_and_mirror_the_depth(name: str) -> None:
                 assert off < 190.0 * solution.error + 1e-6
                 if solution.error > 1e-6:
                     continue
-                # each segment's step in depth is what it was, or its opposite
+                # each segment's step in depth keeps its size, with either sign
                 steps = np.diff(camera.depths(before)), np.diff(camera.depths(after))
                 np.testing.assert_allclose(np.abs(steps[1]), np.abs(steps[0]), atol=1e-4)
                 mirrored += int((steps[0] * steps[1] < -1e-4).any())
@@ -251,7 +251,7 @@ def test_a_start_needs_no_depth() -> None:
 
 
 def silhouette(body: Body, q: np.ndarray, camera: Camera, nodes: int) -> np.ndarray:
-    """Which pixels' centres lie in the projected triangles of a body's surface, (H, W) bool."""
+    """Pixels whose centres lie in the projected triangles of a body's surface, (H, W) bool."""
     surface = surface_of(body, nodes=nodes)
     pixels = camera.project(points_in_world(body.at(q), surface.joint, surface.local))
     mask = np.zeros(camera.image_size[::-1], bool)
@@ -279,7 +279,7 @@ def test_what_is_rendered_is_the_projected_surface() -> None:
     filled = silhouette(body, q, camera, 6000)
     assert maps.mask.sum() > 3000
     assert np.count_nonzero(maps.mask != filled) <= 2  # centres that lie on an outline
-    # every node that faces the camera and is nearest has its depth in the map
+    # the map has the depth of every nearest node that faces the camera
     surface = surface_of(body, nodes=6000)
     world = points_in_world(body.at(q), surface.joint, surface.local)
     u, v = np.round(camera.project(world)).astype(int).T
@@ -287,7 +287,7 @@ def test_what_is_rendered_is_the_projected_surface() -> None:
     assert np.isinf(maps.depth[~maps.mask]).all()
     near = np.isfinite(gap)
     assert near.mean() > 0.93
-    assert np.quantile(gap[near], 0.05) > -0.02  # nothing is before what is seen, but by a pixel's slope
+    assert np.quantile(gap[near], 0.05) > -0.02  # nothing is in front of the visible surface, up to a pixel's slope
     assert (np.abs(gap[near]) < 0.01).mean() > 0.2
 
 
@@ -302,15 +302,15 @@ def test_the_prediction_sees_what_is_rendered_from_any_depth() -> None:
     seen = predicted(camera, q)
     u, v = np.round(seen.pixels).astype(int).T
     gap = camera.depths(points_in_world(body.at(q), *_nodes(body))) - maps.depth[v, u]
-    told = np.isfinite(gap)
-    assert (np.abs(gap[(seen.state == VISIBLE) & told]) < 0.03).mean() > 0.95
-    assert (gap[(seen.state != VISIBLE) & told] > 0.01).mean() > 0.95
+    known = np.isfinite(gap)
+    assert (np.abs(gap[(seen.state == VISIBLE) & known]) < 0.03).mean() > 0.95
+    assert (gap[(seen.state != VISIBLE) & known] > 0.01).mean() > 0.95
     outer = seen.contours.pixels[seen.contours.state == OUTER]
     edge = cv2.distanceTransform((~_border(maps.mask)).astype(np.uint8), cv2.DIST_L2, 5)
     x, y = np.round(outer).astype(int).T
     assert len(outer) > 40
     assert np.quantile(edge[y, x], 0.9) < 2.5
-    for depth in (-300.0, -10.0, 200.0):  # the body behind the camera's plane, or far before it: the very same image
+    for depth in (-300.0, -10.0, 200.0):  # the body behind the camera's plane, or far before it: the same image
         other = predicted(replace(camera, t_camera_world=camera.t_camera_world + np.array([0.0, 0.0, depth])), q)
         np.testing.assert_array_equal(other.pixels, seen.pixels)
         np.testing.assert_array_equal(other.state, seen.state)

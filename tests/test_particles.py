@@ -76,20 +76,21 @@ def test_log_weights_of_any_size() -> None:
 
 @pytest.mark.parametrize("survival", [0.1, 0.5, 0.9])
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_the_power_lets_the_wanted_share_survive(survival: float, size: float) -> None:
+def test_the_power_leaves_the_requested_share(survival: float, size: float) -> None:
     energies = 1e4 + size * np.random.default_rng(92).exponential(size=400)
     power = annealing_power(energies, survival)
     assert effective_count(normalised(-power * energies)[0]) == pytest.approx(survival * 400, rel=1e-4)
 
 
-def test_the_power_where_none_can_do() -> None:
-    assert annealing_power(np.full(20, 3.0), 0.5) > 0.0  # all alike
+def test_the_power_where_no_value_suffices() -> None:
+    assert annealing_power(np.full(20, 3.0), 0.5) > 0.0  # all equal
     tied = np.repeat([0.0, 1.0], [15, 5])
-    assert np.isfinite(annealing_power(tied, 0.5))  # 15 of 20 cannot be told apart
+    assert np.isfinite(annealing_power(tied, 0.5))  # 15 of 20 are equal
 
 
 def test_annealing_finds_the_better_of_two_wells_where_condensation_does_not() -> None:
-    """Eight dimensions, wells of 0.1; the set lies in the worse, the better is two noises away. Equal evaluations."""
+    """Eight dimensions, wells of 0.1; the set starts in the worse, the better is two noise widths away. Equal
+    evaluations."""
     size, layers, noise, well, dims = 200, 10, 0.5, 0.1, 8
     better = np.eye(dims)[0]
 
@@ -114,7 +115,7 @@ def test_annealing_finds_the_better_of_two_wells_where_condensation_does_not() -
             spread,
         )
         assert went.power.shape == (layers,)
-        assert np.allclose(went.effective_count, 0.5 * size, rtol=1e-3)  # the survival asked for
+        assert np.allclose(went.effective_count, 0.5 * size, rtol=1e-3)  # the requested survival
         annealed.append(np.linalg.norm(end.weights @ end.states - better))
         states, weights, _, _ = bootstrap_step(
             rng,
@@ -128,7 +129,7 @@ def test_annealing_finds_the_better_of_two_wells_where_condensation_does_not() -
     assert np.mean(np.array(condensed) < 0.3) <= 0.25
 
 
-def test_clusters_are_told_apart_and_a_cloud_stays_whole() -> None:
+def test_clusters_are_separated_and_a_cloud_stays_whole() -> None:
     rng = np.random.default_rng(94)
     centres = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     true = np.repeat([0, 1, 2], [60, 30, 10])
@@ -139,7 +140,7 @@ def test_clusters_are_told_apart_and_a_cloud_stays_whole() -> None:
     assert np.array_equal(clusters(points, heavy / heavy.sum(), 0.3, 7), np.array([1, 2, 0])[true])
     assert np.array_equal(clusters(points, even, 0.3, 2), np.array([0, 1, 0])[true])  # to the nearest leader
     assert not clusters(points, even, 0.3, 1).any()
-    assert not clusters(points, np.eye(100)[40], 0.3, 7).any()  # one particle has all the weight
+    assert not clusters(points, np.eye(100)[40], 0.3, 7).any()  # one particle with all the weight
 
 
 def test_clusters_are_those_of_all_distances_and_need_no_room_for_them() -> None:
@@ -159,11 +160,11 @@ def test_clusters_are_those_of_all_distances_and_need_no_room_for_them() -> None
     clusters(many, np.full(6000, 1.0 / 6000), 2.5, 5)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 0.05 * 8.0 * 6000**2  # of one matrix of distances
+    assert peak < 0.05 * 8.0 * 6000**2  # of a full distance matrix
 
 
 def test_the_mean_of_turned_bodies_is_on_the_manifold() -> None:
-    """Pairs of opposite steps of up to two radians have their middle as mean, and the covariance of the steps."""
+    """Pairs of opposite steps of up to two radians have their midpoint as mean, and the covariance of the steps."""
     body, rng = body_of("human34"), np.random.default_rng(95)
     q = random_pose(body, rng, share=0.2)
     steps = 0.05 * rng.standard_normal((30, body.nv))

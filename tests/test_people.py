@@ -1,4 +1,4 @@
-"""Several people in several cameras: everybody is followed, and one person is taken from all cameras."""
+"""Several people in several cameras: all people are followed, and one person is chosen in all cameras."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def people() -> tuple[np.ndarray, ...]:
 
 @cache
 def scene(seed: int, hidden: tuple[int, ...] = ()) -> dict[str, Frames]:
-    """What detectors see of the three in random order; the last camera does not see some of them."""
+    """Detections of the three in random order; the last camera misses some of them."""
     rng = np.random.default_rng(seed)
     return crowd(body_of("human34"), people(), list(cameras().values()), rng, hidden={"cam3": hidden})
 
@@ -72,7 +72,7 @@ def files(everybody: Mapping[str, Frames], ids: Mapping[str, Mapping[int, str]] 
 
 
 def alone(frames: Frames, number: int) -> np.ndarray:
-    """Keypoints (T, J, 3) of one person as they would be without the others."""
+    """Keypoints (T, J, 3) of one person without the others."""
     points: np.ndarray = np.full((len(frames), len(COCO17), 3), [np.nan, np.nan, 0.0])
     for t, frame in enumerate(frames):
         for n, person in frame:
@@ -86,7 +86,7 @@ def assert_same(track: KeypointTrack, points: np.ndarray) -> None:
 
 
 def chosen_person(tracks: Mapping[str, KeypointTrack], everybody: Mapping[str, Frames]) -> int:
-    """The one person whom all cameras took, each detection of whom was taken."""
+    """The one person chosen in all cameras, with every detection used."""
     fits = [
         n
         for n in range(len(people()))
@@ -107,7 +107,7 @@ def test_all_cameras_take_the_same_person(names: tuple[str, ...], seed: int) -> 
 
 
 def test_each_file_alone_takes_several() -> None:
-    """What the choice across cameras is for."""
+    """The reason to choose across cameras."""
     everybody = scene(0)
     taken = {name: file.one() for name, file in files(everybody).items()}
     best = {
@@ -132,27 +132,27 @@ def test_ids_that_change_owners_are_seen_through() -> None:
 
 
 @pytest.mark.parametrize("person", [0, 1, 2])
-def test_one_camera_is_told_and_the_others_follow(person: int) -> None:
+def test_a_choice_in_one_camera_determines_the_others(person: int) -> None:
     everybody = scene(3, hidden=(1,))
     made = files(everybody, {"cam1": {0: "a", 1: "b", 2: "c"}})
     tracks, notes = subject_tracks(made, cameras(), {"cam1": "abc"[person]})
     assert chosen_person(tracks, everybody) == person
     empty = not (tracks["cam3"].confidence > 0.0).any()
-    assert empty == (person == 1)  # nobody rather than somebody else
+    assert empty == (person == 1)  # no person rather than the wrong one
     assert ("cam3: no one in it fits" in notes[-1]) == empty
-    others = dict.fromkeys(("cam0", "cam2", "cam3"), 0)  # all given: taken as they are, and told where they differ
+    others = dict.fromkeys(("cam0", "cam2", "cam3"), 0)  # all given: used, with a note where they disagree
     _, notes = subject_tracks(made, cameras(), {**others, "cam1": "abc"[person]})
     assert any("its person is not where" in note for note in notes)
     with pytest.raises(InputError, match="ids in it: a, b, c"):
         subject_tracks(made, cameras(), {"cam1": "d"})
 
 
-def test_nobody_fits() -> None:
+def test_no_person_fits() -> None:
     everybody = {
         "cam0": [[x for x in f if x[0] < 2] for f in scene(0)["cam0"]],
         "cam3": [[x for x in f if x[0] == 2] for f in scene(0)["cam3"]],
     }
-    _, notes = subject_tracks(files(everybody), cameras(), {})  # two who stand close may pass for one, but not unsaid
+    _, notes = subject_tracks(files(everybody), cameras(), {})  # close people may count as one, but with a note
     assert "but their rays miss each other" in notes[0]
     half = [0.5, 0.5, 1.0]  # keypoints of a smaller picture
     halved = {
@@ -162,7 +162,7 @@ def test_nobody_fits() -> None:
     with pytest.raises(InputError, match="none is seen by two cameras"):
         subject_tracks(files(halved), cameras(), {})
     some = {"cam0": [[x for x in f if x[0] == 1] for f in everybody["cam0"]], "cam3": halved["cam3"]}
-    tracks, notes = subject_tracks(files(some), cameras(), {})  # nothing to choose: taken, and told
+    tracks, notes = subject_tracks(files(some), cameras(), {})  # nothing to choose: used, with a note
     assert_same(tracks["cam0"], alone(everybody["cam0"], 1))
     assert len(notes) == 1
     assert "its person is not where cam3 sees one" in notes[0]
@@ -180,7 +180,7 @@ def test_frames_are_matched_by_time() -> None:
 
 
 def test_a_crowd_is_followed_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All pairs of a frame are compared in one call, and only those that stand close."""
+    """All pairs of a frame are compared in one call, and only close ones."""
     compared, distances = [], people_tracks._distances
 
     def counted(*of: Any) -> np.ndarray:
@@ -219,7 +219,7 @@ def test_where_two_people_may_have_changed_places_is_known() -> None:
     assert doubtful <= set(range(16, 26))
 
 
-def test_a_jump_within_one_file_is_told() -> None:
+def test_a_jump_within_one_file_is_reported() -> None:
     a, b = (alone(scene(0)["cam0"], n) for n in (0, 2))
     reading = Reading(Path("a.json"), "coco17", names=COCO17, count=FRAMES)
     for t in range(FRAMES):
@@ -232,7 +232,7 @@ def test_a_jump_within_one_file_is_told() -> None:
 def test_groups_of_the_strongest_bonds_and_their_exchange() -> None:
     bonds = np.array([[0, 5, -9, 1.0], [5, 0, 1, -9], [-9, 1, 0, 4], [1, -9, 4, 0]])
     np.testing.assert_array_equal(grouped(bonds), [0, 0, 1, 1])
-    # greed joins 0 with 3 first, although 0 1 and 2 3 are worth more together
+    # a greedy choice joins 0 with 3 first, although 0 1 and 2 3 are worth more together
     bonds = np.array([[0, 5, -9, 6.0], [5, 0, 1, -9], [-9, 1, 0, 5], [6, -9, 5, 0]])
     greedy = grouped(bonds)
     assert greedy[0] == greedy[3]
@@ -275,7 +275,7 @@ def test_the_person_that_the_user_names() -> None:
 
 
 def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
-    """Files in, observations out: those of the person alone, to the bit, and the notes a user gets."""
+    """Files in, observations out: equal to those of the person alone, to the bit, with notes."""
     everybody = {name: scene(0)[name] for name in ("cam0", "cam1", "cam2")}
     who = chosen_person(subject_tracks(files(everybody), cameras(), {})[0], everybody)
     body, everyone, lone = body_of("human34"), {}, {}

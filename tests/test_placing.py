@@ -1,4 +1,4 @@
-"""A subject that is fixed in the world, filmed by a camera that no file describes."""
+"""A subject fixed in the world, filmed by a camera without a file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GUESSED = guessed_camera("cam01", SIZE)
 
 
 def standing(depth: float, aside: float, up: float) -> Camera:
-    """The guessed camera so far before the origin, which it sees so far to the right of its axis and below it [m]."""
+    """The guessed camera, given its distance from the origin, which is so far right of and below its axis [m]."""
     towards = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
     return replace(GUESSED, R_camera_world=towards, t_camera_world=np.array([aside, up, depth]))
 
@@ -54,8 +54,8 @@ def inputs(folder: Path, subject: str, count: int, camera: Camera | None = None)
     return load_inputs(body, FileOptions(keypoints=path, cameras=cameras))
 
 
-def test_a_guessed_camera_is_put_before_a_subject_that_cannot_be(tmp_path: Path) -> None:
-    """All keypoints are then in front of it, at about the size that they have, and a note says where it is."""
+def test_a_guessed_camera_is_placed_before_a_fixed_subject(tmp_path: Path) -> None:
+    """All keypoints are then in front of it at about the right size, and a note gives its position."""
     made = inputs(tmp_path, "upper13", len(body_of("upper13").landmark_names))
     (camera,) = made.observations[0].cameras
     body = body_of("upper13")
@@ -67,7 +67,7 @@ def test_a_guessed_camera_is_put_before_a_subject_that_cannot_be(tmp_path: Path)
     ("subject", "count", "given"), [("upper13", 2, False), ("upper13", 9, True), ("human34", 9, False)]
 )
 def test_other_cameras_stay_where_they_are(subject: str, count: int, given: bool, tmp_path: Path) -> None:
-    """Too few keypoints to say; a camera file; a subject that is moved before the camera instead."""
+    """Too few keypoints to decide; a camera file; a subject that is moved before the camera instead."""
     made = inputs(tmp_path, subject, count, standing(4.0, 0.0, 0.0) if given else None)
     (camera,) = made.observations[0].cameras
     assert camera.t_camera_world == pytest.approx([0.0, 0.0, 4.0] if given else [0.0, 0.0, 0.0])

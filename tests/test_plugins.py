@@ -1,4 +1,4 @@
-"""Trackers of other packages: found by the environment variable, listed, set and refused as the built-in ones are."""
+"""Trackers of other packages: found by the environment variable, listed, configured and refused like built-in ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE, Registry
 from kinemode import __main__ as front
 from kinemode.settings import choose
-from tests.command_lines import Told, ran, told
+from tests.command_lines import CommandResult, ran, run_elsewhere
 
 ROOT = Path(__file__).resolve().parent.parent
 HERE: dict[str, Any] = {"plugins": "toy_plugin", "path": Path(__file__).parent}
@@ -31,12 +31,12 @@ REFUSED = {
     "no setting": (LAZY, "[lazy]\nnap = 1", "[lazy]: no setting 'nap' (did you mean naps? one of naps, depth, bed)"),
     "unused": (LAZY, "[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
     "another's": (LAZY, "[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy uses [lazy]"),
-    "of no use": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css uses [css]"),
+    "unused table": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css uses [css]"),
 }
 
 
 @pytest.fixture(scope="module")
-def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Told]:
+def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CommandResult]:
     folder = tmp_path_factory.mktemp("plugins")
     clip = folder / "a.mp4"
     clip.write_bytes(b"opened after the settings are read")
@@ -45,10 +45,10 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Told]:
         file = folder / f"{name}.toml"
         file.write_text(text)
         lines[name] = ["track", str(clip), *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
-    return dict(zip(lines, told(*lines.values(), **HERE), strict=True))
+    return dict(zip(lines, run_elsewhere(*lines.values(), **HERE), strict=True))
 
 
-def test_a_plugin_is_listed_and_its_settings_are_told(commands: Mapping[str, Told]) -> None:
+def test_a_plugin_is_listed_with_its_settings(commands: Mapping[str, CommandResult]) -> None:
     assert all(part in commands["trackers"].out for part in ("lazy ", "stays where it is", "css-paper"))
     written = commands["settings"].out
     assert written.partition("[lazy]\n")[2].partition("\n\n")[0].splitlines() == [
@@ -65,7 +65,7 @@ def test_a_plugin_is_listed_and_its_settings_are_told(commands: Mapping[str, Tol
 
 @contextmanager
 def plugins_here(names: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Within it this process finds plugins, as one does that has just begun."""
+    """Within this context the process finds plugins as a new process would."""
     with TRACKERS.restored(), monkeypatch.context() as patched:
         modules = set(sys.modules)
         patched.setattr(plugins, "_plugins", plugins._Plugins())
@@ -78,7 +78,7 @@ def plugins_here(names: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> I
 
 
 def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(
-    commands: Mapping[str, Told], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    commands: Mapping[str, CommandResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "lazy.toml"
     path.write_text(commands["settings"].out.replace("naps = 2", "naps = 5").replace("depth = 0.5", "depth = 2"))
@@ -97,13 +97,13 @@ def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_wrong_in_its_table_is_refused(name: str, commands: Mapping[str, Told]) -> None:
+def test_what_is_wrong_in_its_table_is_refused(name: str, commands: Mapping[str, CommandResult]) -> None:
     assert commands[name].code == 2
     assert commands[name].error.startswith("error: ")
     assert f"/{name}.toml: {REFUSED[name][2]}" in commands[name].error
 
 
-def test_without_the_variable_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_the_variable_no_plugin_is_loaded(capsys: pytest.CaptureFixture[str]) -> None:
     assert front.main(["settings", *LAZY]) == front.BAD_INPUT
     assert "no tracker 'lazy' (one of css, css-paper" in capsys.readouterr().err
 
@@ -115,7 +115,7 @@ def test_without_the_variable_there_is_none(capsys: pytest.CaptureFixture[str]) 
         ("import sys\nsys.no_such_name", "AttributeError: module 'sys' has no attribute 'no_such_name'"),
     ],
 )
-def test_a_module_that_cannot_be_imported_is_named_at_every_look_up(
+def test_a_module_that_cannot_be_imported_is_named_at_every_lookup(
     source: str | None, why: str, tmp_path: Path
 ) -> None:
     (tmp_path / "whole.py").write_text("print('imported')")
@@ -154,9 +154,9 @@ def test_a_name_that_is_taken_is_refused(
     )
     with plugins_here("twin", tmp_path, monkeypatch):
         assert front.main(["trackers"]) == front.BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "module twin cannot be imported: tracker: there is already one named css" in said.err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "module twin cannot be imported: tracker: there is already one named css" in printed.err
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def test_members_keep_their_order_and_their_names() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "change"),
+    ("message", "change"),
     [
         ("cannot be 'cost'", lambda s: replace(s, group="cost")),
         ("cannot be 'person'", lambda s: replace(s, group="person")),
@@ -188,8 +188,8 @@ def test_members_keep_their_order_and_their_names() -> None:
         ("css has other settings", lambda s: replace(s, settings=settings_for("css").cues)),
     ],
 )
-def test_a_table_is_one_trackers_own(told: str, change: Callable[[Spec], Spec]) -> None:
-    with pytest.raises(InputError, match=f"tracker another: .*{told}"):
+def test_a_table_is_one_trackers_own(message: str, change: Callable[[Spec], Spec]) -> None:
+    with pytest.raises(InputError, match=f"tracker another: .*{message}"):
         TRACKERS.register(change(replace(TRACKERS["css"], name="another")))
     assert "another" not in TRACKERS
 

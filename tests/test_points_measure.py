@@ -1,4 +1,4 @@
-"""The measure of points measures right: what is made up comes out as it was made."""
+"""The measure of points is right: simulated faults have the requested properties."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_constant_offset_is_taken_off() -> None:
     assert laboratory.pooled([(9.0, 3.0), (-9.0, 4.0)]) == pytest.approx(np.sqrt(12.5))
 
 
-def test_gaps_are_as_many_as_asked_and_in_bursts() -> None:
+def test_gaps_have_the_requested_share_and_come_in_bursts() -> None:
     faults = MarkerFaults()
     gone = missing(np.random.default_rng(0), 200, 39, faults)
     assert gone.sum(axis=0).tolist() == [20] * 39
@@ -46,7 +46,7 @@ def test_gaps_are_as_many_as_asked_and_in_bursts() -> None:
     assert begins.sum() < 0.5 * gone.sum()
 
 
-def test_noise_and_outliers_are_as_large_as_asked() -> None:
+def test_noise_and_outliers_have_the_requested_size() -> None:
     faults = MarkerFaults(gaps=0.0)
     off = spoilt(np.zeros((400, 39, 3)), np.random.default_rng(0), faults)
     far = np.linalg.norm(off, axis=2) > 5.0 * faults.noise
@@ -54,7 +54,7 @@ def test_noise_and_outliers_are_as_large_as_asked() -> None:
     assert off[~far].std() == pytest.approx(faults.noise, rel=0.1)
 
 
-def test_places_are_off_by_as_much_as_asked() -> None:
+def test_places_are_off_by_the_requested_amount() -> None:
     rng = np.random.default_rng(0)
     true, moved = random_person(np.random.default_rng(1), 0.0), random_person(rng, 0.01)
     assert len(true.markers) == len(moved.markers) == 39
@@ -75,7 +75,7 @@ def test_a_trial_without_faults_has_its_markers_where_the_body_has_them(tmp_path
     assert captured_errors.angle_errors(q, q).shape == (3, body.nv - 6)
 
 
-def test_who_stands_for_the_static_trial_does_so_as_nearly_as_asked() -> None:
+def test_the_static_trial_is_held_within_the_requested_deviation() -> None:
     body = Body(random_person(np.random.default_rng(0), 0.01))
     upright = body.markers_of(body.placed(standing_pose(body, body.neutral)[None]))[0]
     rng = np.random.default_rng(0)
@@ -99,7 +99,7 @@ def test_rays_meet_where_the_points_are() -> None:
     cameras = framing_cameras(points[None], ViewSettings(count=4))
     pixels = np.array([camera.project(points) for camera in cameras])
     confidence = np.ones(pixels.shape[:2])
-    confidence[1:, 0] = 0.0  # one view alone
+    confidence[1:, 0] = 0.0  # a single view
     pixels[0, 1] += 80.0  # one view is wrong
     places = triangulated(Observation(0, 0.0, cameras, pixels, confidence), 20.0)
     assert np.isnan(places[0]).all()

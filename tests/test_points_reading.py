@@ -1,4 +1,4 @@
-"""Points in space from files: the same points whatever the kind of file, and every fault in a line with its remedy."""
+"""Points in space from files: the same points from every kind of file, and every fault in a line with its remedy."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def csv_text(names: tuple[str, ...], values: np.ndarray, ends: str = "_x _y _z",
 
 
 def write_all(folder: Path) -> dict[str, dict[str, Any]]:
-    """The same points in files of every kind, and what has to be said of each."""
+    """The same points in files of every kind, with the options that each needs."""
     made, y_up = points(), points() @ R_OPENSIM_WORLD.T
     write_trc(folder / "a.trc", tuple(f"ann:{name}" for name in NAMES), made, TIME)
     write_trc(folder / "z.trc", NAMES, made @ R_OPENSIM_WORLD, TIME)
@@ -52,22 +52,22 @@ def write_all(folder: Path) -> dict[str, dict[str, Any]]:
         own = y_up if up == "+Y" else made
         (folder / name).write_bytes(c3d_file(NAMES, 1e3 * own, up=up, rate=RATE, first=1, whole=False))
     names = np.array(NAMES)
-    np.savez(folder / "said.npz", points=100 * y_up, names=names, time=TIME, unit="cm", up="y")
+    np.savez(folder / "declared.npz", points=100 * y_up, names=names, time=TIME, unit="cm", up="y")
     np.savez(folder / "plain.npz", points=made, names=names, fps=RATE)
     np.savez(folder / "run.npz", landmarks=made, landmark_names=names, time=TIME)
     (folder / "a.csv").write_text(csv_text(NAMES, 1e3 * made, "_x_mm _y_mm _z_mm"))
     (folder / "b.csv").write_text("# unit = cm\n# up = y\n" + csv_text(NAMES, 100 * y_up, ".X .Y .Z"))
     (folder / "c.csv").write_text(csv_text(NAMES, made, ":x :y :z", clock="frame"))
     return {
-        "a.trc": {}, "z.trc": {"up": "z"}, "y.c3d": {}, "z.c3d": {}, "u.c3d": {"up": "z"}, "said.npz": {},
+        "a.trc": {}, "z.trc": {"up": "z"}, "y.c3d": {}, "z.c3d": {}, "u.c3d": {"up": "z"}, "declared.npz": {},
         "plain.npz": {"up": "z", "unit": "m"}, "run.npz": {}, "a.csv": {"up": "z"}, "b.csv": {},
         "c.csv": {"up": "z", "unit": "m", "fps": RATE},
     }  # fmt: skip
 
 
 def test_the_same_points_from_every_kind_of_file(tmp_path: Path) -> None:
-    for name, said in write_all(tmp_path).items():
-        track = load_points(tmp_path / name, **said)
+    for name, options in write_all(tmp_path).items():
+        track = load_points(tmp_path / name, **options)
         assert track.names == NAMES, name
         np.testing.assert_allclose(track.points, points(), atol=1e-6, err_msg=name)
         np.testing.assert_allclose(track.time, TIME, atol=1e-6, err_msg=name)
@@ -84,7 +84,7 @@ SCALE = {"mm": 1e3, "cm": 1e2, "m": 1.0}
 
 
 @pytest.mark.parametrize("unit", WORDS)
-def test_units_are_read_in_any_words(tmp_path: Path, unit: str) -> None:
+def test_units_are_read_in_any_spelling(tmp_path: Path, unit: str) -> None:
     """In the header of a TRC and C3D file, an array of an npz, a comment and the columns of a csv, and as an option."""
     made = points()
     for word in WORDS[unit]:
@@ -103,13 +103,13 @@ def test_units_are_read_in_any_words(tmp_path: Path, unit: str) -> None:
         plain = word.strip(" [].")
         (tmp_path / "b.csv").write_text(csv_text(NAMES, SCALE[unit] * made, f"_x_{plain} _y_{plain} _z_{plain}"))
         (tmp_path / "c.csv").write_text(text)
-        for name, said in (("b.csv", None), ("c.csv", word)):
-            np.testing.assert_allclose(load_points(tmp_path / name, up="z", unit=said).points, made, atol=1e-6)
+        for name, unit_given in (("b.csv", None), ("c.csv", word)):
+            np.testing.assert_allclose(load_points(tmp_path / name, up="z", unit=unit_given).points, made, atol=1e-6)
 
 
 @pytest.mark.parametrize("padding", ["", ",,"])
 def test_cells_of_a_trc_stand_between_commas_too(tmp_path: Path, padding: str) -> None:
-    """padding: of short lines, as spreadsheets write them."""
+    """padding: appended to short lines, as spreadsheets write them."""
     write_trc(tmp_path / "a.trc", NAMES, points(), TIME)
     lines = (tmp_path / "a.trc").read_text().replace("\t", ",").splitlines()
     (tmp_path / "b.trc").write_text("\n".join(line + padding for line in lines) + "\n")
@@ -158,7 +158,7 @@ def test_files_of_the_same_instants_are_one(tmp_path: Path) -> None:
     track = load_points([tmp_path / "a.trc", tmp_path / "b.npz"])
     assert (track.names, track.source) == (NAMES, "a.trc, b.npz")
     np.testing.assert_allclose(track.points, points(), atol=1e-6)
-    for change, said in (
+    for change, message in (
         (
             {"fps": 50.0},
             "b.npz: is of other instants than a.trc: 5 frames at 50/s from 0 s on against 5 frames",
@@ -167,11 +167,11 @@ def test_files_of_the_same_instants_are_one(tmp_path: Path) -> None:
     ):
         content = dict(np.load(tmp_path / "b.npz")) | change
         np.savez(tmp_path / "b2.npz", **content)
-        with pytest.raises(InputError, match=said.replace("b.npz", "b2.npz")):
+        with pytest.raises(InputError, match=message.replace("b.npz", "b2.npz")):
             load_points([tmp_path / "a.trc", tmp_path / "b2.npz"])
 
 
-def test_what_is_left_out_or_taken_otherwise_is_said(tmp_path: Path) -> None:
+def test_omissions_and_reinterpretations_are_noted(tmp_path: Path) -> None:
     made = points()
     made[1, 0], made[:, 3] = 0.0, np.nan
     names = ("LASI", "*12", "SACR", "LANK")
@@ -180,21 +180,24 @@ def test_what_is_left_out_or_taken_otherwise_is_said(tmp_path: Path) -> None:
     assert track.names == ("LASI", "SACR", "LANK")
     assert np.isnan(track.points[1, 0]).all()
     assert np.isfinite(track.points[[0, 2, 3, 4], 0]).all()
-    for said in ("without a name left out: *12", "1 points at exactly zero", "never seen: LANK"):
-        assert sum(said in note for note in track.notes) == 1
+    for message in ("without a name left out: *12", "1 points at exactly zero", "never seen: LANK"):
+        assert sum(message in note for note in track.notes) == 1
     text = (tmp_path / "a.trc").read_text().splitlines()
     (tmp_path / "b.trc").write_text("\n".join(text[:-1]))
     assert "4 frames, its header declares 5" in load_points(tmp_path / "b.trc").notes[0]
     (tmp_path / "c.c3d").write_bytes(c3d_file(("A", "*1", ""), 1e3 * points()[:, :3], rate=RATE))
     assert "2 points without a name" in load_points(tmp_path / "c.c3d", up="z").notes[0]
-    for options, said in (({"unit": "cm"}, "declares mm: --unit cm is used"), ({"fps": 50.0}, "100 frames .*--fps 50")):
+    for options, message in (
+        ({"unit": "cm"}, "declares mm: --unit cm is used"),
+        ({"fps": 50.0}, "100 frames .*--fps 50"),
+    ):
         track = load_points(tmp_path / "a.trc", **options)  # type: ignore[arg-type]
-        assert any(said.partition(" .*")[0] in note for note in track.notes)
+        assert any(message.partition(" .*")[0] in note for note in track.notes)
     np.testing.assert_allclose(track.time, 2.0 * TIME)
 
 
 def trc(change: Callable[[list[str]], object]) -> Callable[[Path], object]:
-    """A TRC file of which lines are changed."""
+    """A TRC file with changed lines."""
 
     def write(path: Path) -> None:
         write_trc(path, NAMES, points(), TIME)
@@ -268,30 +271,32 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "write", "said"), FAULTS, ids=[f"{name}: {said[:40]}" for name, _, said in FAULTS])
-def test_faults_are_said_in_a_line(tmp_path: Path, name: str, write: Callable[[Path], object], said: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "write", "message"), FAULTS, ids=[f"{name}: {message[:40]}" for name, _, message in FAULTS]
+)
+def test_faults_are_one_line(tmp_path: Path, name: str, write: Callable[[Path], object], message: str) -> None:
     write(tmp_path / name)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         load_points(tmp_path / name)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"up": "w"}, "up: 'w' is not an axis"),
         ({"unit": "ft"}, "unit: 'ft' is not a unit"),
         ({"fps": -1.0}, "fps: must be"),
     ],
 )
-def test_options_that_cannot_be(tmp_path: Path, options: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_invalid_options(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         load_points(tmp_path / "a.trc", **options)
     with pytest.raises(InputError, match="no file is given"):
         load_points([])
 
 
-def test_what_options_say_mends_a_file(tmp_path: Path) -> None:
-    """Each remedy that an error names leads to the points."""
+def test_options_repair_a_file(tmp_path: Path) -> None:
+    """Each remedy named by an error makes the file readable."""
 
     def read(name: str, write: Callable[[Path], object], **options: Any) -> MarkerTrack:
         write(tmp_path / name)
@@ -316,21 +321,21 @@ OUTPUTS = {
     "powers": ("LKneePower", "RShoulderPower", "RAnklePowers"),
     "centres of mass": ("CentreOfMass", "CenterOfMass", "CentreOfMassFloor"),
 }
-OF_MARKERS = (  # bony landmarks and objects that markers are called after
+OF_MARKERS = (  # bony landmarks and objects that markers are named after
     "RInferiorAngle", "LAcromialAngle", "ScapulaInfAngle", "LJawAngle", "SternalAngle", "AngulusInferior",
     "ForcePlate1", "LForceShoe", "PowerDrill", "LHeelForce", "KneeAnglesMarker", "CentreOfMassPlate", "LKnee", "LKNE",
     "Moment1",
 )  # fmt: skip
 
 
-def test_outputs_of_a_gait_model_are_told_from_markers_by_their_names() -> None:
+def test_outputs_of_a_gait_model_are_recognised_by_their_names() -> None:
     for kind, names in OUTPUTS.items():
         assert [output_kind(name) for name in (*names, *(f"ann:{name}" for name in names))] == 2 * len(names) * [kind]
     assert [output_kind(name) for name in OF_MARKERS] == [None] * len(OF_MARKERS)
 
 
 def write_with_outputs(path: Path, outputs: tuple[str, ...], subject: str = "") -> None:
-    """The markers with outputs of a model among them, as far from any body as moments in N mm are."""
+    """The markers with outputs of a model among them, far from any body, as moments in N mm are."""
     far = 3e4 * np.random.default_rng(len(outputs)).normal(size=(FRAMES, len(outputs), 3))
     names = tuple(subject + name for name in (*NAMES[:2], *outputs, *NAMES[2:]))
     all_points = np.concatenate([points()[:, :2], far / 1e3, points()[:, 2:]], axis=1)

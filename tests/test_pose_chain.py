@@ -1,4 +1,4 @@
-"""A chain of poses: what it makes of past and message is what plain weighing of the past's samples makes of them."""
+"""A chain of poses: its posterior from past and message equals plain weighting of the past's samples."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def crowd(body: Body, count: int = 40) -> ParticleSet:
 
 
 def shifted_message(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Message:
-    """A head where it is expected, and hands beside where they are: two ways for the left one."""
+    """A head where it is expected, and hands beside their places: two associations for the left one."""
     state = crowd(prior_of.body)
     where = prior_of.camera.project(prior_of.parts.features.points(prior_of.body.placed(state.reference[None])))[0]
     moved = np.add(where, [[0.0, 0.0], [shift, 0.0], [0.0, -shift]])
@@ -71,7 +71,7 @@ def shifted_message(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.
 
 
 def plainly_weighed(made: PoseChain, prior: Expected, message: Message, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tangents (N, nv) drawn from the past alone, each part by itself and one arm perhaps anywhere, and their weights
+    """Tangents (N, nv) drawn from the past alone, each part by itself and one arm possibly anywhere, and their weights
     by the message: the same posterior."""
     rng, x, odds = np.random.default_rng(9), np.empty((count, made.body.nv)), 3.0 * made.settings.lost
     target, anew = made._target(prior, message), rng.random(count) < odds / (1.0 + odds)
@@ -93,7 +93,7 @@ def test_parts_are_trunk_and_arms() -> None:
     assert all(name.startswith("right_") for name in names[2])
     assert [parts.features.names[f] for part in parts.of_part for f in part] == ["head", "left_hand", "right_hand"]
     covered = np.sum(parts.shapes, axis=0)
-    assert (covered == 1).all()  # every limb that is drawn belongs to one part
+    assert (covered == 1).all()  # every sampled limb belongs to one part
     human = parts_of("human34")
     assert sorted(np.concatenate(human.dofs).tolist()) == list(range(human.body.nv))
 
@@ -114,15 +114,15 @@ def test_a_body_without_arms_is_refused() -> None:
 def test_the_posterior_is_that_of_weighing_the_past(
     by_past: float, lost: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever share comes from the image, and whatever the odds that a limb is anywhere: means and spreads of all
-    joints, and of the hands in the image."""
+    """For any share of samples from the image and any odds of a displaced limb: means and spreads of all joints, and of
+    the hands in the image."""
     settings = replace(SETTINGS, by_past=by_past, lost=lost, renewed=0.5)
     made = chain(np.random.default_rng(0), settings)
     if lost:
         monkeypatch.setattr(PoseChain, "_chosen", lambda self: (1,))
     prior = made.predict(crowd(made.body), 0.04)
     message = shifted_message(made)
-    # hardly any limb that is anywhere is where it is seen: plain weighing needs more of them
+    # few displaced limbs hit the detection: plain weighting needs more samples
     x, weight = plainly_weighed(made, prior, message, 500_000 if lost else 200_000)
     mean = weight @ x
     std = np.sqrt(weight @ np.square(x - mean))
@@ -148,7 +148,8 @@ def replace_samples(made: PoseChain, prior: Expected) -> Expected:
 
 
 def test_a_hand_that_is_seen_is_not_behind_the_trunk() -> None:
-    """Before and behind it a hand has one image: where it is seen, the former is likelier by what settings say."""
+    """In front of or behind the trunk a hand has the same image: if it is seen, in front is likelier, by the
+    settings."""
     parts, settings = parts_of("upper13"), EvidenceSettings()
     body = parts.body
     outlines = OutlineLikelihood(body, parts.graph, ImageCues(camera(), {}), 200.0)
@@ -171,7 +172,7 @@ def test_a_hand_that_is_seen_is_not_behind_the_trunk() -> None:
         assert value == pytest.approx(np.log(settings.hidden / settings.detected) if way else 0.0, abs=0.01)
 
 
-def test_what_is_told_nothing_goes_on_as_expected() -> None:
+def test_without_evidence_the_prediction_stands() -> None:
     made = chain(np.random.default_rng(1), replace(SETTINGS, lost=0.0))
     prior = made.predict(crowd(made.body), 0.04)
     after, _ = made.update(prior, nothing_seen(made.parts.features.names))
@@ -182,7 +183,7 @@ def test_what_is_told_nothing_goes_on_as_expected() -> None:
 
 
 def test_hands_that_are_elsewhere_are_reached_by_the_image_and_not_by_the_past() -> None:
-    """A hand 100 px away from all that is expected: likelihood sampling finds it, samples of the past do not."""
+    """A hand 100 px from all expectations: likelihood sampling finds it, samples of the past do not."""
     made = chain(np.random.default_rng(2))
     prior = made.predict(crowd(made.body), 0.04)
     message = shifted_message(made, shift=100.0, spread=4.0)
@@ -250,7 +251,7 @@ def test_the_derivatives_of_features_are_their_differences(subject: str) -> None
 
 
 def test_the_learned_prior_weighs_poses_by_its_density() -> None:
-    """What is told nothing else ends in the past times the prior: as by weighing many samples of the past."""
+    """Without other evidence the result is the past times the prior, as by weighting many samples of the past."""
     body = body_of("human34")
     pose_prior = PosePrior(body, shipped_mixture())
     settings = replace(SETTINGS, particles=1000, lost=0.0)
@@ -271,5 +272,5 @@ def test_the_learned_prior_weighs_poses_by_its_density() -> None:
         rng = np.random.default_rng(100 + again)
         after, _ = made(rng).update(replace_samples(made(rng), prior), message)
         each.append(pose_prior.values(body.placed(after.q)).mean())
-    assert expected < value.mean() - 1.0  # and it says something
+    assert expected < value.mean() - 1.0  # and it is informative
     assert abs(np.mean(each) - expected) < 4.0 * np.std(each) / 2.0 + 0.1

@@ -54,7 +54,7 @@ def posed(angles: np.ndarray) -> np.ndarray:
 
 
 def between_components(rng: np.random.Generator, mixture: PoseMixture) -> np.ndarray:
-    """A pose that several components claim."""
+    """A pose supported by several components."""
     shares = rng.dirichlet(np.ones(2 * len(mixture.weight)))
     return posed(shares @ mixture.both_sides()[1] + 0.1 * rng.normal(size=len(mixture.joints)))
 
@@ -79,7 +79,7 @@ def two_piece_students(body: Body, joints: Sequence[str]) -> tuple[np.ndarray, C
 
 
 @pytest.mark.parametrize("wide", [False, True])
-def test_it_is_the_density_that_it_says(wide: bool) -> None:
+def test_it_is_the_stated_density(wide: bool) -> None:
     mixture = blurred(load_mixture()) if wide else load_mixture()
     prior, rng = PosePrior(BODY, mixture, 0.7), np.random.default_rng(0)
     rest, background = two_piece_students(BODY, mixture.joints)
@@ -105,7 +105,7 @@ def test_derivatives() -> None:
             assert np.allclose(exact @ v, turned, rtol=1e-6, atol=1e-5)
         assert np.array_equal(cautious, cautious.T)
         assert np.linalg.eigvalsh(cautious)[0] > -1e-9
-        # a sum of shares lets go of what its parts hold: the true curvature is the smaller
+        # a mixture is flatter than its parts: the true curvature is smaller
         assert np.linalg.eigvalsh(cautious - exact)[0] > -1e-9
 
 
@@ -149,7 +149,7 @@ def test_standing_is_likelier_than_the_stabilisers_have_it() -> None:
     assert np.median([evaluated(prior, random_pose(BODY, rng))[0] for _ in range(50)]) > evaluated(prior, q)[0] + 10.0
 
 
-def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
+def test_it_replaces_the_stabilisers_in_the_energy() -> None:
     rng = np.random.default_rng(5)
     q, seen = random_pose(BODY, rng, share=0.4), observe(BODY, BODY.neutral, (camera_at(20.0),))
     values = {}
@@ -163,7 +163,7 @@ def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
 
 
 def test_a_joint_that_it_leaves_out_keeps_its_stabiliser() -> None:
-    """Whatever its share."""
+    """For any share."""
     (place,) = (7 + joints_of(BODY).index(name) for name in LEFT_OUT)
     bent, values = BODY.neutral.copy(), []
     bent[place] += 0.2
@@ -196,7 +196,7 @@ def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
     (alone,) = terms_of(TermContext(body_of("upper13"), CostSettings()))
     whole = Stabilisers(body_of("upper13"))
     assert alone.accumulate(posed, gradient, hessian) == whole.accumulate(posed, gradient, hessian)
-    of_an_upper_body = ("dual-chain", "likelihood-sampling")  # by their papers, which no mixture fits
+    of_an_upper_body = ("dual-chain", "likelihood-sampling")  # by their papers; no mixture fits it
     for tracker in TRACKERS:
         own = tracker in ("css", "css-dual", "loose-limbed", *of_an_upper_body)
         assert kinds(BODY, tracker) == (["stabilisers", "pose prior"] if own else ["stabilisers"]), tracker
@@ -234,7 +234,7 @@ def test_locked_joints_leave_the_marginal_of_the_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('"background": 0.2', '"background": 1.2', "background.*cannot work"),
         ('"background": 0.2', '"foreground": 0.2', "background: is missing"),
@@ -244,15 +244,15 @@ def test_locked_joints_leave_the_marginal_of_the_others() -> None:
         ('"mean": [', '"mean": [1.0, ', r"components\[0\].mean: 27 numbers are needed, found 28"),
     ],
 )  # fmt: skip
-def test_a_spoilt_file_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_spoilt_file_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "mixture.json"
     path.write_text(SHIPPED.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_mixture(path)
     assert str(path) in str(caught.value)
 
 
-def test_a_file_says_what_was_written(tmp_path: Path) -> None:
+def test_a_file_round_trips(tmp_path: Path) -> None:
     mixture = load_mixture()
     mixture.save(tmp_path / "again.json", "again")
     again = load_mixture(tmp_path / "again.json")
@@ -272,7 +272,7 @@ def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
     mean = np.repeat(truth.mean, [300, 700], axis=0)
     angles = mean + rng.normal(size=mean.shape) * np.repeat([0.1, 0.2], [300, 700])[:, None]
     some = rng.random(1000) < 0.5
-    angles[some] = truth.mirrored(angles[some])  # which side a pose is on tells nothing
+    angles[some] = truth.mirrored(angles[some])  # the side of a pose carries no information
     poses = Poses(angles, np.full((1000, D, D), 1e-6 * np.eye(D)))
     mixture = learned(BODY, [poses], LearnSettings(pairs=2, prior_count=0.0, starts=2), rng)
     order = np.argsort(mixture.weight)

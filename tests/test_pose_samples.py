@@ -54,7 +54,7 @@ def test_both_views_show_the_body() -> None:
     assert (tile[240:] != plain[240:]).any()
 
 
-def test_a_run_is_drawn_and_what_cannot_be_is_told(tmp_path: Path) -> None:
+def test_a_run_is_drawn_and_unusable_input_is_refused(tmp_path: Path) -> None:
     q = np.repeat(poses(1, 0.1)[None], 5, axis=0)
     q[2] = np.nan
     run = made_run(tmp_path / "a.run", body_of("human34").subject, q)

@@ -1,4 +1,4 @@
-"""The posterior over configurations: closed forms, nominal coverage of what it says, and limits."""
+"""The posterior over configurations: closed forms, nominal coverage of its intervals, and limits."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def random_covariance(nv: int, rng: np.random.Generator, std: float) -> np.ndarr
 
 
 def gaussian(body: Body, std: float = 0.01, seed: int = 0, calibration: PosteriorCalibration = AS_IT_IS) -> Posterior:
-    """One mode, far from all limits by its narrowness."""
+    """One mode, so narrow that it is far from all limits."""
     rng = np.random.default_rng(seed)
     q = random_pose(body, rng, share=0.6)
     return Posterior.of(body, frame([q], [random_covariance(body.nv, rng, std)]), calibration)
@@ -89,12 +89,12 @@ def test_a_symmetric_mixture_is_symmetric_and_its_region_has_two_parts() -> None
     assert marginals.quantile(0.1)[0] == pytest.approx(-marginals.quantile(0.9)[0], rel=1e-3)
     (left, right), edge = marginals.credible_regions(0.9)[0], 0.5 * norm.ppf(0.95)
     assert np.allclose([left, right], [(-3.0 - edge, -3.0 + edge), (3.0 - edge, 3.0 + edge)], atol=0.05)
-    assert marginals.credible_level(np.zeros(1))[0] > 0.99  # between the modes lies next to nothing
+    assert marginals.credible_level(np.zeros(1))[0] > 0.99  # almost no probability between the modes
     assert marginals.cdf(np.array([[-3.0, 0.0, 3.0]]))[0] == pytest.approx([0.25, 0.5, 0.75], abs=1e-6)
 
 
 def many_kinds() -> Marginals:
-    """Cut off on one side, on both, a sliver of a Gaussian, all alike, leaning on either limit beside a Gaussian,
+    """Cut off on one side, on both, a sliver of a Gaussian, all equal, leaning on either limit beside a Gaussian,
     leaning with hardly any room, certain, and far narrower than another."""
     rows = [  # low, high, then mean, std, lean of both components
         (-0.1, 9.0, (0.0, 0.3, 0.0), (0.2, 0.1, 0.0)),
@@ -126,7 +126,7 @@ def test_moments_are_the_integrals_of_the_distribution() -> None:
         assert std[i] == pytest.approx(np.sqrt(max(second - first**2, 0.0)), rel=1e-5, abs=2e-9)
 
 
-def test_so_much_lies_below_a_quantile() -> None:
+def test_a_quantile_has_its_share_below_it() -> None:
     m = many_kinds()
     levels = (0.0, 1e-4, 0.05, 0.5, 0.9, 1.0)
     x = m.quantiles(*levels)
@@ -156,7 +156,7 @@ def test_coordinates_are_the_same_alone_and_below_others() -> None:
 
 
 def mixture(body: Body, scale: float = 1.0) -> Posterior:
-    """Two modes, one near limits; covariances said to be `scale` times what they are."""
+    """Two modes, one near limits; with stated covariances `scale` times the true ones."""
     rng = np.random.default_rng(3)
     q = body.neutral.copy()
     apart = body.integrate(q, 0.2 * rng.normal(size=body.nv))
@@ -165,16 +165,16 @@ def mixture(body: Body, scale: float = 1.0) -> Posterior:
     return Posterior.of(body, result, replace(AS_IT_IS, covariance_scale=scale))
 
 
-def levels(truth: Posterior, said: Posterior, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def levels(truth: Posterior, stated: Posterior, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Levels by degree of freedom, landmark and pose of configurations drawn from `truth`."""
-    rng, body = np.random.default_rng(4), said.body
-    marginals, drawn = said.marginals(), truth.sample(rng, count)
-    dof = np.array([marginals.credible_level(body.difference(said.best, q)) for q in drawn])
+    rng, body = np.random.default_rng(4), stated.body
+    marginals, drawn = stated.marginals(), truth.sample(rng, count)
+    dof = np.array([marginals.credible_level(body.difference(stated.best, q)) for q in drawn])
     places = np.array([body.landmarks(body.at(q)) for q in drawn])
-    return dof, said.landmark_credible_levels(rng, places), said.credible_levels(rng, drawn, 1000)
+    return dof, stated.landmark_credible_levels(rng, places), stated.credible_levels(rng, drawn, 1000)
 
 
-def test_truths_drawn_from_the_posterior_itself_are_covered_as_often_as_it_says() -> None:
+def test_truths_drawn_from_the_posterior_have_the_nominal_coverage() -> None:
     body = body_of("human34")
     for reached in levels(mixture(body), mixture(body), 150):
         assert calibration_error(reached) < 0.06
@@ -184,7 +184,7 @@ def test_truths_drawn_from_the_posterior_itself_are_covered_as_often_as_it_says(
         assert coverage(reached, 0.9)[0] < 0.8
 
 
-def test_a_spread_of_scales_covers_truths_whose_scale_nobody_knew() -> None:
+def test_a_spread_of_scales_covers_truths_of_unknown_scale() -> None:
     body, rng = body_of("arm8"), np.random.default_rng(5)
     spread = gaussian(body, calibration=replace(AS_IT_IS, scale_spread=0.4))
     narrow = gaussian(body)
@@ -224,7 +224,7 @@ def test_samples_and_regions_stay_within_the_limits() -> None:
     assert drawn[:, knee].std() == pytest.approx(std[bending], rel=0.1)
 
 
-def test_landmarks_scatter_as_their_covariance_says() -> None:
+def test_landmarks_scatter_by_their_covariance() -> None:
     body = body_of("human34")
     posterior = gaussian(body, 0.02, seed=8)
     mean, covariance = posterior.landmark_moments()
@@ -248,7 +248,7 @@ def test_a_body_of_unknown_size_may_be_nearer_or_farther_but_looks_alike() -> No
     assert np.allclose(drawn / distance[:, None], drawn[0] / distance[0], atol=1e-4)
 
 
-def test_zeros_by_markers_say_nothing_of_how_a_detector_marks_a_person() -> None:
+def test_zeros_from_markers_leave_detector_biases_open() -> None:
     subject = load_subject("human34")
     marked = subject.with_markers(marker_set("plug-in-gait").markers, [Zero("left_hip_flexion", 0.05)])
     detected = subject.with_keypoint_places(
@@ -268,7 +268,7 @@ def test_zeros_by_markers_say_nothing_of_how_a_detector_marks_a_person() -> None
 
 
 def rig_around(body: Body, rng: np.random.Generator) -> list[Camera]:
-    """Three cameras, 4 m from the body, that look at it."""
+    """Three cameras facing the body, 4 m away."""
     cameras, middle = [], body.landmarks(body.at(body.neutral)).mean(axis=0)
     for k in range(3):
         turn = pin.exp3(np.array([0.0, 0.0, 1.2 * k])) @ pin.exp3(0.1 * rng.normal(size=3))
@@ -279,7 +279,7 @@ def rig_around(body: Body, rng: np.random.Generator) -> list[Camera]:
 
 
 def _moved_with_world(camera: Camera, turn: np.ndarray, shift: np.ndarray) -> Camera:
-    """A camera that is off as if the world were turned and shifted before it."""
+    """A camera with the error of a world rotated and shifted before it."""
     R = camera.R_camera_world
     cause = np.concatenate([R @ turn, R @ (shift + np.cross(turn, camera.centre_world)), [0.0]])
     return replace(camera, deviations=cause[:, None])
@@ -354,7 +354,7 @@ def test_temperature_evens_weights_out() -> None:
         assert weight[0] / weight[1] == pytest.approx(ratio, rel=1e-4)
 
 
-def test_the_prior_counts_as_many_times_as_asked_for() -> None:
+def test_the_prior_counts_the_requested_number_of_times() -> None:
     body, rng = body_of("human34"), np.random.default_rng(12)
     q, covariance = random_pose(body, rng, share=0.6), random_covariance(body.nv, rng, 0.3)
     prior = np.zeros((body.nv, body.nv))
@@ -371,10 +371,10 @@ def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half
 
 
 def test_a_detector_that_marks_other_points_moves_the_pose_as_least_squares_does() -> None:
-    """Where every landmark is marked off by a bias of its own, the poses found scatter as the posterior says."""
+    """Where every landmark has its own bias, the estimated poses scatter by the posterior."""
     body, rng = body_of("human34"), np.random.default_rng(13)
     q, certain, std = random_pose(body, rng, share=0.6), 1e-14 * np.eye(body.nv), 1e-3
-    said = Posterior.of(body, frame([q], [certain]), replace(AS_IT_IS, landmark_std=std)).covariance[0]
+    stated = Posterior.of(body, frame([q], [certain]), replace(AS_IT_IS, landmark_std=std)).covariance[0]
     prior = np.zeros((body.nv, body.nv))
     Stabilisers(body).accumulate(body.at(q), np.zeros(body.nv), prior)
     spread = landmark_spread(body.landmark_names) / landmark_spread(body.landmark_names).mean()
@@ -387,12 +387,12 @@ def test_a_detector_that_marks_other_points_moves_the_pose_as_least_squares_does
         for _ in range(3):
             off = body.landmarks(body.at(body.integrate(q, moved[i]))) - at - bias
             moved[i] -= np.linalg.solve(hessian, np.einsum("lia,li->a", scaled, off) + prior @ moved[i])
-    off = J @ said @ J.transpose(0, 2, 1)
+    off = J @ stated @ J.transpose(0, 2, 1)
     shifts = np.array([body.landmarks(body.at(body.integrate(q, v))) - at for v in moved])
     np.testing.assert_allclose(
         np.sqrt(np.mean(np.square(shifts), axis=0).sum(axis=1)), np.sqrt(np.trace(off, axis1=1, axis2=2)), rtol=0.12
     )
-    np.testing.assert_allclose(moved.std(axis=0), np.sqrt(np.diagonal(said)), rtol=0.15)
+    np.testing.assert_allclose(moved.std(axis=0), np.sqrt(np.diagonal(stated)), rtol=0.15)
 
 
 def test_a_joint_at_its_limit_may_be_as_far_from_it_as_unsure_places_put_it() -> None:
@@ -419,7 +419,7 @@ def test_landmarks_of_no_detector_that_is_known_have_no_bias() -> None:
     np.testing.assert_array_equal(posterior.covariance[0], known)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_input_is_refused() -> None:
     with pytest.raises(InputError, match="covariance_scale is 0"):
         PosteriorCalibration(covariance_scale=0.0)
     with pytest.raises(InputError, match="scale_spread is -1"):
@@ -442,7 +442,7 @@ def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest
 
 
 def test_a_normal_cut_off_far_out_has_its_moments() -> None:
-    """On either side, where the probability between the ends is nothing in double precision."""
+    """On either side, where the probability between the ends is zero in double precision."""
     for low, high in ((-1.0, 2.0), (0.5, 3.0), (9.0, 12.0), (-12.0, -9.0), (30.0, 36.0)):
         mean, variance = _cut_gaussian(np.array([low]), np.array([high]))
         assert (float(mean[0]), float(variance[0])) == pytest.approx(truncnorm.stats(low, high), rel=1e-6)

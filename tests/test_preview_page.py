@@ -1,4 +1,4 @@
-"""The preview's page in a browser: what it opens on, what it marks and hides, and that bodies lie on their pictures."""
+"""The preview's page in a browser: its initial view, what it marks and hides, and that bodies lie on their pictures."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Open = Callable[..., None]
 
 @pytest.fixture
 def show(browser: Any, tmp_path: Path) -> Iterator[Open]:
-    """Opens a scene's page in a window of a size, standing still; others find the browser as it was."""
+    """Opens a scene's page, paused, in a window of a given size; the browser is restored afterwards."""
     before = browser.get_window_size()
 
     def open_page(scene: Scene, place: str = "t=0", size: tuple[int, int] = (600, 450)) -> None:
         browser.set_window_size(*size)
-        browser.get("about:blank")  # or a change behind # would load nothing
+        browser.get("about:blank")  # otherwise a change after # would load nothing
         browser.get(f"{write_html(scene, tmp_path / 'p.html').as_uri()}#{place}")
         until_drawn(browser)
 
@@ -54,7 +54,7 @@ def odd_camera(scene: Scene) -> Camera:
     return replace(camera, K=K, R_camera_world=R @ camera.R_camera_world, t_camera_world=R @ camera.t_camera_world)
 
 
-# Where the window shows the middle of every joint of a body, and the corners of the picture, in pixels of the window.
+# Where the window shows the centre of every joint of a body and the corners of the picture, in window pixels.
 PLACES = """
 const size = viewer.renderer.getSize(new MeshCat.THREE.Vector2());
 const seen = point => { const p = point.clone().project(viewer.camera);
@@ -82,7 +82,7 @@ return {joints, corners: found, size: [size.x, size.y], view, visible: plane.vis
         pytest.param((600, 400), True, marks=pytest.mark.browser),
     ],
 )
-def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
+def test_it_opens_with_body_and_picture_in_any_window(
     browser: Any, show: Open, size: tuple[int, int], parallel: bool
 ) -> None:
     scene = moving_scene(3)
@@ -94,7 +94,7 @@ def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
     show(scene, "t=2", size)
     places = browser.execute_script(PLACES)
     assert (places["view"], places["visible"], places["pictured"]) == (0, True, True)
-    # (0, 0) is the middle of the picture's first pixel; its corners tell where the window shows it
+    # (0, 0) is the middle of the picture's first pixel; its corners give its place in the window
     corners, (width, height) = np.array(places["corners"]), camera.image_size
     scale = (corners[2] - corners[0]) / [width, height]
     assert np.abs(corners[[1, 3]] - [[corners[2, 0], corners[0, 1]], [corners[0, 0], corners[2, 1]]]).max() < 0.1
@@ -109,19 +109,19 @@ def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
 
 
 def screenshot(browser: Any) -> np.ndarray:
-    """What the window shows (H, W, 3) BGR."""
+    """A screenshot of the window (H, W, 3) BGR."""
     return cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
 
 
 def sides(image: np.ndarray) -> np.ndarray:
-    """Where the window shows the colour of one side of the body (2, H, W): left, right; its panels left out."""
+    """Pixels with the colour of a side of the body (2, H, W): left, right; without the page's panels."""
     blue, red = image[..., 0].astype(int), image[..., 2].astype(int)
     coloured = np.array([blue - red > 70, red - blue > 70])
     coloured[:, :150, :250] = coloured[:, -100:] = False
     return coloured
 
 
-# How many pixels have each brightness, where the body alone is drawn, white on black.
+# The number of pixels of each brightness when the body alone is drawn, white on black.
 LAYERS = """
 for (const path of [["Background"], ["cameras"]]) node(...path).visible = false;
 viewer.scene.background = new MeshCat.THREE.Color(0);
@@ -138,8 +138,8 @@ return counts;
 
 
 def test_the_page_draws_the_body(browser: Any, show: Open) -> None:
-    """In the free view both sides in their colours; it moves; and through a camera it covers what that projects, and
-    where its limbs overlap none shines through another: the overlay has no bands."""
+    """In the free view both sides have their colours and the body moves. Through a camera it covers its projection, and
+    overlapping limbs do not shine through: the overlay has no bands."""
     scene = moving_scene(9, modes=1)
     show(scene, "t=0&view=free", (800, 700))
     assert browser.execute_script("return view") == -1
@@ -166,7 +166,7 @@ def test_the_page_draws_the_body(browser: Any, show: Open) -> None:
 
 
 def rows(browser: Any) -> list[tuple[str, bool, bool]]:
-    """Text, whether it is marked and whether it can be seen, of every hypothesis' row."""
+    """Text, mark and visibility of every hypothesis' row."""
     drawn = browser.execute_script(
         "return bars.map(b => [b.number.textContent, b.row.classList.contains('drawn'), b.row.offsetHeight > 0])"
     )
@@ -190,7 +190,7 @@ def test_the_drawn_hypothesis_is_marked_what_weighs_nothing_is_hidden_and_each_c
     assert rows(browser) == [
         ("60 %", False, True), ("40 %", False, True), ("0.3 %", False, False), (tiny, True, True),
     ]  # fmt: skip
-    assert shown(browser) == [True, True, False, False]  # the drawn one is the body itself
+    assert shown(browser) == [True, True, False, False]  # the drawn hypothesis is the body itself
     assert browser.execute_script("return node('body').visible")
     browser.execute_script("go(1)")
     assert [seen for _, _, seen in rows(browser)] == [True, True, False, False]
@@ -210,7 +210,7 @@ def test_the_drawn_hypothesis_is_marked_what_weighs_nothing_is_hidden_and_each_c
 
 def check_controls(browser: Any) -> None:
     text = browser.find_element("tag name", "body").text
-    assert "Open Controls" not in text  # of MeshCat's own
+    assert "Open Controls" not in text  # MeshCat's own
     assert browser.execute_script("return document.querySelectorAll('.dg').length") == 0
     assert text.startswith("human34")
     names = [item.text for item in browser.find_elements("css selector", "#legend span")]
@@ -232,7 +232,7 @@ def page_of(subject: str) -> tuple[Body, str]:
     return body, page(replace(scene, body=body, frames=(None,), **modes))
 
 
-def test_the_legend_fits_who_is_shown() -> None:
+def test_the_legend_matches_the_shown_bodies() -> None:
     def legend(subject: str) -> str:
         return page_of(subject)[1].split('"legend": ')[1].split(', "nothing')[0]
 
@@ -263,8 +263,8 @@ def test_the_panel_of_curves_follows_the_instant_and_leads_to_others(browser: An
     pane, panel = browser.execute_script(
         "return ['meshcat-pane', 'panel'].map(id => $(id).getBoundingClientRect().toJSON())"
     )
-    assert pane["right"] <= panel["left"] + 1.0  # nothing of the scene is behind it
-    from selenium.webdriver.common.action_chains import ActionChains  # there where the browser is
+    assert pane["right"] <= panel["left"] + 1.0  # it covers no part of the scene
+    from selenium.webdriver.common.action_chains import ActionChains  # installed with the browser
 
     chart = browser.find_element("css selector", ".chart svg")
     ActionChains(browser).move_to_element(chart).click().perform()

@@ -69,7 +69,7 @@ def means(beliefs: tuple[Belief, ...]) -> np.ndarray:
 
 @pytest.mark.parametrize("product", WAYS)
 def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: ProductSettings) -> None:
-    """And there is no bias: the mean over seeds is within three standard errors of the exact solution."""
+    """There is no bias: the mean over seeds is within three standard errors of the exact solution."""
     known, error = Gaussian(PLANE, ((0, 1), (0, 2), (2, 3), (2, 4)), 0), {}
     for count in (25, 225):
         settings = BeliefSettings(kernels=count + 1, samples=count, product=product)
@@ -88,7 +88,7 @@ def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: Pro
 
 @pytest.mark.parametrize("product", WAYS)
 def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -> None:
-    """A window of five instants whose first belief stays, as that of the frame before does."""
+    """A window of five instants whose first belief is fixed, like that of the previous frame."""
     known = Gaussian(PLANE, CHAIN, 1)
     first = known.noise**2 * np.eye(2)
     filtered, predicted = [(known.seen[0], first)], []
@@ -116,17 +116,17 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -
 
 @pytest.mark.parametrize("product", WAYS)
 def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation(product: ProductSettings) -> None:
-    """Whose means are exact, and whose variances are not."""
+    """Means are exact, variances are not."""
     known = Gaussian(LINE, RING, 4, step=0.3, noise=0.8)
     A, b, count = known.precision, known.pull, 4
     sources = known.graph.sources
-    said = {(i, j): (0.0, 0.0) for i in range(count) for j in sources[i]}  # precision and pull
+    sent = {(i, j): (0.0, 0.0) for i in range(count) for j in sources[i]}  # precision and pull
     for _ in range(60):
-        inside = {e: (A[e[0], e[0]] + sum(said[k, e[0]][0] for k in sources[e[0]] if k != e[1]),
-                      b[e[0]] + sum(said[k, e[0]][1] for k in sources[e[0]] if k != e[1])) for e in said}  # fmt: skip
-        said = {(i, j): (-(A[i, j] ** 2) / p, -A[i, j] * h / p) for (i, j), (p, h) in inside.items()}
-    precision = np.array([A[i, i] + sum(said[k, i][0] for k in sources[i]) for i in range(count)])
-    mean = np.array([b[i] + sum(said[k, i][1] for k in sources[i]) for i in range(count)]) / precision
+        inside = {e: (A[e[0], e[0]] + sum(sent[k, e[0]][0] for k in sources[e[0]] if k != e[1]),
+                      b[e[0]] + sum(sent[k, e[0]][1] for k in sources[e[0]] if k != e[1])) for e in sent}  # fmt: skip
+        sent = {(i, j): (-(A[i, j] ** 2) / p, -A[i, j] * h / p) for (i, j), (p, h) in inside.items()}
+    precision = np.array([A[i, i] + sum(sent[k, i][0] for k in sources[i]) for i in range(count)])
+    mean = np.array([b[i] + sum(sent[k, i][1] for k in sources[i]) for i in range(count)]) / precision
     np.testing.assert_allclose(mean, known.mean[:, 0], atol=1e-9)
     assert np.abs(precision * np.diag(known.covariance) - 1.0).max() > 0.01
     settings = BeliefSettings(kernels=151, samples=150, iterations=6, product=product)
@@ -194,7 +194,7 @@ def test_a_wrong_weight_of_image_weighted_candidates_is_seen(
     monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str
 ) -> None:
     monkeypatch.setattr(strata, name, wrong)
-    # phi twice is right in the mean of symmetric graphs, and too sure
+    # using phi twice gives the right mean in symmetric graphs, but too small variances
     if name == "belief_weight":
         assert off_in_standard_errors(*SHARES[shares], QUICK) > 4.0
         return
@@ -207,7 +207,7 @@ def test_a_wrong_weight_of_image_weighted_candidates_is_seen(
 
 
 def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> None:
-    """A message twenty times as wide as what is seen: its draws are mostly of no weight, candidates are not."""
+    """A message twenty times as wide as the likelihood: most of its samples have no weight, candidates do."""
     wide = mixture_of(LINE, np.zeros((1, 1)), np.ones((1, 1)))
     graph = Graph(LINE, (Node(seen_at(np.array([1.5]), 0.05), priors=(wide,)),))
     worth = {}
@@ -220,7 +220,7 @@ def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> No
 
 
 def distinct_weights(belief: Belief) -> np.ndarray:
-    """The weights of points that differ."""
+    """The weights of distinct points."""
     _, label = np.unique(belief.points[:, 0], return_inverse=True)
     return np.bincount(label, weights=belief.weights)
 
@@ -245,7 +245,7 @@ def limbs() -> Graph:
 
 
 @pytest.mark.parametrize("product", WAYS)
-def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) -> None:
+def test_equal_seeds_equal_bits_in_any_process(product: ProductSettings) -> None:
     settings = BeliefSettings(kernels=31, samples=20, iterations=3, product=product)
 
     def backwards(function, tasks):  # type: ignore[no-untyped-def]
@@ -254,7 +254,7 @@ def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) 
     seen = []
     one_way = propagate_batch(np.random.default_rng(7), limbs(), settings)
     other = propagate_batch(
-        np.random.default_rng(7), limbs(), settings, watch=lambda *told: seen.append(told), each=backwards
+        np.random.default_rng(7), limbs(), settings, watch=lambda *state: seen.append(state), each=backwards
     )
     assert [iteration for iteration, _ in seen] == [0, 1, 2][-len(seen) :]
     for a, b in zip(one_way.beliefs, other.beliefs, strict=True):
@@ -268,7 +268,7 @@ def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) 
 
 @pytest.mark.parametrize("blind", [-np.inf, np.nan, np.inf])
 @pytest.mark.parametrize("product", WAYS)
-def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(product: ProductSettings, blind: float) -> None:
+def test_beliefs_without_weight_widen_and_are_flagged(product: ProductSettings, blind: float) -> None:
     known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=product)
     dark = replace(known.graph.nodes[1], log_likelihood=lambda points: np.full(len(points), blind))
     graph = Graph(LINE, (known.graph.nodes[0], dark, *known.graph.nodes[2:]), known.graph.potentials)
@@ -283,7 +283,7 @@ def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(product: ProductS
 
 
 def test_messages_without_common_ground() -> None:
-    """Farther apart than numbers reach: what any of them says, and the status."""
+    """Too far apart for floating point: any one of the messages, and the status."""
     far = [mixture_of(LINE, np.array([[place]]), np.array([[1e-4]])) for place in (-1e200, 0.0, 1e200)]
     graph = Graph(LINE, (Node(priors=tuple(far)),))
     (belief,) = propagate_batch(np.random.default_rng(10), graph, BeliefSettings()).beliefs
@@ -292,7 +292,7 @@ def test_messages_without_common_ground() -> None:
     assert np.all(np.isfinite(belief.weights))
 
 
-def test_what_cannot_work_is_said() -> None:
+def test_invalid_arguments_are_refused() -> None:
     step, nodes = potential_of(LINE, np.zeros((1, 1)), np.ones((1, 1))), (Node(), Node())
     settings, rng = BeliefSettings(iterations=1), np.random.default_rng(11)
     both = {(0, 1): step, (1, 0): step}

@@ -69,12 +69,12 @@ def test_samples_are_within_the_limits_and_have_a_density(name: str) -> None:
 @pytest.mark.parametrize("name", FAMILY)
 @pytest.mark.parametrize("size", [1, 2])
 def test_densities_integrate_to_one_and_are_the_samples_own(name: str, size: int) -> None:
-    """On a grid the density adds up to one, and to the share of samples in a box about the mode."""
+    """On a grid the density sums to one, and to the share of samples in a box about the mode."""
     body = sliders(size)
     covariance = np.array([[0.04, 0.018], [0.018, 0.01]])[:size, :size]
     proposal = FAMILY[name](body, np.zeros(size), covariance)
     reach, bins = (60.0, 2001) if size == 1 else (6.0, 101)
-    # points crowd at the mode, where the density is narrow; their cells are as long as the map's slope
+    # points crowd at the mode, where the density is narrow; cell sizes follow the map's slope
     u = np.linspace(-1.0, 1.0, bins)
     x, cell = reach * u**3, reach * 3.0 * u**2 * (u[1] - u[0])
     grid = np.stack(np.meshgrid(*[x] * size, indexing="ij"), axis=-1).reshape(-1, size)
@@ -135,7 +135,7 @@ def test_weakest_directions_are_lines_along_the_largest_variances() -> None:
 
 
 def test_limits_hold_directions_and_samples_alike() -> None:
-    """A mode on a limit: samples leave the held direction by next to nothing, whatever the scale."""
+    """A mode on a limit: samples hardly leave the held direction at any scale."""
     body = body_of("arm8")
     q = body.clamp(np.where(np.arange(body.nq) == 2, body.upper, body.neutral))
     covariance = 0.01 * np.eye(body.nv)

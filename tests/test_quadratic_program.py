@@ -37,7 +37,7 @@ def solved(of: QuadraticProgram) -> list[Answer]:
 
 KNOWN = [
     (program([[2, 0], [0, 4]], [-2, 4]), [1, -1]),  # nothing binds: x = -H^-1 g
-    (program([[2, 0], [0, 4]], [-2, 4], low=-0.25, high=0.5), [0.5, -0.25]),  # of a diagonal, each to its bound
+    (program([[2, 0], [0, 4]], [-2, 4], low=-0.25, high=0.5), [0.5, -0.25]),  # diagonal: each variable at its bound
     (program([[1, 0], [0, 1]], [0, 0], equal=[[3, 4]], to=[10]), [1.2, 1.6]),  # the point of a line nearest to 0
     (program([[1, 0], [0, 1]], [0, 0], rows=[[3, 4], [1, 0]], least=[10, -5]), [1.2, 1.6]),  # and of a half-plane
     (program([[1, 0], [0, 1]], [0, 0], equal=[[3, 4]], to=[10], high=1.5), [4 / 3, 1.5]),  # along it to a bound
@@ -55,14 +55,14 @@ def test_known_answers(of: QuadraticProgram, x: list[float]) -> None:
 
 @pytest.mark.parametrize("least", [[3.0, -4.0], [1.0, 0.5]])
 def test_what_nothing_meets_is_not_solved(least: list[float]) -> None:
-    """least[0] <= x + y <= -least[1]: more than the box has, or two rows that contradict each other."""
+    """least[0] <= x + y <= -least[1]: beyond the box, or two contradictory rows."""
     for answer in solved(program([[1, 0], [0, 1]], [0, 0], rows=[[1, 1], [-1, -1]], least=least, low=-1.0, high=1.0)):
         assert not answer.solved
         assert answer.residual > ACCURACY
 
 
 @pytest.mark.parametrize("place", ["hessian", "gradient", "least"])
-def test_numbers_that_are_none_raise_nothing(place: str) -> None:
+def test_nan_and_infinity_raise_nothing(place: str) -> None:
     of = program([[1, 0], [0, 1]], [1, 1], rows=[[1, 1]], least=[0.5], low=-1.0, high=1.0)
     getattr(of, place).flat[0] = np.nan
     assert [answer.solved for answer in solved(of)] == [False, False]
@@ -99,7 +99,7 @@ def test_softened_equations_are_an_energy(stiffness: float) -> None:
 
 
 def test_warm_multipliers_are_those_of_a_new_solver() -> None:
-    """H x + g + z = 0 where the bounds hold x, one program after another; a sharper answer is nearer to that."""
+    """H x + g + z = 0 where the bounds hold x, one program after another; a tighter tolerance is closer."""
     solvers = WarmSolvers(1e-4, outer=25, inner=50, penalty=1e-3)
     for gradient in ([-3.0, 0.25, 2.0], [4.0, -4.0, 0.5], [0.0, 0.0, 9.0]):
         of = program(np.eye(3).tolist(), gradient, low=-1.0, high=1.0)

@@ -1,4 +1,4 @@
-"""Feet that rest on something other than the floor: a stool, a wall, the air above somebody upside down."""
+"""Feet that rest on something other than the floor: a stool, a wall, the air above a person upside down."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ON_THE_BACK, UPSIDE_DOWN = (0.0, -90.0, 0.0), (180.0, 0.0, 0.0)
 
 
 def posed(turn: tuple[float, float, float], **legs: float) -> tuple[Body, np.ndarray]:
-    """Somebody who does not move but for the arms (T, nq), the lowest landmark at height 0."""
+    """A person who moves only the arms (T, nq), the lowest landmark at height 0."""
     body = body_of("human34")
     q = np.tile(body.neutral, (COUNT, 1))
     q[:, 3:7] = Rotation.from_euler("xyz", turn, degrees=True).as_quat()
@@ -49,18 +49,18 @@ RAISED = [
 
 
 @pytest.mark.parametrize(("turn", "legs"), RAISED)
-def test_what_raised_feet_rest_on_is_no_floor(turn: tuple[float, float, float], legs: dict[str, float]) -> None:
+def test_what_raised_feet_rest_on_is_not_the_floor(turn: tuple[float, float, float], legs: dict[str, float]) -> None:
     body, q = posed(turn, **legs)
     contact = on_floor(body, q)
     assert contact.floor is None
     assert contact.raised is not None
     assert (FloorDistances(body, UP, contact.raised.height).lowest(body.placed(q)) < -0.04).all()
-    assert (contact.standing > 0.5).any()  # they rest all the same
+    assert (contact.standing > 0.5).any()  # they are at rest nevertheless
 
 
 @pytest.mark.parametrize("bent", [0.0, 0.05, 1.4])
-def test_nobody_who_stands_is_below_the_floor(bent: float) -> None:
-    """However the ankles tilt the feet, whose heels and toes are not all level then."""
+def test_standing_people_are_never_below_the_floor(bent: float) -> None:
+    """For any ankle angle, with heels and toes not all level."""
     body, q = posed((0.0, 0.0, 0.0), hip_flexion=0.9 * bent, knee_flexion=bent, ankle_dorsiflexion=0.3 * bent)
     contact = on_floor(body, q)
     assert contact.floor is not None

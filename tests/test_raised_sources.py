@@ -1,4 +1,4 @@
-"""Feet that rest on a chair are on no floor, whatever they weigh; feet on the ground are, whatever the body does."""
+"""Feet on a chair are not on the floor, for any weight; feet on the ground are, in any pose."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ QUICK = RetargetSettings(starts=1).frame_by_frame
 def posed(
     pitch: float, hips: float, knees: float, *, noise: float = 0.0, size: float = 1.0, arms: float = 0.0
 ) -> SourceMotion:
-    """human34 [deg], its trunk pitched backwards, who moves its elbows; the lowest point is at z = 0."""
+    """human34 [deg], its trunk pitched backwards, moving its elbows; the lowest point is at z = 0."""
     body, rng = body_of("human34"), np.random.default_rng(0)
     q = np.tile(body.neutral, (FRAMES, 1))
     q[:, 3:7] = Rotation.from_euler("y", -pitch, degrees=True).as_quat()
@@ -69,7 +69,7 @@ def test_feet_on_the_ground_are(pitch: float, hips: float, knees: float, arms: f
     assert contacts.standing.any()
 
 
-def test_who_stands_at_first_and_lies_then_has_the_first_floor() -> None:
+def test_standing_then_lying_keeps_the_first_floor() -> None:
     up, down = posed(0.0, 0.0, 5.0), posed(90.0, 90.0, 90.0)
     on_its_back = down.points + np.array([0.0, 0.0, 0.1])
     points = np.concatenate([up.points, *[on_its_back] * 12])
@@ -98,7 +98,7 @@ def test_a_body_without_a_floor_is_followed_in_the_air() -> None:
 @pytest.mark.parametrize("frames", [1, 2])
 @pytest.mark.parametrize("settings", [QUICK, RetargetSettings(starts=1)])
 def test_sources_of_a_frame_or_two(frames: int, settings: RetargetSettings) -> None:
-    """Even where the first configuration does not keep to what it has to."""
+    """Even where the first configuration violates its constraints."""
     source = posed(0.0, 90.0, 5.0)
     short = SourceMotion(source.names, source.points[:frames], source.times[:frames], "short.npz")
     made = retarget_motion(body_of("human34"), short, settings=settings, start=body_of("human34").neutral)
@@ -121,7 +121,7 @@ def test_a_frame_alone_is_mended(sunk: float) -> None:
 
 @pytest.mark.parametrize(("noise", "origin"), [(0.04, 0.0), (0.05, -0.9)])
 def test_feet_that_never_stand_are_above_a_floor(noise: float, origin: float) -> None:
-    """Wherever the file has its origin: in noise no foot is ever still."""
+    """For any origin of the file: with noise no foot is ever still."""
     source = posed(0.0, 20.0, 30.0, noise=noise)
     source.points[..., 2] += origin
     contacts = source_contacts(source)

@@ -70,7 +70,7 @@ def test_a_sum_is_that_of_its_terms_also_where_contacts_are_left_to_coal(exact: 
 
 @pytest.mark.parametrize("lasts", [False, True])
 def test_terms_added_to_a_sum_make_the_sum_of_all(lasts: bool) -> None:
-    """To the last bit, also where what is added lasts, and has to stand among what the base has of its kind."""
+    """To the last bit, also where an added term is permanent and belongs among the base's terms of its kind."""
     rng = np.random.default_rng(3)
     whole = energy(rng)
     later = [t for t in whole.terms if (t.name == "stabilisers" if lasts else t.name in ("transition", "balance"))]
@@ -114,7 +114,7 @@ def test_a_second_repulsion_is_evaluated_by_itself() -> None:
 
 def test_records_do_not_travel_and_are_made_again() -> None:
     terms = energy(np.random.default_rng(3)).terms
-    cost = Cost(BODY, [term for term in terms if not isinstance(term, Interpenetration)])  # coal's objects stay here
+    cost = Cost(BODY, [term for term in terms if not isinstance(term, Interpenetration)])  # no objects of coal
     posed = BODY.at(random_pose(BODY, np.random.default_rng(4)))
     before = cost.of(posed)
     sent = pickle.loads(pickle.dumps(cost))
@@ -125,7 +125,7 @@ def test_records_do_not_travel_and_are_made_again() -> None:
     assert np.array_equal(after.hessian, before.hessian)
 
 
-def test_landmarks_that_nobody_sees_have_no_part_in_the_record() -> None:
+def test_unseen_landmarks_are_not_recorded() -> None:
     def size(body: Body, names: set[str]) -> int:
         observation = observe(body, body.neutral, [camera_at(20.0)])
         seen = np.array([name in names for name in body.landmark_names])

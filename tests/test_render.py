@@ -74,7 +74,7 @@ def test_the_person_is_where_plate_and_picture_differ(clip: RenderedClip) -> Non
         assert 0.5 < np.ptp(rows) / 120 < 0.75
 
 
-def test_the_body_is_the_one_that_was_asked_for(tmp_path: Path) -> None:
+def test_the_body_is_the_requested_one(tmp_path: Path) -> None:
     own, shape = load_subject("human34"), {"torso": (0.12, 0.16, 0.22, 0.65, 0.85, 0.08, 0.18, 0.0, 0.0)}
     made = km.render(tmp_path, "reach", shape=shape, girth=1.1, view=SMALL, seconds=0.1, videos=False)
     for was, flesh in zip(own.flesh, load_subject(made.subject).flesh, strict=True):
@@ -113,11 +113,11 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
     )
     assert len(pictures(out / "cam01.mp4")) == 3
     assert (out / "plate_cam01.png").exists() == (background != "moving")
-    assert load_keypoints(out / "keypoints" / "cam01.json").layout == "landmarks"  # an arm is no COCO person
+    assert load_keypoints(out / "keypoints" / "cam01.json").layout == "landmarks"  # an arm is not a COCO person
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (["--motion", "fly"], "one of reach, arm, pivot, turn_reach, reach_out, cross_arms, talk, random, or a .bvh"),
         (["--motion", "absent.bvh"], "no such file"),
@@ -132,15 +132,15 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_rendered_is_one_line(
-    options: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert front.main(["render", *options, "--out", str(tmp_path / "x")]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert len(error.strip().splitlines()) == 1
 
 
-def test_who_is_hidden_has_neither_keypoints_nor_mask(tmp_path: Path) -> None:
+def test_a_hidden_person_has_neither_keypoints_nor_mask(tmp_path: Path) -> None:
     out = tmp_path / "clip"
     view = ["--background", "black", "--hidden", "0.04:0.12", "--seconds", "0.2", "--fps", "25", "--masks"]
     assert front.main(["render", *view, "--out", str(out)]) == 0
@@ -154,7 +154,7 @@ def test_a_fixed_floor_is_below_and_a_moving_background_has_no_plate(tmp_path: P
     before = km.render(tmp_path, "reach", view=SMALL, fps=25, seconds=0.08, masks=True)
     clip = km.render(tmp_path, "reach", view=SMALL, scene=scene, fps=25, seconds=0.04, masks=True)
     assert clip.plates == {}
-    assert not before.plates["cam01"].exists()  # nothing of an earlier clip is left to be mistaken
+    assert not before.plates["cam01"].exists()  # no file of an earlier clip remains
     assert len(list(clip.masks["cam01"].iterdir())) == 1
     with pytest.raises(InputError, match="absent"):
         km.render(tmp_path, "reach", subject="absent.urdf")

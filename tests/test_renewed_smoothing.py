@@ -1,4 +1,4 @@
-"""Smoothing with features assigned and flow followed anew: flow between two free poses, energies, bits."""
+"""Smoothing with features and flow assigned again: flow between two free poses, energies, bits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.tiny_clip import QUICK, named
 
 
 def followed(body: Body, q: np.ndarray, moved: np.ndarray) -> AssignedPoints:
-    """Points of a body at q, followed to where another pose has them, as sure as flow may be."""
+    """Points of a body at q, tracked to their places in another pose, with the highest certainty of flow."""
     rng, count, camera = np.random.default_rng(1), 30, camera_at(15.0, distance=3.5)
     joint, local = rng.integers(1, body.njoints, count), rng.normal(0.0, 0.1, (count, 3))
     posed = body.at(moved)
@@ -42,8 +42,8 @@ def followed(body: Body, q: np.ndarray, moved: np.ndarray) -> AssignedPoints:
 
 @pytest.mark.parametrize("name", ["human34", "arm8", "gripper"])
 def test_flow_between_two_poses(name: str) -> None:
-    """With the earlier pose where flow was followed from it is the term of the later one; its derivatives by both poses
-    are those of differences; of the movement that the flow saw, from the same place, it costs nothing."""
+    """With the earlier pose as origin of the flow it is the term of the later one; its derivatives by both poses equal
+    differences; the true movement from the same place has no energy."""
     body, rng = body_of(name), np.random.default_rng(2)
     past = body.integrate(body.neutral, rng.normal(0.0, 0.1, body.nv))
     now, off = (body.integrate(past, rng.normal(0.0, 0.03, body.nv)) for _ in range(2))
@@ -76,7 +76,7 @@ def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_rounds_lower_the_energy_window_by_window(tracked: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each frame's pictures are looked at once for all rounds, the energy of all falls, and the run has these bits."""
+    """Each frame's pictures are read once for all rounds, the total energy falls, and the run has these bits."""
     settings = run_settings(tracked)
     search = energy_of(make_tracker("css", tracked.body, settings), "css")
     seen, energies = list[int](), list[tuple[float, float]]()

@@ -1,4 +1,4 @@
-"""Values that were not measured are missing: zeros, pictures twice, gaps filled with the last place."""
+"""Unmeasured values are missing: zeros, repeated pictures, gaps filled with the last place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNT = 40
 
 
 def walk(fps: float) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Landmarks (T, L, 3) of somebody who moves, and times."""
+    """Landmarks (T, L, 3) of a moving person, and times."""
     body, times = body_of("human34"), np.arange(COUNT) / fps
     points = body.landmarks_of(body.placed(authored_motion(body, 0.3 + times)))
     return body.landmark_names, points, times
@@ -35,13 +35,13 @@ def test_a_gap_filled_with_a_neighbour_is_missing(first: int, after: int, fps: f
     names, points, times = walk(fps)
     wrist = names.index("left_wrist")
     points[first:after, wrist] = points[first, wrist]
-    points[first:after, wrist, 0] += 0.1 * (first == 0)  # that of before the file begins
+    points[first:after, wrist, 0] += 0.1 * (first == 0)  # the value before the file begins
     filled = filled_places(points, times)
     np.testing.assert_array_equal(filled, marked(slice(first + 1, after), wrist, points))
 
 
 def test_what_rests_is_kept() -> None:
-    """Feet of exact stances, and whoever does not move at all, repeat to the last digit, too."""
+    """Feet in exact stances, and a motionless person, also repeat to the last digit."""
     names, points, times = walk(30.0)
     heel, arm = names.index("left_heel"), names.index("right_wrist")
     share = np.clip((times - 0.8) / 0.4, 0.0, 1.0) ** 2  # it leaves its place smoothly
@@ -54,7 +54,7 @@ def test_what_rests_is_kept() -> None:
     for digits in (2, 1):  # a centimetre, and whole pixels of a small person
         assert filled_places(np.round(points, digits), times).mean() < 0.01
     landing = points.copy()
-    landing[20:, heel] = landing[20, heel]  # a foot of whole pixels stops dead, and goes
+    landing[20:, heel] = landing[20, heel]  # a foot in whole pixels stops abruptly, then leaves
     landing[30:, heel] += (0.03 * np.arange(10)[:, None]) ** 1.5
     assert not filled_places(np.round(landing, 2), times)[:, heel].any()
 
@@ -92,7 +92,7 @@ def test_points_at_zero_and_held_keypoints_are_missing() -> None:
     assert measured_keypoints(clicked, times) is clicked
 
 
-def test_a_file_of_points_says_what_was_filled(tmp_path: Path) -> None:
+def test_a_file_of_points_notes_what_was_filled(tmp_path: Path) -> None:
     names, points, _ = walk(30.0)
     points += np.array([0.4, 0.7, 1.0])
     points[6:26, names.index("left_wrist")] = points[6, names.index("left_wrist")]
@@ -108,7 +108,7 @@ def test_a_rest_pose_before_the_motion_is_missing(first: int, away: float, tmp_p
     names, points, times = walk(30.0)
     points += np.array([0.4, 0.7, 1.0])
     points[:first] = points[0] + np.array([away, 0.0, 0.0])
-    leapt = away > 0.5  # 9 m/s is within what people run
+    leapt = away > 0.5  # people can run at 9 m/s
     assert frames_elsewhere(points, times) == (first if leapt else 0)
     np.savez(tmp_path / "a.npz", points=points, names=np.array(names), fps=30.0, unit="m", up="z")
     track = load_points(tmp_path / "a.npz")
@@ -116,10 +116,10 @@ def test_a_rest_pose_before_the_motion_is_missing(first: int, away: float, tmp_p
     assert np.isfinite(track.points[3:]).all()
     assert any("at the beginning are elsewhere" in note for note in track.notes) == leapt
     later = np.concatenate([points[5:], points[:first]])
-    assert frames_elsewhere(later, times[: len(later)]) == 0  # what leaps later is no rest pose
+    assert frames_elsewhere(later, times[: len(later)]) == 0  # a later jump is not a rest pose
 
 
-def test_who_turns_round_is_in_one_place_twice() -> None:
+def test_turning_round_repeats_a_place() -> None:
     names, points, _ = walk(30.0)
     there = np.concatenate([points[:20], points[19::-1]])
     assert not repeated_frames(there).any()
@@ -138,7 +138,7 @@ def test_a_frozen_stretch_is_missing_though_the_person_turns_round_meanwhile(fir
 
 
 @pytest.mark.parametrize(("first", "after", "power"), [(10, 14, 2.0), (15, 25, 3.0)])
-def test_who_comes_to_rest_and_goes_back_is_kept(first: int, after: int, power: float) -> None:
+def test_resting_and_returning_is_kept(first: int, after: int, power: float) -> None:
     names, points, _ = walk(30.0)
     frames = np.arange(COUNT)
     away = np.maximum(first - frames, np.maximum(frames - after + 1, 0)) ** power / first**power
@@ -153,7 +153,7 @@ def test_a_keypoint_that_never_moves_is_missing(stuck: tuple[str, ...], seed: in
     pixels = 600.0 + 300.0 * points[..., :2] + np.random.default_rng(seed).normal(size=(*points.shape[:2], 2))
     chosen = [names.index(name) for name in stuck]
     pixels[:, chosen] = pixels[0, chosen]
-    pixels[25] = pixels[24]  # a picture twice says nothing of the others
+    pixels[25] = pixels[24]  # a repeated picture does not affect the others
     sure = np.ones(points.shape[:2])
     seen = measured_keypoints(KeypointTrack("coco17", names, pixels, sure, (1920, 1080), 30.0), times)
     assert np.isnan(seen.pixels[:, chosen]).all()
@@ -162,7 +162,7 @@ def test_a_keypoint_that_never_moves_is_missing(stuck: tuple[str, ...], seed: in
 
 
 def test_keypoints_that_rest_with_others_are_kept() -> None:
-    """As in whole pixels of a person who hardly moves, in a clip of few frames, and where most never move."""
+    """As in whole pixels of a nearly still person, in a short clip, and where most keypoints never move."""
     names, points, _ = walk(30.0)
     pixels = 600.0 + 300.0 * points[..., :2] + np.random.default_rng(0).normal(size=(*points.shape[:2], 2))
     pixels[:, 0] = pixels[0, 0]

@@ -1,4 +1,4 @@
-"""The report of a run is one file, and says what the run says."""
+"""The report of a run is one file with the values of the run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ UNSEEN = range(3, 5)  # frames without keypoints
 
 
 class Reader(HTMLParser):
-    """What a page links to, its tables as texts, and its figures."""
+    """A page's links, its tables as text, and its figures."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ class Reader(HTMLParser):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> km.Run:
-    """An arm with a clip, unseen for a while."""
+    """An arm with a clip, not observed for a while."""
     folder = tmp_path_factory.mktemp("report")
     clip = km.render(folder / "clip", "arm", view=ViewSettings(image_size=(160, 120)), fps=10, seconds=0.8)
     keypoints = {}
@@ -162,7 +162,7 @@ def test_the_film_plays(run: km.Run, text: str, tmp_path: Path) -> None:
     clip.close()
 
 
-def test_a_film_that_is_missing_is_said(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_film_is_reported(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [camera.name for camera in run.header.cameras]
     gone = {name: f"/nowhere/{name}.mp4" for name in names}
     monkeypatch.setattr(run, "header", replace(run.header, clips=gone))
@@ -177,7 +177,7 @@ def test_a_film_that_is_missing_is_said(run: km.Run, monkeypatch: pytest.MonkeyP
     assert "<video" not in long
 
 
-def test_what_repeats_the_run_is_told(run: km.Run, text: str) -> None:
+def test_the_command_of_the_run_is_shown(run: km.Run, text: str) -> None:
     assert changed_settings(run) == [("cost.nu", "9.0", "8.0")]
     facts = facts_of(run)
     assert ("run", str(run.file), hashlib.sha256(run.file.read_bytes()).hexdigest()) in facts.files
@@ -190,7 +190,7 @@ def test_what_repeats_the_run_is_told(run: km.Run, text: str) -> None:
     assert ["kinemode that tracked", km.__version__] in rows
 
 
-def test_fitted_lengths_are_told(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fitted_lengths_are_shown(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = load_subject("arm8")
     assert not fitted_lengths(run)
     scale = {whole.proportions[0].joint: 1.05}
@@ -203,7 +203,7 @@ def test_fitted_lengths_are_told(run: km.Run, monkeypatch: pytest.MonkeyPatch) -
 def test_several_cameras_are_shown_with_their_deviations(
     run: km.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """How sure each is, and how far its keypoints are; of one camera there is nothing to show."""
+    """Each camera's noise and keypoint distances; with one camera there is nothing to show."""
     assert 'id="cameras"' not in page(run, facts_of(run), figures=[])
     clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(count=2, image_size=(160, 120)), fps=10, seconds=0.8)
     pair = km.track(
@@ -223,7 +223,7 @@ def test_several_cameras_are_shown_with_their_deviations(
         assert f">{camera.name}</text>".encode() in pictures.rig_figure(pair).data
 
 
-def test_texts_are_no_html_and_figures_can_be_given(run: km.Run) -> None:
+def test_texts_are_escaped_and_figures_can_be_given(run: km.Run) -> None:
     drawn = page(run, Facts(assumed=["a <b> & c"], findings=["see `this`"]), figures=[Figure("x", b"png", "image/png")])
     assert "A &lt;b&gt; &amp; c." in drawn
     assert "<code>this</code>" in drawn
@@ -241,7 +241,7 @@ def test_the_command_writes_what_the_function_writes(
 
 
 def test_the_command_makes_the_run_again(tmp_path: Path) -> None:
-    """To the last bit, from any folder, with all that was given; its files are listed with their digests."""
+    """To the last bit, from any folder, with every given option; its files are listed with their digests."""
     clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(image_size=(160, 120)), fps=10, seconds=0.4)
     (name, keypoints), *_ = clip.keypoints.items()
     settings = tmp_path / "settings.toml"
@@ -277,7 +277,7 @@ def test_the_command_makes_the_run_again(tmp_path: Path) -> None:
         ({"points": [__file__], "markers": "opencap"}, f"--points {__file__} --markers opencap"),
     ],
 )  # fmt: skip
-def test_what_was_asked_for_is_kept_and_repeated(
+def test_the_request_is_kept_and_repeated(
     run: km.Run, monkeypatch: pytest.MonkeyPatch, given: dict[str, object], words: str
 ) -> None:
     asked = words_given(TrackRequest("human34", **given))
@@ -287,7 +287,7 @@ def test_what_was_asked_for_is_kept_and_repeated(
     facts = facts_of(run)
     options = {" ".join(option) for option in _options(shlex.split(facts.command)[2:])}
     assert {" ".join(option) for option in _options(shlex.split(words))} <= options
-    assert len(options) == 1 + len(given)  # and where it goes
+    assert len(options) == 1 + len(given)  # and the output
     assert bool(facts.blanks) == any(word.rpartition("=")[2].isupper() for word in words.split())
 
 

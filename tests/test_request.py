@@ -1,4 +1,4 @@
-"""An option is declared once: everything that a user sees of it is made from that."""
+"""An option is declared once: all that a user sees of it follows from that declaration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Subjects of another size: everything that is a length follows, no angle does."""
+"""Subjects of another size: all lengths scale, no angle does."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FACTOR = 0.7
 
 
 def moved(body: Body, q: np.ndarray) -> np.ndarray:
-    """The same pose of a body that is so much larger: what slides, slides as much farther."""
+    """The same pose of a body scaled by a factor: sliding joints scale too."""
     q = q.copy()
     for joint in range(1, body.njoints):
         at, kind = body.model.idx_qs[joint], body.model.joints[joint].shortname()

@@ -25,12 +25,12 @@ from tests.tiny_clip import QUICK, QUICK_BY_KEYPOINTS
 
 FRAMES = 6
 KILLS = ((Moment(2), -9), (Moment(4, number=signal.SIGTERM, to_all=True), 143))
-"""With the exit codes."""
+"""The runs and the exit codes."""
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
-    """Without warning; and asked to end."""
+    """Without warning, and by a request to end."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     keypoints, out, settings = clip.keypoints[demo.CAMERA], tmp_path / "killed.run", tmp_path / "quick.toml"
     settings.write_text(tomli_w.dumps(QUICK))
@@ -54,7 +54,7 @@ def test_killed_twice(tmp_path: Path) -> None:
     resumed = km.open_run(out)
     assert differences(undisturbed, resumed) == []
     resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
-    assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison can tell
+    assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison finds it
 
 
 def test_kills_are_spread_over_the_whole_life_of_a_run() -> None:
@@ -69,7 +69,7 @@ def test_kills_are_spread_over_the_whole_life_of_a_run() -> None:
 
 
 def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
-    """A new tracker goes on from the stored state of any frame as the old one did: nothing else is remembered."""
+    """A new tracker continues from the stored state of any frame as the old one did: there is no other state."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     body = Body(load_subject("human34"))
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}

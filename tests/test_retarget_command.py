@@ -1,4 +1,4 @@
-"""`kinemode retarget` from end to end, and what it says where something is wrong."""
+"""`kinemode retarget` from end to end, and its error messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from estimator.retargeting.run_of import source_of
 from estimator.retargeting.source import SourceMotion
 from estimator.runs.run_reader import Run
-from tests.command_lines import Told, told_here
+from tests.command_lines import CommandResult, run_here
 from tests.test_retarget_sources import smpl
 from tests.test_retargeting import part_of, steps
 
@@ -31,8 +31,8 @@ def walk(tmp_path: Path) -> Path:
     return tmp_path / "walk.npz"
 
 
-def retargeted(*words: object, subject: str = "human34") -> Told:
-    return told_here(["retarget", *words, "--subject", subject, "--seed", 3])
+def retargeted(*words: object, subject: str = "human34") -> CommandResult:
+    return run_here(["retarget", *words, "--subject", subject, "--seed", 3])
 
 
 def arms(folder: Path) -> Path:
@@ -46,10 +46,10 @@ def arms(folder: Path) -> Path:
 
 def test_from_joints_to_a_run_and_its_figures(walk: Path, tmp_path: Path) -> None:
     out, table = tmp_path / "b.run", tmp_path / "b.csv"
-    told = retargeted(walk, "--up", "z", "--out", out, "--metrics", table)
-    assert told.code == 0, told.error
-    assert told.out.splitlines()[-2:] == [str(table), str(out)]
-    assert "frames: 15, 0.0% of them hard" in told.out
+    printed = retargeted(walk, "--up", "z", "--out", out, "--metrics", table)
+    assert printed.code == 0, printed.error
+    assert printed.out.splitlines()[-2:] == [str(table), str(out)]
+    assert "frames: 15, 0.0% of them hard" in printed.out
     run = Run.open(out)
     assert run.header.retargeted
     assert run.header.seed == 3
@@ -64,27 +64,27 @@ def test_from_joints_to_a_run_and_its_figures(walk: Path, tmp_path: Path) -> Non
     assert retargeted(walk, "--up", "z", "--out", out, "--overwrite", "--method", "frames").code == 0
 
 
-def test_a_correspondence_is_begun_and_used(walk: Path, tmp_path: Path) -> None:
+def test_a_correspondence_template_is_written_and_used(walk: Path, tmp_path: Path) -> None:
     match = tmp_path / "match.toml"
-    begun = told_here(["retarget", "--match", "human34", "--out", match])
+    begun = run_here(["retarget", "--match", "human34", "--out", match])
     assert (begun.code, begun.out) == (0, f"{match}\n")
-    assert told_here(["retarget", "--match", "human34", "--out", match]).code == 2
+    assert run_here(["retarget", "--match", "human34", "--out", match]).code == 2
     text = match.read_text().replace("# [match]\n# scale = 1.0", "[match]\nscale = 0.9")
     match.write_text("\n".join(line for line in text.splitlines() if not line.startswith("head =")))
-    told = retargeted(walk, "--up", "z", "--match", match, "--out", tmp_path / "a.run")
-    assert told.code == 0, told.error
+    printed = retargeted(walk, "--up", "z", "--match", match, "--out", tmp_path / "a.run")
+    assert printed.code == 0, printed.error
     assert Run.open(tmp_path / "a.run").header.settings["scale"] == 0.9
 
 
 def test_without_feet_the_floor_is_off(tmp_path: Path) -> None:
-    """A motion of arms alone is followed in the air, which is said."""
+    """A motion of arms alone is followed in the air, with a note."""
     match = tmp_path / "match.toml"
     sides = [f'{s}_arm = {{from = "{s}_shoulder", to = "{s}_wrist"}}' for s in ("left", "right")]
     match.write_text("[match]\nscale = 1.0\n[limbs]\n" + "\n".join(sides))
-    told = retargeted(arms(tmp_path), "--match", match, "--out", tmp_path / "a.run")
-    assert told.code == 0, told.error
-    assert "no feet: nothing is held on a floor" in told.error
-    assert "below the floor" not in told.out
+    printed = retargeted(arms(tmp_path), "--match", match, "--out", tmp_path / "a.run")
+    assert printed.code == 0, printed.error
+    assert "no feet: nothing is held on a floor" in printed.error
+    assert "below the floor" not in printed.out
     assert Run.open(tmp_path / "a.run").header.floor is None
 
 
@@ -108,7 +108,7 @@ def faulty(folder: Path, walk: Path, name: str) -> list[object]:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("missing", "none.npz: there is no such file"),
         ("nothing", "nothing to retarget"),
@@ -122,22 +122,22 @@ def faulty(folder: Path, walk: Path, name: str) -> list[object]:
         ("clearance", "clearance"),
     ],
 )
-def test_a_fault_is_one_line(walk: Path, tmp_path: Path, name: str, says: str) -> None:
-    told = retargeted(*faulty(tmp_path, walk, name), "--out", tmp_path / "a.run")
-    assert told.code == 2
-    errors = [line for line in told.error.splitlines() if line.startswith("error")]
-    assert len(errors) == 1, told.error
-    assert says in errors[0].replace("'", "")
-    assert told.error.splitlines()[-1] == errors[0]
+def test_a_fault_is_one_line(walk: Path, tmp_path: Path, name: str, message: str) -> None:
+    printed = retargeted(*faulty(tmp_path, walk, name), "--out", tmp_path / "a.run")
+    assert printed.code == 2
+    errors = [line for line in printed.error.splitlines() if line.startswith("error")]
+    assert len(errors) == 1, printed.error
+    assert message in errors[0].replace("'", "")
+    assert printed.error.splitlines()[-1] == errors[0]
     assert not (tmp_path / "a.run").exists()
 
 
 def test_a_subject_without_the_limbs(walk: Path, tmp_path: Path) -> None:
     urdf = tmp_path / "box.urdf"
     urdf.write_text('<robot name="box"><link name="a"/><landmark name="a" link="a" xyz="0 0 0"/></robot>')
-    told = retargeted(walk, "--up", "z", "--out", tmp_path / "a.run", subject=str(urdf))
-    assert (told.code, told.out) == (2, "")
-    assert told.error.count("\n") == 1
+    printed = retargeted(walk, "--up", "z", "--out", tmp_path / "a.run", subject=str(urdf))
+    assert (printed.code, printed.out) == (2, "")
+    assert printed.error.count("\n") == 1
 
 
 def test_a_program_that_has_landmarks() -> None:

@@ -50,7 +50,7 @@ def test_the_live_page_has_the_source(run: km.Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "printed"),
     [
         ("explain RUN --frame 3", "was made from another motion, not tracked (open it with kinemode view)"),
         ("samples RUN --out OUT.png", "it has no posterior to draw poses from (kinemode overlay draws it)"),
@@ -68,19 +68,19 @@ def test_the_live_page_has_the_source(run: km.Run) -> None:
         ("export RUN OUT.csv --format motion-csv", None),
     ],
 )
-def test_every_command_works_or_says_in_one_line_why_not(
-    words: str, said: str | None, run: km.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_every_command_works_or_explains_in_one_line(
+    words: str, printed: str | None, run: km.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     reference = km.export(run, tmp_path / "reference.npz")
     named = {"RUN": str(run.file), "OUT": str(tmp_path / "out"), "REFERENCE": str(reference)}
     for word, value in named.items():
         words = words.replace(word, value)
     code, error = main(words.split()), capsys.readouterr().err
-    if said is None:
+    if printed is None:
         assert code == 0, error
         return
     assert code != 0
-    assert said in error.replace("\n", " ")
+    assert printed in error.replace("\n", " ")
     assert "Traceback" not in error
 
 

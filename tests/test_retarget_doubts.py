@@ -1,4 +1,4 @@
-"""Frames in which a motion is not its source's are hard: where the source leaps, and where the body is elsewhere."""
+"""Frames in which a motion departs from its source are hard: where the source jumps, or the body is elsewhere."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_arms_alone_are_a_rest_pose_too() -> None:
     assert np.isnan(read.points[0]).all()
 
 
-def test_what_people_do_is_no_leap() -> None:
+def test_human_motion_is_not_a_leap() -> None:
     """A sprint, an arm that throws, noise of triangulated joints."""
     rng = np.random.default_rng(0)
     for rate in (15.0, 30.0, 120.0):
@@ -90,7 +90,7 @@ def followed() -> tuple[RetargetedMotion, SourceMotion]:
     return retarget_motion(body_of(HUMAN), source, settings=QUICK), source
 
 
-def test_nothing_speaks_against_a_good_motion(tmp_path: Path) -> None:
+def test_a_good_motion_has_no_doubts(tmp_path: Path) -> None:
     doubts = doubts_of(body_of(HUMAN), *followed())
     assert doubts.findings == ()
     assert not doubts.frames.any()
@@ -124,19 +124,19 @@ def test_a_body_off_the_path(away: float) -> None:
     assert f"the hips are up to {away:.1f} m off" in doubts.findings[0]
 
 
-def test_frames_of_which_nothing_is_known() -> None:
+def test_frames_without_information() -> None:
     points = part_of(steps(), 0, 60).points.copy()
     points[20:50] = np.nan
     source = SourceMotion(steps().names, points, steps().times[:60], "gap.npz")
     motion = retarget_motion(body_of(HUMAN), source, settings=QUICK)
     doubts = doubts_of(body_of(HUMAN), motion, source)
     assert doubts.frames[20:50].all()
-    assert "nothing of the source is known in 30 frames" in doubts.findings[-1]
+    assert "the source is entirely missing in 30 frames" in doubts.findings[-1]
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_source_is_hard(axis: int) -> None:
-    """One whose left and right are exchanged is, too."""
+    """A source with left and right exchanged is mirrored, too."""
     motion, source = followed()
     points = source.points.copy()
     points[..., axis] *= -1.0
@@ -149,7 +149,7 @@ def test_a_mirrored_source_is_hard(axis: int) -> None:
 
 
 @pytest.mark.parametrize("angles", [(0.0, 100.0, 0.0), (90.0, 0.0, 0.0), (180.0, 30.0, 70.0)])
-def test_who_bends_or_lies_is_not_mirrored(angles: tuple[float, float, float]) -> None:
+def test_bending_or_lying_is_not_mirroring(angles: tuple[float, float, float]) -> None:
     source = part_of(steps(), 0, 30)
     R = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
     assert not is_mirrored(replace(source, points=source.points @ R.T))
@@ -174,7 +174,7 @@ def test_sides_exchanged_in_a_stretch_are_missing(first: int, after: int, tmp_pa
     points[first:after] = points[first:after][:, mirror_index(source.names)]
     read = without_mirrored_parts(replace(source, points=points))
     assert np.flatnonzero(np.isnan(read.points).all(axis=(1, 2))).tolist() == list(range(first, after))
-    assert f"from {source.times[first]:.2f} to {source.times[after - 1]:.2f} s: taken for missing" in read.notes[-1]
+    assert f"from {source.times[first]:.2f} to {source.times[after - 1]:.2f} s: treated as missing" in read.notes[-1]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", km.InputWarning)
         run = km.retarget(replace(source, points=points), HUMAN, method="frames", out=tmp_path / "a.run")
@@ -187,7 +187,7 @@ def test_sides_exchanged_in_a_stretch_are_missing(first: int, after: int, tmp_pa
 
 
 @pytest.mark.parametrize(("limb", "first", "after"), [("left", 4, 8), ("right", 10, 11)])
-def test_a_limb_that_leaps_there_and_back_is_hard_in_between(limb: str, first: int, after: int) -> None:
+def test_a_limb_that_leaps_and_returns_is_hard_in_between(limb: str, first: int, after: int) -> None:
     motion, source = followed()
     arm = [source.names.index(f"{limb}_{part}") for part in ("elbow", "wrist")]
     points = source.points.copy()
@@ -195,26 +195,28 @@ def test_a_limb_that_leaps_there_and_back_is_hard_in_between(limb: str, first: i
     wrong = replace(source, points=points)
     doubts = doubts_of(body_of(HUMAN), motion, wrong, leaps_of(wrong))
     assert doubts.frames[first - 1 : after + 1].all()
-    apart = part_of(wrong, 0, after)  # nobody knows where the arm is when it stays
+    apart = part_of(wrong, 0, after)  # unknown while the arm stays
     assert leap_frames(apart, leaps_of(apart)).sum() == 2
 
 
 @pytest.mark.parametrize(("part", "other"), [("elbow", "ankle"), ("knee", "shoulder")])
-def test_names_under_which_limbs_are_no_body_s(part: str, other: str) -> None:
+def test_names_that_give_limbs_of_no_body(part: str, other: str) -> None:
     motion, source = followed()
     exchanged = {f"left_{part}": f"left_{other}", f"left_{other}": f"left_{part}"}
     wrong = replace(source, names=tuple(exchanged.get(name, name) for name in source.names))
     doubts = doubts_of(body_of(HUMAN), motion, wrong)
     assert doubts.frames.all()
-    assert any("limbs are no body's" in finding for finding in doubts.findings)
+    assert any("limbs are not those of a body" in finding for finding in doubts.findings)
     legs = [i for i, name in enumerate(wrong.names) if "wrist" not in name]
     some = replace(wrong, names=tuple(wrong.names[i] for i in legs), points=wrong.points[:, legs])
-    assert not any("limbs are no body's" in finding for finding in doubts_of(body_of(HUMAN), motion, some).findings)
+    assert not any(
+        "limbs are not those of a body" in finding for finding in doubts_of(body_of(HUMAN), motion, some).findings
+    )
 
 
 @pytest.mark.parametrize(("rate", "speed"), [(30.0, 2000.0), (60.0, 2300.0), (120.0, 1500.0)])
 def test_a_skater_does_not_turn_round_too_fast(rate: float, speed: float) -> None:
-    """Nor does who stands, by joints with noise."""
+    """Nor does a standing person with noisy joints."""
     source, rng = part_of(steps(), 0, 30), np.random.default_rng(0)
     times = np.arange(30) / rate
     turns = Rotation.from_euler("z", speed * times[:, None], degrees=True).as_matrix()

@@ -1,4 +1,4 @@
-"""The measure of retargeting measures right: targets of a robot's own motion are that motion."""
+"""The measure of retargeting is right: targets of a robot's own motion equal that motion."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_pink_follows_them(body: Body, trial: RetargetTrial) -> None:
     assert row["seconds"] > 0.0
 
 
-def test_without_pink_it_is_said(body: Body, trial: RetargetTrial, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_pink_is_reported(body: Body, trial: RetargetTrial, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pink", None)
     with pytest.raises(InputError, match="pink: pink is not installed"):
         methods.by_pink(body, G1, trial)
@@ -116,7 +116,7 @@ def test_clips_together_and_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert "pink, 1" in out
 
 
-def test_the_clips_are_there(shared_data: Path) -> None:
+def test_the_clips_exist(shared_data: Path) -> None:
     if not (shared_data / "asap").is_dir():
         pytest.skip("no asap in the data")
     walk, run = trials_of(shared_data, ("walk_level1", "run_02_03"), 1.0)

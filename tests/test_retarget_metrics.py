@@ -1,4 +1,4 @@
-"""Figures of a robot's motion: what is made wrong by a known amount is measured as that."""
+"""Figures of a robot's motion: known faults are measured as their size."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def measured(body: Body, q: np.ndarray) -> RetargetMetrics:
     return meter_of(body).metrics(q, TIMES[: len(q)], source=source_of(body, q), contacts=standing(len(q)))
 
 
-def test_who_stands_still_has_no_faults(body: Body) -> None:
+def test_standing_still_has_no_faults(body: Body) -> None:
     m = measured(body, still(body))
     assert m.frames == FRAMES
     assert m.near == 1.0
@@ -92,11 +92,11 @@ def test_feet_that_slide(body: Body, speed: float, skating: float) -> None:
     assert meter_of(body).metrics(q, TIMES, contacts=contacts).slip == pytest.approx(speed * 13 / 30, rel=1e-3)
 
 
-def test_a_slip_is_of_each_stance() -> None:
+def test_slips_are_counted_per_stance() -> None:
     points, stands = np.zeros((10, 2, 3)), np.ones((10, 2), dtype=bool)
     points[:, 0, 0] = [0, 0.01, 0.03, 0, 5, 5, 5, 5, 5.02, 9]
     stands[[4, 9], 0] = False
-    points[:, 1, 2] = np.arange(10)  # upwards is not along the floor
+    points[:, 1, 2] = np.arange(10)  # upward motion is not along the floor
     assert slips_of(points, stands) == pytest.approx([0.03, 0.02, 0.0], abs=1e-5)
     assert len(slips_of(points[:1], stands[:1])) == 0
 

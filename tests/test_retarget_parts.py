@@ -1,4 +1,4 @@
-"""The parts of retargeting by themselves: the constrained step, stances, runs and their figures, a fixed base."""
+"""The parts of retargeting in isolation: the constrained step, stances, runs and their figures, a fixed base."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def solved(box: np.ndarray, equal: tuple, above: tuple) -> tuple[np.ndarray, boo
 
 
 def test_a_step_that_is_known() -> None:
-    """On the plane of a sum of 3, nearest to (1, 2, 3); with x at least 1 half of what is left goes to each other."""
+    """On the plane of a sum of 3, nearest to (1, 2, 3); with x at least 1, the others share the rest equally."""
     plane = np.ones((1, 3)), np.array([3.0])
     x, met = solved(FREE, plane, NONE)
     assert (met, x.tolist()) == (True, pytest.approx([0.0, 1.0, 2.0], abs=1e-5))
@@ -56,7 +56,7 @@ def test_a_step_that_is_known() -> None:
     assert (met, x.tolist()) == (True, pytest.approx([1.0, 0.5, 1.5], abs=1e-5))
 
 
-def test_an_equality_that_cannot_be_had_is_said() -> None:
+def test_an_infeasible_equality_is_reported() -> None:
     box = FREE.copy()
     box[1, 0] = 0.1
     x, met = solved(box, (np.eye(3)[:1], np.array([1.0])), NONE)
@@ -64,8 +64,8 @@ def test_an_equality_that_cannot_be_had_is_said() -> None:
     assert x == pytest.approx([0.1, 2.0, 3.0], abs=1e-4)
 
 
-def test_rows_that_cannot_be_had_fall_short_by_the_least() -> None:
-    """x >= 1 cm within x <= 1 mm is short by 9 mm; y >= 4 cm may be short by as much, not by more."""
+def test_infeasible_rows_fall_short_by_the_least() -> None:
+    """x >= 1 cm within x <= 1 mm is short by 9 mm; y >= 4 cm may be short by as much, but not more."""
     box = FREE.copy()
     box[1, 0] = 0.001
     above = np.eye(3)[:2], np.array([0.01, 0.04])
@@ -75,7 +75,7 @@ def test_rows_that_cannot_be_had_fall_short_by_the_least() -> None:
 
 
 def test_bounds_hold_to_the_last_bit() -> None:
-    """Also where what is asked of a step presses it against them."""
+    """Also where the demand presses the step against them."""
     rng = np.random.default_rng(1)
     at_bounds = 0
     for _ in range(30):
@@ -101,7 +101,7 @@ def foot() -> Foot:
 
 
 def free_places(seed: int = 0) -> np.ndarray:
-    """Places (T, 1, 3, 3) of a foot that strolls, turns and pitches, by a few centimetres above and under a floor."""
+    """Places (T, 1, 3, 3) of a foot that wanders, turns and pitches, a few centimetres above and below a floor."""
     rng = np.random.default_rng(seed)
     sine = np.sin(TIMES[:, None] * rng.uniform(1.0, 6.0, 5) + rng.uniform(0.0, 6.0, 5))
     places = []
@@ -118,13 +118,13 @@ def held(stands: np.ndarray, seed: int = 0) -> FootStances:
 
 
 def pattern(*runs: tuple[int, bool, bool]) -> np.ndarray:
-    """Whether heel and toe stand (T, 2), by numbers of frames; in the air afterwards."""
+    """Whether heel and toe stand (T, 2), given numbers of frames; in the air afterwards."""
     rows = [pair for count, *pair in runs for _ in range(count)]
     return np.array(rows + [[False, False]] * (T - len(rows)), dtype=bool)
 
 
 def check_held(stances: FootStances) -> None:
-    """What stands does not move, and lies on the floor; nothing is under it."""
+    """Standing points do not move and lie on the floor; nothing is below it."""
     assert stances.place[..., 2].min() >= 0.0
     for point in (HEEL, TOE):
         for first, after in stretches(stances.stands[:, 0, point]):
@@ -153,7 +153,7 @@ def test_what_stands_does_not_move(name: str) -> None:
 
 
 def test_a_flat_foot_keeps_its_shape() -> None:
-    """Its heel and toe are as far from each other as they are, and its side as high as its heel."""
+    """Heel and toe keep their distance, and its side is as high as its heel."""
     stances = held(pattern((5, *AIR), (10, *FLAT)))
     heel, toe, side = (stances.place[5:15, 0, k] for k in range(3))
     own = foot().level - foot().level[HEEL]
@@ -163,7 +163,7 @@ def test_a_flat_foot_keeps_its_shape() -> None:
 
 
 def test_between_two_flat_stretches_it_turns_on_what_stands() -> None:
-    """The toe has one place in all three, the heel rises meanwhile as it would."""
+    """The toe keeps one place throughout the three, while the heel rises as before."""
     stances = held(pattern(*PATTERNS["toe between"]))
     assert np.ptp(stances.place[5:26, 0, TOE], axis=0).max() < 1e-9
     between, free = stances.place[11:20, 0], free_places()[11:20, 0]
@@ -174,7 +174,7 @@ def test_between_two_flat_stretches_it_turns_on_what_stands() -> None:
 
 
 def test_swings_meet_both_ends() -> None:
-    """What they are moved by goes from one stance's to the next one's, a step of a frame at a time."""
+    """Their displacement goes from that of one stance to that of the next, in equal steps per frame."""
     stands = pattern(*PATTERNS["two steps"])
     place, free = held(stands).place[:, 0], free_places()[:, 0]
     moved = place - free
@@ -224,7 +224,7 @@ def test_a_run_has_the_motion_and_its_source(tmp_path: Path) -> None:
 
 
 def test_figures_of_what_is_made_wrong(tmp_path: Path) -> None:
-    """One frame that leaps: a joint too fast into it and out of it, feet that slip, and a frame that is hard."""
+    """One jumping frame: a joint too fast into and out of it, feet that slip, and a frame that is hard."""
     motion, source = short()
     body = body_of(HUMAN)
     q, keeps = motion.q.copy(), motion.keeps.copy()
@@ -258,7 +258,7 @@ def test_a_tracked_run_has_no_figures(tmp_path: Path) -> None:
 
 
 def test_an_arm_follows_a_wrist(tmp_path: Path) -> None:
-    """Relative to its base as the wrist is to the shoulder, in its own scale."""
+    """The hand relative to the base follows the wrist relative to the shoulder, scaled."""
     if "panda" not in installed():
         pytest.skip("example-robot-data is not installed")
     (tmp_path / "match.toml").write_text(

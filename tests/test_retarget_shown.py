@@ -85,7 +85,7 @@ def test_the_film_has_sticks_a_body_and_what_stands(run: km.Run, tmp_path: Path)
     assert ((np.abs(hsv[..., 0].astype(int) - 67) < 8) & (hsv[..., 1] > 60)).sum() > 50  # the discs' green
 
 
-def test_the_page_has_the_source_and_says_who_is_who(run: km.Run) -> None:
+def test_the_page_has_the_source_and_a_legend(run: km.Run) -> None:
     text = page(run)
     assert '"source: sticks"' in text
     assert '"subject: solid"' in text

@@ -1,4 +1,4 @@
-"""Motions to follow: the same landmarks whatever they are read from, gaps filled or said, faults in a line."""
+"""Motions to follow: the same landmarks from every source, gaps filled or reported, faults in a line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LIMBS = tuple(
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """human34 who bends its joints, and leans on its way."""
+    """human34 walking, bending its joints and leaning."""
     subject = load_subject("human34")
     body = Body(subject)
     rng = np.random.default_rng(3)
@@ -93,10 +93,10 @@ def test_bvh_has_the_joints(tmp_path: Path) -> None:
     assert read.landmark("left_big_toe") == pytest.approx(mocap.points[:, mocap.names.index("left_toe")])
     assert thighs(read) == pytest.approx(0.415)
     assert "unit" in read.notes[0]
-    told = load_source(path, SourceOptions(unit="CM", fps=7.0))
-    assert thighs(told) == pytest.approx(0.5)
-    assert len(told.notes) == 1
-    assert "--fps 7 is taken" in told.notes[0]
+    declared = load_source(path, SourceOptions(unit="CM", fps=7.0))
+    assert thighs(declared) == pytest.approx(0.5)
+    assert len(declared.notes) == 1
+    assert "--fps 7 is taken" in declared.notes[0]
 
 
 @pytest.mark.parametrize("up", ["z", "y"])
@@ -108,9 +108,9 @@ def test_smpl_joints(run: Run, tmp_path: Path, up: str, rate: str) -> None:
     read = load_source(tmp_path / "a.npz")
     same(read, run, (*LIMBS, "left_big_toe", "right_big_toe", "neck"), 1e-5)
     assert f"{up} is taken to point up" in read.notes[0]
-    told = load_source(tmp_path / "a.npz", SourceOptions(up=up, fps=60.0))
-    assert told.notes == ()
-    assert told.times[-1] == pytest.approx((FRAMES - 1) / 60.0)
+    declared = load_source(tmp_path / "a.npz", SourceOptions(up=up, fps=60.0))
+    assert declared.notes == ()
+    assert declared.times[-1] == pytest.approx((FRAMES - 1) / 60.0)
     np.savez(tmp_path / "b.npz", joints3d=1e3 * own, fps=RATE)
     same(load_source(tmp_path / "b.npz", SourceOptions(up=up, unit="Millimetres")), run, LIMBS, 1e-5)
     with pytest.raises(InputError, match="not a unit of length"):
@@ -172,7 +172,7 @@ def faulty(folder: Path, name: str) -> Path:
     elif name == "huge":
         np.savez(path, joints=1e3 * joints, fps=RATE)
     elif name == "lying":
-        joints[:2, :, 2] *= -1.0  # half of the time on the head
+        joints[:2, :, 2] *= -1.0  # upside down half of the time
         np.savez(path, joints=joints, fps=RATE)
     elif name == "markers":
         np.savez(path, points=joints[:, :3], names=np.array(["LASI", "RASI", "LKNE"]), fps=RATE, up="z", unit="m")
@@ -182,11 +182,11 @@ def faulty(folder: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("cut", "cannot be read"),
         ("nan", "all are NaN or zero"),
-        ("rate", "does not say its frames per second (--fps gives them"),
+        ("rate", "does not give its frames per second (--fps gives them"),
         ("zero_rate", "fps: must be"),
         ("few", "joints: is of shape (4, 16, 3)"),
         ("flat", "joints: is of shape (4, 72)"),
@@ -198,10 +198,10 @@ def faulty(folder: Path, name: str) -> Path:
         ("missing", "no such file"),
     ],
 )
-def test_faults_of_arrays(tmp_path: Path, name: str, says: str) -> None:
+def test_faults_of_arrays(tmp_path: Path, name: str, message: str) -> None:
     with pytest.raises(InputError) as raised:
         load_source(faulty(tmp_path, name))
-    assert says in str(raised.value)
+    assert message in str(raised.value)
     assert f"{name}.npz" in str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -209,8 +209,12 @@ def test_faults_of_arrays(tmp_path: Path, name: str, says: str) -> None:
 def test_faults_of_other_files(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_text("x")
     (tmp_path / "a.run").write_text("x")
-    for name, says in (("a.fbx", r"give a run \(.run\), BVH"), ("a.run", "not a run file"), ("b.trc", "no such file")):
-        with pytest.raises(InputError, match=says):
+    for name, message in (
+        ("a.fbx", r"give a run \(.run\), BVH"),
+        ("a.run", "not a run file"),
+        ("b.trc", "no such file"),
+    ):
+        with pytest.raises(InputError, match=message):
             load_source(tmp_path / name)
     with pytest.raises(InputError, match=r"source: cannot be of type int \(3\) \(give a run"):
         load_source(3)  # type: ignore[arg-type]
@@ -242,7 +246,7 @@ def test_short_gaps_are_filled() -> None:
     assert filled(wave({"right_wrist": slice(57, 60)}), 0.3).points[-1, 1] == pytest.approx(whole[56, 1])
 
 
-def test_long_gaps_are_said() -> None:
+def test_long_gaps_are_reported() -> None:
     out = filled(wave({"left_wrist": slice(20, 50), "right_wrist": slice(0, 60)}), 0.5)
     assert np.isnan(out.points[20:50, 0]).all()
     assert np.isfinite(out.points[:20, 0]).all()
@@ -255,7 +259,7 @@ def test_long_gaps_are_said() -> None:
 
 
 def stepping(flight: bool = False) -> SourceMotion:
-    """Ankles and toes of two feet that step in turn, 0.5 s each; flight: both are in the air at once."""
+    """Ankles and toes of two feet that step in turn, 0.5 s each; flight: both are in the air at the same time."""
     times = np.arange(90) / 30.0
     points = np.zeros((90, 4, 3))
     for foot, late in ((0, 0.0), (1, 0.0 if flight else 0.5)):
@@ -290,7 +294,7 @@ def test_both_feet_may_be_in_the_air() -> None:
 
 @pytest.mark.parametrize(("length", "parts"), [(0.04, 1), (0.1, 2)])
 def test_a_small_step_parts_a_stance(length: float, parts: int) -> None:
-    """Within 0.4 s, so slowly that its speed alone would not tell; a foot that rolls over itself stays."""
+    """Within 0.4 s, too slowly to be found by speed alone; a foot that rolls over stays."""
     times = np.arange(90) / 30.0
     points = np.zeros((90, 4, 3))
     points[:, 2:, 1] = 0.2

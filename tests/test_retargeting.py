@@ -1,4 +1,4 @@
-"""Motions made another body's: they keep to limits, velocities, stances, parts and floor, and are alike."""
+"""Retargeted motions: they respect limits, velocities, stances, parts and floor, and resemble the source."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def landmarks_of(body: Body, q: np.ndarray, times: np.ndarray) -> SourceMotion:
 
 @cache
 def steps() -> SourceMotion:
-    """A person of human34 who takes two steps."""
+    """human34 taking two steps."""
     times = np.arange(75) / RATE
     return landmarks_of(body_of(HUMAN), authored_motion(body_of(HUMAN), times), times)
 
@@ -79,7 +79,7 @@ def check_laws(body: Body, q: np.ndarray, times: np.ndarray, velocity: float) ->
 
 
 def check_stances(body: Body, motion: RetargetedMotion) -> None:
-    """Each heel and toe has one place on the floor for as long as it stands."""
+    """Each heel and toe has one place on the floor while it stands."""
     stances = 0
     for number, foot in enumerate(motion.targets.feet):
         joint = np.full(3, foot.joint)
@@ -95,7 +95,7 @@ def check_stances(body: Body, motion: RetargetedMotion) -> None:
 
 
 def angles_between(a: SourceMotion, b: SourceMotion) -> np.ndarray:
-    """Angles (T, limbs) [deg] between the limbs of two motions with landmarks alike."""
+    """Angles (T, limbs) [deg] between the limbs of two motions with the same landmarks."""
     angles = []
     for limb in common_correspondence(a.names, b.names).limbs:
         ways = [
@@ -129,8 +129,8 @@ def test_the_gradient_is_that_of_the_value() -> None:
         assert np.linalg.eigvalsh(model.hessian).min() > -1e-9 * np.abs(model.hessian).max()
 
 
-def test_the_value_is_of_directions_places_and_rest() -> None:
-    """At rest its joints have no part in it: half of the squares of what is off, by its deviation."""
+def test_the_value_sums_directions_places_and_rest() -> None:
+    """At rest the joints contribute nothing: half the squared errors over their deviations."""
     body, targets = body_of(HUMAN), problem().targets
     posed = body.at(body.neutral)
     off = targets.combination @ points_in_world(posed, targets.joint, targets.local) - targets.target[0]
@@ -144,7 +144,7 @@ def test_the_value_is_of_directions_places_and_rest() -> None:
 
 
 def test_a_bodys_own_motion_comes_back() -> None:
-    """A rest that hardly pulls leaves what the landmarks say; what was made of a motion stands on level feet."""
+    """A weak pull to rest leaves the pose of the landmarks; the retargeted motion stands on level feet."""
     body = body_of(HUMAN)
     own = landmarks_of(body, walked().q, steps().times)
     again = retarget_motion(body, own, settings=RetargetSettings(rest=10.0))
@@ -179,7 +179,7 @@ def test_the_laws_of_a_robot(rounds: int) -> None:
 
 
 def test_flight_stays_possible() -> None:
-    """Who jumps by 30 cm is in the air for as long, and lands on the floor."""
+    """A jump of 30 cm lasts as long as the source's, and lands on the floor."""
     body = body_of(HUMAN)
     q = np.tile(authored_motion(body, np.zeros(1)), (40, 1))
     height = np.maximum(0.0, 0.3 * (1.0 - np.square((np.arange(40) - 20) / 8.0)))
@@ -195,7 +195,7 @@ def test_flight_stays_possible() -> None:
 
 
 def test_a_source_beyond_the_limits_is_followed_to_them() -> None:
-    """A forearm that bends backwards by as much as the elbow bends forwards: elbow or shoulder is as far as it goes."""
+    """A forearm that bends backwards by as much as the elbow bends forwards: elbow or shoulder is at its limit."""
     body, source = body_of(HUMAN), part_of(steps(), 0, 15)
     shoulder, elbow, wrist = (source.names.index(f"left_{part}") for part in ("shoulder", "elbow", "wrist"))
     points = source.points.copy()
@@ -212,7 +212,7 @@ def test_a_source_beyond_the_limits_is_followed_to_them() -> None:
 
 
 def test_parts_keep_clear_of_each_other() -> None:
-    """A hand that goes through the trunk stays outside, which it does not where parts may go through each other."""
+    """A hand passing through the trunk stays outside, unless overlaps are allowed."""
     body, source = body_of(HUMAN), part_of(steps(), 0, 15)
     points = source.points.copy()
     middle = np.mean(
@@ -247,12 +247,12 @@ def test_any_start_leads_to_the_same_motion() -> None:
 
 
 def test_equal_seeds_give_equal_motions() -> None:
-    """But for the last digits, which ProxQP's depend on where its memory lies."""
+    """Up to the last digits, which depend on ProxQP's memory alignment."""
     made = [retarget_motion(body_of(HUMAN), part_of(steps(), 0, 12), seed=7) for _ in range(2)]
     assert np.abs(made[0].q - made[1].q).max() < 1e-6
 
 
-# --- a motion that comes in ---
+# --- a live motion ---
 
 
 def streamed(stream: MotionStream, source: SourceMotion) -> list[LiveFrame]:
@@ -280,7 +280,7 @@ def test_a_stream_gives_out_what_comes_in() -> None:
 
 
 def test_a_stream_with_gaps_and_late_frames() -> None:
-    """Nothing is known at first, a leg goes missing, everything does, and a second passes without a frame."""
+    """At first nothing is observed, then a leg is missing, then everything, and a second passes without a frame."""
     body, source = body_of(HUMAN), part_of(steps(), 0, 40)
     points, times = source.points.copy(), source.times + 100.0
     points[:10] = points[24:26] = np.nan
@@ -300,7 +300,7 @@ def test_a_stream_with_gaps_and_late_frames() -> None:
 
 
 def test_the_deviation_of_motions_is_that_of_their_joints() -> None:
-    """By degrees; where the root is does not count."""
+    """By degrees; the root's position does not count."""
     body = body_of(HUMAN)
     q = np.tile(body.neutral, (4, 1))
     other = q.copy()
@@ -312,7 +312,8 @@ def test_the_deviation_of_motions_is_that_of_their_joints() -> None:
 
 
 def test_another_beginning_leads_to_the_same_motion() -> None:
-    """From a random pose to the same; from a later frame nearly, as its floor and contacts are found anew."""
+    """From a random pose the result is the same; from a later frame nearly so, as floor and contacts are estimated
+    again."""
     deviations = independence_of(body_of(HUMAN), part_of(steps(), 0, 45))
     assert list(deviations) == ["frame 10", "frame 20", "random pose 1", "random pose 2"]
     assert deviations["frame 10"].rms < 2.0

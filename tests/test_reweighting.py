@@ -16,7 +16,7 @@ ARM = body_of("arm8")
 
 
 def covariance_of(rng: np.random.Generator, size: float) -> np.ndarray:
-    """Of a mode: correlated, its standard deviations about `size`."""
+    """The covariance of a mode: correlated, with standard deviations about `size`."""
     root = size * (np.eye(ARM.nv) + 0.3 * rng.normal(size=(ARM.nv, ARM.nv)))
     return np.asarray(root @ root.T)
 
@@ -37,7 +37,7 @@ def mixture(rng: np.random.Generator, count: int, size: float) -> Mixture:
 
 
 def exact(likelihood: Mixture, prior: Mixture, diffused: np.ndarray) -> np.ndarray:
-    """Weight (L,) that the product of both mixtures has about each mode of the likelihood: all L x K products of two
+    """Weight (L,) of the product of both mixtures about each mode of the likelihood: all L x K products of two
     Gaussians, in an arm's plain vector space."""
     terms = [
         [
@@ -56,7 +56,7 @@ def weights_of(likelihood: Mixture, prior: Mixture, std: np.ndarray, body: Body 
     return np.asarray(np.exp(scores - logsumexp(scores)))
 
 
-def test_it_comes_to_the_exact_product_as_the_diffusion_widens() -> None:
+def test_it_converges_to_the_exact_product_as_the_diffusion_widens() -> None:
     rng = np.random.default_rng(0)
     std = np.full(ARM.nv, 0.4)
     worst = []
@@ -101,8 +101,8 @@ def test_a_mode_descends_from_the_one_that_it_lies_at() -> None:
     assert reweighted(ARM, near, np.zeros(4), prior, np.full(ARM.nv, 0.1)).parent.tolist() == [3, 2, 1, 0]
 
 
-def test_a_jump_pays_no_more_than_it_says_and_has_no_parent() -> None:
-    """The bound is a uniform share beside the paper's sum, to be had wherever a pose is."""
+def test_a_jump_costs_at_most_its_penalty_and_has_no_parent() -> None:
+    """The bound is a uniform share beside the paper's sum, for any pose."""
     rng = np.random.default_rng(5)
     prior, std = mixture(rng, 4, 0.05), np.full(ARM.nv, 0.1)
     q = [prior.modes[0].q + away for away in (0.0, 0.05, 0.1, 3.0)]
@@ -116,7 +116,8 @@ def test_a_jump_pays_no_more_than_it_says_and_has_no_parent() -> None:
 
 
 def test_scores_do_not_depend_on_where_the_body_stands() -> None:
-    """Differences are those of the manifold: turned and moved together, modes and prior weigh the same."""
+    """Differences are those of the manifold: weights do not change when modes and prior are turned and moved
+    together."""
     body, rng = body_of("human34"), np.random.default_rng(4)
     tangents = 0.2 * rng.normal(size=(5, body.nv))
 

@@ -33,7 +33,7 @@ def test_a_wave_has_the_derivatives_that_calculus_gives(scale: int) -> None:
 
 @pytest.mark.parametrize("scale", range(len(SCALES)))
 def test_the_response_turns_with_the_picture(scale: int) -> None:
-    """A quarter turn exactly; by any angle as far as pixels allow."""
+    """Exactly for a quarter turn; for any angle within the accuracy of pixels."""
     rng = np.random.default_rng(1)
     picture = np.kron(rng.uniform(0, 255, (12, 12)), np.ones((16, 16))).astype(np.uint8)
     whole = ridges_of(picture)
@@ -65,7 +65,7 @@ def test_a_bar_answers_most_at_half_its_width() -> None:
         assert float(answer.edge(0, side, along)[0]) == pytest.approx(-step, rel=0.25)
 
 
-def test_an_even_picture_says_nothing() -> None:
+def test_an_even_picture_gives_no_ridges() -> None:
     even = ridges_of(np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
     assert max(float(np.abs(m).max()) for m in (*even.first, *even.second)) < 1e-2
 

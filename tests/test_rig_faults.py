@@ -1,4 +1,4 @@
-"""Cameras that stand otherwise than the others, or than a calibration, say; and what else makes a rig doubtful."""
+"""Cameras that disagree with the others or with the calibration, and other doubts about a rig."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_camera_that_is_moved_during_the_clip_is_named(filmed: Filmed) -> None
 
 @pytest.mark.parametrize("others", [("cam01", "cam02"), ("cam01",)])
 def test_a_camera_that_sees_another_person_is_named(filmed: Filmed, others: tuple[str, ...]) -> None:
-    """Of two cameras nobody knows which."""
+    """With two cameras it is undecidable which one."""
     tracks = {**{name: filmed.tracks[name] for name in others}, "cam03": backwards(filmed.tracks["cam03"])}
     rig = calibrate_by_person(filmed.body, tracks, filmed.lost(), filmed.times, clocks_known=True)
     assert rig.doubtful == (("cam03",) if len(others) > 1 else ("cam01", "cam03"))
@@ -57,7 +57,7 @@ def test_right_cameras_are_found_right_and_a_turned_one_is_named(filmed: Filmed)
     assert off.gain > 2.0 * check.gain
 
 
-def test_the_command_says_what_the_function_says(
+def test_the_command_reports_the_errors_of_the_function(
     filmed: Filmed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = {name: tmp_path / f"{name}.json" for name in filmed.tracks}
@@ -68,12 +68,12 @@ def test_the_command_says_what_the_function_says(
     write_cameras(
         wrong, [{**filmed.cameras, "cam02": turned_camera(filmed.cameras["cam02"], 3.0, ACROSS)}[n] for n in files]
     )
-    said = []
+    messages = []
     for path in (right, wrong):
         assert front.main(["calibrate", "--check", str(path), "--keypoints", *map(str, files.values())]) == 0
-        said.append(capsys.readouterr().out)
-    assert "the cameras hold" in said[0]
-    assert "cam02 does not stand where" in said[1]
+        messages.append(capsys.readouterr().out)
+    assert "the cameras hold" in messages[0]
+    assert "cam02 does not stand where" in messages[1]
 
 
 @pytest.mark.parametrize(

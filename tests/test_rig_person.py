@@ -1,4 +1,4 @@
-"""Cameras placed with a body in place of points."""
+"""Cameras placed by a body instead of points."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _size(body: Body, marks: np.ndarray, lengths: SegmentLengths) -> float:
 
 
 def test_exact_rays_of_a_body_bring_a_camera_back(filmed: Filmed) -> None:
-    """From two degrees beside its place, and not beyond the limits of the body's joints."""
+    """From two degrees off, and not beyond the limits of the body's joints."""
     names = list(filmed.cameras)[:2]
     lengths = SegmentLengths.of(filmed.body, next(iter(filmed.tracks.values())).names)
     points = filmed.points[:, lengths.landmark]
@@ -97,7 +97,7 @@ def test_exact_rays_of_a_body_bring_a_camera_back(filmed: Filmed) -> None:
     fit = rig_near(RigViews.of(views, joints, clocks_known=True), lengths, np.zeros(2), state)
     off = fit.state.R.copy()
     off[1] = pin.exp3(np.array([0.0, 0.035, 0.0])) @ off[1]
-    late_std = np.array([0.0, 0.01])  # of clocks, which the body leaves as they were
+    late_std = np.array([0.0, 0.01])  # of clocks, which the body does not change
     beside = replace(fit, state=replace(fit.state, R=off), unsure=replace(fit.unsure, late_std=late_std))
     posed = posed_rig(filmed.body, beside, lengths)
     assert turn_between(posed.state.R[1], truth.R[1]) < 0.3

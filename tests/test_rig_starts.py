@@ -1,4 +1,4 @@
-"""Which of several readings of the clocks a rig is found from."""
+"""Which of several estimates of the clocks a rig starts from."""
 
 from __future__ import annotations
 

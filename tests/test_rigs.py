@@ -1,4 +1,4 @@
-"""Cameras from the person who moves before them."""
+"""Cameras calibrated from a moving person."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.
 
 
 def walked(body: Body, seconds: float = 6.0) -> np.ndarray:
-    """(T, nq) of somebody who reaches out and meanwhile goes to and fro."""
+    """Poses (T, nq) of a person who reaches out while walking to and fro."""
     times = np.arange(round(FPS * seconds)) / FPS
     keyed = motion_named("turn_reach")
-    q = authored_motion(body, times * keyed.seconds / seconds, keyed)  # nothing comes twice, so that clocks are told
+    q = authored_motion(body, times * keyed.seconds / seconds, keyed)  # nothing repeats, so that clocks are determined
     q[:, ROOT_PLACE_Q.start] += 0.8 * np.sin(1.1 * times)
     q[:, ROOT_PLACE_Q.start + 1] += 0.6 * np.sin(0.7 * times + 1.0)
     return q
@@ -80,7 +80,7 @@ def filmed() -> Filmed:
 
 
 def turns_off(rig: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
-    """By how much cameras are turned wrongly to the first [deg]."""
+    """Rotation errors of the cameras relative to the first [deg]."""
     first, true_first = next(iter(rig.cameras.values())), next(iter(truth.values()))
     off = []
     for name, camera in rig.cameras.items():
@@ -91,7 +91,7 @@ def turns_off(rig: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
 
 
 def places_off(rig: PersonCalibration, truth: dict[str, Camera]) -> np.ndarray:
-    """How far cameras are from their true places seen from the first, scale removed, of the distance to the person."""
+    """Position errors of the cameras relative to the first, scale removed, as a share of the distance to the person."""
     ours, theirs = (
         np.array([next(iter(of.values())).R_camera_world @ (c.centre_world - next(iter(of.values())).centre_world)
                   for c in of.values()])
@@ -137,7 +137,7 @@ def test_derivatives_are_those_of_the_residuals(filmed: Filmed) -> None:
     problem = RigProblem(state, seen, lengths)
     rng = np.random.default_rng(0)
     x = problem.start + 0.02 * rng.normal(size=len(problem.start))
-    x[[0, 1, 2, 6, 7, 8]] += 0.2 * rng.normal(size=6)  # turns that are not small
+    x[[0, 1, 2, 6, 7, 8]] += 0.2 * rng.normal(size=6)  # large turns
     J, step = problem.jacobian(x).toarray(), 1e-6
     for i in rng.choice(len(x), 60, replace=False).tolist() + list(range(18)):
         d = step * np.eye(len(x))[i]
@@ -181,8 +181,8 @@ def test_a_lens_and_its_derivatives() -> None:
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])
-def test_a_radial_term_is_told_where_the_motion_shows_it(filmed: Filmed, noise: float) -> None:
-    """From near, where the person reaches to the borders of a wide lens."""
+def test_a_radial_term_is_fitted_where_the_motion_shows_it(filmed: Filmed, noise: float) -> None:
+    """At close range, where the person reaches the borders of a wide lens."""
     lengths, middle, rng = lengths_of(filmed), filmed.points.mean(axis=(0, 1)), np.random.default_rng(3)
     names, points = [filmed.body.landmark_names[i] for i in lengths.landmark], filmed.points[:, lengths.landmark]
     k, views = -0.1, []
@@ -193,8 +193,8 @@ def test_a_radial_term_is_told_where_the_motion_shows_it(filmed: Filmed, noise: 
         seen += noise * rng.normal(size=seen.shape)
         lens = replace(filmed.lost()[camera.name], distortion=np.zeros(5), focal_std=0.1)
         views.append(JointView(lens, seen @ lens.K[:2, :2].T + lens.K[:2, 2], filmed.times[camera.name]))
-    told = RigViews.of(views, names, clocks_known=True)
-    fit = fitted_rig(told, lengths, [np.zeros(3)])
+    views_given = RigViews.of(views, names, clocks_known=True)
+    fit = fitted_rig(views_given, lengths, [np.zeros(3)])
     assert fit is not None
     if noise < 5e-3:
         np.testing.assert_allclose(fit.state.radial, k, atol=0.01)
@@ -268,12 +268,12 @@ def hidden(track: KeypointTrack) -> KeypointTrack:
     return replace(track, pixels=np.full_like(track.pixels, np.nan), confidence=np.zeros_like(track.confidence))
 
 
-def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
+def test_uninformative_views_are_refused(filmed: Filmed) -> None:
     alone = {"cam01": filmed.tracks["cam01"]}
     with pytest.raises(InputError, match="there is one"):
         calibrate_by_person(filmed.body, alone, filmed.lost(), filmed.times, clocks_known=True)
     unseen = {**filmed.tracks, "cam02": hidden(filmed.tracks["cam02"])}
-    with pytest.raises(InputError, match="nobody is seen by cam02"):
+    with pytest.raises(InputError, match="no person is seen by cam02"):
         calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
     clicked = {n: replace(t, pixels=t.pixels[:1], confidence=t.confidence[:1]) for n, t in filmed.tracks.items()}
     instant = dict.fromkeys(clicked, np.zeros(1))
@@ -292,7 +292,7 @@ def test_what_tells_nothing_is_refused(filmed: Filmed) -> None:
 
 
 def made_rig(cameras: Sequence[Camera], residuals: np.ndarray) -> PersonCalibration:
-    """Of these cameras, of which the last one's place is unsure, and a person who stands; residuals (T, J, 2) [px]."""
+    """The rig of these cameras, the last one's place uncertain, and a standing person; residuals (T, J, 2) [px]."""
     names, zero = [camera.name for camera in cameras], dict.fromkeys((camera.name for camera in cameras), 0.0)
     points = np.tile([[0.0, 0.1, 0.9], [0.0, -0.1, 0.9], [0.0, 0.1, 0.5]], (len(residuals), 1, 1))
     unsure = replace(cameras[-1], deviations=0.25 * np.eye(7)[:, 3:4])
@@ -350,7 +350,7 @@ def keypoint_files(filmed: Filmed, tmp_path_factory: pytest.TempPathFactory) -> 
 def test_cameras_are_found_from_keypoint_files(
     filmed: Filmed, keypoint_files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By the function, the command and as the cameras of a track: the same."""
+    """The same by the function, the command and as the cameras of a track."""
     out, again = tmp_path / "cameras.json", tmp_path / "again.json"
     offset = [f"{name}=0" for name in keypoint_files]
     rig = km.calibrate_from_person(keypoints=keypoint_files, height=1.8, offset=offset, out=out)
@@ -365,11 +365,11 @@ def test_cameras_are_found_from_keypoint_files(
     assert front.main([*line, "--out", str(again), "--picture", str(drawn)]) == 0
     assert drawn.read_bytes().startswith(b"\x89PNG")
     assert again.read_text(encoding="utf-8") == out.read_text(encoding="utf-8")
-    said = capsys.readouterr().out.replace("\n", "")
-    assert f"--cameras {again}" in said
-    assert f"picture written to {drawn}" in said
-    told = FileOptions(None, keypoints=keypoint_files, cameras=Path("auto"), offset=offset, height=1.8)
-    inputs = load_inputs(filmed.body, told)
+    printed = capsys.readouterr().out.replace("\n", "")
+    assert f"--cameras {again}" in printed
+    assert f"picture written to {drawn}" in printed
+    options = FileOptions(None, keypoints=keypoint_files, cameras=Path("auto"), offset=offset, height=1.8)
+    inputs = load_inputs(filmed.body, options)
     for camera in inputs.observations[0].cameras:
         np.testing.assert_allclose(camera.R_camera_world, rig.cameras[camera.name].R_camera_world)
     assert any("found from the person" in note for note in inputs.notes)
@@ -381,7 +381,7 @@ def lens_files(filmed: Filmed, tmp_path_factory: pytest.TempPathFactory) -> dict
     """Calibrations of pictures of half the size, all at the origin: of every camera, of two, and of one."""
     folder = tmp_path_factory.mktemp("lenses")
     lost = [scaled_camera(camera, 0.5) for camera in filmed.lost().values()]
-    assert np.ptp([camera.K for camera in lost], axis=0).max() == 0.0  # one lens is that of all
+    assert np.ptp([camera.K for camera in lost], axis=0).max() == 0.0  # all have one lens
     files = {"all": lost, "two": lost[:2], "one": [replace(lost[0], name="phone")]}
     for name, cameras in files.items():
         write_cameras(folder / f"{name}.json", cameras)
@@ -402,7 +402,7 @@ def test_lenses_of_a_file_are_used_as_they_are(
     assert turns_off(rig, filmed.cameras).max() < 1.0
     assert not any("focal length" in note for note in rig.notes)
     assert sum(f"the lenses are those of {lens_files[given]}" in note for note in rig.notes) == 1
-    served = f"the camera 'phone' of {lens_files[given]} is taken for 'cam01', 'cam02', 'cam03'"
+    served = f"the camera 'phone' of {lens_files[given]} is used for 'cam01', 'cam02', 'cam03'"
     assert any(served in note for note in rig.notes) is (given == "one")
 
 
@@ -416,13 +416,13 @@ def test_lenses_of_a_file_are_used_as_they_are(
         ("no", {}, "no.json: there is no such file"),
     ],
 )
-def test_lenses_that_cannot_be_used_are_refused(
+def test_unusable_lenses_are_refused(
     keypoint_files: dict[str, Path], lens_files: dict[str, Path], given: str, changes: dict[str, Any], message: str
 ) -> None:
-    told: dict[str, Any] = {"cameras": "auto", "keypoints": keypoint_files, **changes}
+    options: dict[str, Any] = {"cameras": "auto", "keypoints": keypoint_files, **changes}
     lenses = lens_files["all"].with_name(f"{given}.json")
     with pytest.raises(InputError, match=message):
-        km.track("human34", None, lenses=lenses, **told)
+        km.track("human34", None, lenses=lenses, **options)
 
 
 @pytest.mark.parametrize(
@@ -431,7 +431,7 @@ def test_lenses_that_cannot_be_used_are_refused(
         ({"keypoints": None}, "are needed"),
         ({"height": -1.0}, "height"),
         ({"phone": "nothing"}, "not known"),
-        ({"picture": "rig.txt"}, "no name for a PNG"),
+        ({"picture": "rig.txt"}, "not a .png file"),
         ({"picture": "nowhere/rig.png"}, "folder"),
     ],
 )
@@ -442,7 +442,7 @@ def test_bad_arguments_are_named(keypoint_files: dict[str, Path], changes: dict[
 
 
 def test_what_leaves_cameras_in_doubt_is_named() -> None:
-    """By the motion and where the cameras stand: each cause where it is one, and none where there is none."""
+    """By the motion and the cameras' places: each cause is named where it applies, and none otherwise."""
     rng = np.random.default_rng(0)
     person = rng.normal(0.0, 0.4, (1, 12, 3)) + rng.normal(0.0, 0.05, (200, 12, 3))
     path = rng.normal(0.0, 1.0, (200, 1, 3)) * [1.0, 1.0, 0.0]

@@ -1,4 +1,4 @@
-"""Run files: what is written is read, whatever happens to the writer."""
+"""Run files: what was written is read, whatever happens to the writer."""
 
 from __future__ import annotations
 
@@ -122,17 +122,17 @@ def test_round_trip_leaves_one_file(tmp_path: Path, body: Body) -> None:
 
 
 def test_extra_arrays_are_stacked_and_filled_up(tmp_path: Path, body: Body) -> None:
-    told: list[dict[str, np.ndarray]] = [
+    extras: list[dict[str, np.ndarray]] = [
         {"count": np.array(3), "sure": np.array(True), "beliefs": np.ones((2, 3), np.float32), "seen": np.array(["a"])},
         {"count": np.array(4), "beliefs": np.zeros((1, 4), np.float32), "seen": np.array(["bcd", "e"])},
         {"count": np.array(5), "beliefs": np.zeros((0, 0), np.float32), "alone": np.array([1.5])},
     ]
-    results = [dataclasses.replace(r, extra=e) for r, e in zip(walk(body, 3), told, strict=True)]
+    results = [dataclasses.replace(r, extra=e) for r, e in zip(walk(body, 3), extras, strict=True)]
     with RunWriter.create(tmp_path / "a.run", header(3)) as writer:
         for result in results:
             writer.append(result, {})
     run = Run.open(tmp_path / "a.run")
-    for i, extra in enumerate(told):
+    for i, extra in enumerate(extras):
         back = run.result(i).extra
         assert list(back) == list(extra)
         assert all(back[n].tobytes() == a.tobytes() and back[n].dtype == a.dtype for n, a in extra.items())
@@ -149,19 +149,19 @@ def test_extra_arrays_are_stacked_and_filled_up(tmp_path: Path, body: Body) -> N
 
 
 @pytest.mark.parametrize(
-    ("extra", "told"),
+    ("extra", "message"),
     [
         ([np.zeros(2), np.zeros((2, 2))], "extra array x: is of different kinds"),
         ([np.zeros(2), np.array(["a", "b"])], "extra array x: is of different kinds"),
         ([np.zeros((0, 999_999)), np.zeros((999_999, 0))], "would fill .2, 999999, 999999. entries"),
     ],
 )
-def test_extra_arrays_that_cannot_be_stacked(extra: list[np.ndarray], told: str, tmp_path: Path, body: Body) -> None:
+def test_extra_arrays_of_different_shapes(extra: list[np.ndarray], message: str, tmp_path: Path, body: Body) -> None:
     with RunWriter.create(tmp_path / "a.run", header(2)) as writer:
         for result, x in zip(walk(body, 2), extra, strict=True):
             writer.append(dataclasses.replace(result, extra={"x": x}), {})
     run = Run.open(tmp_path / "a.run")
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         _ = run.extra
     assert [r.extra["x"].shape for r in run] == [x.shape for x in extra]
 
@@ -208,7 +208,7 @@ def test_packing_is_exact() -> None:
 def test_a_number_of_three_bytes_is_refused() -> None:
     blob = pack({"a": np.zeros(3)})
     body = blob[8:].replace(b"<f8", b"<f3")
-    with pytest.raises(ValueError, match="array 'a' is of no plain type"):
+    with pytest.raises(ValueError, match="array 'a' has no plain type"):
         unpack(blob[:4] + struct.pack("<I", zlib.crc32(body)) + body)
 
 
@@ -284,8 +284,8 @@ def test_settings_of_runs_made_before_are_the_same_settings() -> None:
     assert header(5, settings=old).differences(header(5, settings=now)) == ()
     assert header(5, settings=old | {"fit": "off"}).differences(header(5, settings=now)) != ()
     more = now | {"css": now["css"] | {"jumps": now["css"]["jumps"] + 1}}
-    (told,) = header(5, settings=old).differences(header(5, settings=more))
-    assert told.startswith("setting 'css'")
+    (difference,) = header(5, settings=old).differences(header(5, settings=more))
+    assert difference.startswith("setting 'css'")
     unknown = header(5, settings=old, tracker="of a plugin")
     assert any("condensation" in d for d in unknown.differences(header(5, settings=now, tracker="of a plugin")))
 
@@ -342,7 +342,7 @@ def write(wanted, blocks):
 
 
 for line in sys.stdin:
-    child = os.fork()  # what is imported takes longer than all else
+    child = os.fork()  # importing takes longer than everything else
     if not child:
         wanted, _, blocks = line.strip().partition(" ")
         try:
@@ -355,7 +355,7 @@ for line in sys.stdin:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
-    """Between two frames, and in the middle of one: all of those before it are there, and nothing of it."""
+    """Between two frames, and in the middle of one: all frames before it are complete, and nothing of it is stored."""
     frames, file, root = 20, tmp_path / "a.run", Path(__file__).parent
     results = walk(body, frames)
     arguments = [sys.executable, "-c", WRITERS, file, str(frames), root, root.parent]

@@ -34,7 +34,7 @@ def problem(seed: int, name: str = "human34", share: float = 0.5) -> tuple[Body,
 
 
 def test_the_energy_never_rises() -> None:
-    """Searches of 0, 1, 2, ... iterations are the beginnings of one search: their ends are its accepted poses."""
+    """Searches of 0, 1, 2, ... iterations are prefixes of one search: their ends are its accepted poses."""
     for seed in range(3):
         body, cost, start = problem(seed)
         seeker = Seeker(body)
@@ -51,7 +51,7 @@ def test_converged_modes_satisfy_kkt() -> None:
     """From random starts: a zero gradient wherever no limit holds, and elsewhere one that presses against the limit."""
     converged = active = 0
     for seed in range(25):
-        # the odd ones ask for joints beyond their limits
+        # the odd ones pull joints beyond their limits
         body, cost, start = problem(seed, ("human34", "arm8", "upper13")[seed % 3], share=0.5 + seed % 2)
         solution = Seeker(body).seek(cost, start)
         assert np.isfinite(solution.quadratic.value)
@@ -67,7 +67,7 @@ def test_converged_modes_satisfy_kkt() -> None:
         converged += 1
         active += len(on_low) + len(on_high)
     assert converged >= 20
-    assert active > 10  # limits took part
+    assert active > 10  # limits were active
 
 
 def test_a_perfect_start_stays() -> None:
@@ -90,11 +90,11 @@ def test_searches_repeat_and_have_no_memory() -> None:
         assert again[1:] == first[1:]
 
 
-def test_solutions_say_who_solved_their_steps() -> None:
+def test_solutions_record_the_solver_of_their_steps() -> None:
     body, cost, start = problem(6)
     seeker = Seeker(body)
     ends = [seeker.seek(cost, start) for _ in range(2)]
-    assert ends[0].steps == ends[1].steps  # its own, not the solver's so far
+    assert ends[0].steps == ends[1].steps  # counts of the search, not the solver's total
     assert ends[0].steps.plus(ends[1].steps) == seeker.solver.counts
     assert ends[0].steps.free > 0
     assert ends[0].steps.proxqp > 0
@@ -105,7 +105,7 @@ def test_solutions_say_who_solved_their_steps() -> None:
 
 
 @pytest.mark.parametrize("name", STEP_SOLVERS)
-def test_searches_end_alike_whoever_solves_their_steps(name: str) -> None:
+def test_searches_end_alike_with_any_step_solver(name: str) -> None:
     body, cost, start = problem(6)
     end, other = Seeker(body).seek(cost, start), Seeker(body, step_solver=name).seek(cost, start)
     assert np.array_equal(end.q, other.q)
@@ -128,7 +128,7 @@ def test_no_iterations() -> None:
     assert (solution.status, solution.iterations) == ("iterations", 0)
 
 
-def test_statuses_tell_how_a_search_ended() -> None:
+def test_statuses_give_how_a_search_ended() -> None:
     body, cost, start = problem(5)
     seeker = Seeker(body)
     assert seeker.seek(cost, start, SeekSettings(max_iterations=1)).status == "iterations"
@@ -170,7 +170,7 @@ class Bowl:
 
 
 def test_a_search_survives_useless_models() -> None:
-    """Nothing observed, an indefinite Hessian, a gradient that lies: a status, never an exception or a worse pose."""
+    """No observation, an indefinite Hessian, a wrong gradient: a status, never an exception or a worse pose."""
     body, start = body_of("arm8"), random_pose(body_of("arm8"), np.random.default_rng(43))
     zero, eye = np.zeros(body.nv), np.eye(body.nv)
     terms: dict[str, tuple[Term, str]] = {
@@ -211,12 +211,12 @@ def test_overlapping_limbs_are_separated() -> None:
     body, seeker, self_collision, cost, solution = overlapping()
     settings = ContactSettings()
     before = self_collision.penetration(solution.quadratic.posed)
-    assert before > 4.0 * settings.tolerance  # the pictures do ask for an overlap
+    assert before > 4.0 * settings.tolerance  # the pictures do pull into an overlap
     end = separate(seeker, self_collision, cost, solution, settings)
     after = self_collision.penetration(body.at(end.q))
     assert after <= settings.tolerance
     assert inside(body, end.q)
-    assert end.steps.proxqp > solution.steps.proxqp  # rows that bite
+    assert end.steps.proxqp > solution.steps.proxqp  # active rows
     assert sum(end.steps) - sum(solution.steps) >= end.iterations - solution.iterations > 0
     merits = [f.quadratic.value + settings.force * depth for f, depth in ((solution, before), (end, after))]
     assert merits[1] <= merits[0]

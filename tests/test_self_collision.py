@@ -90,7 +90,7 @@ def test_distances_known_in_closed_form(first: str, second: str, q: tuple[float,
     [(STICK, LYING, 0.08), (BALL, BALL, 0.2), (EGG, EGG, 0.2), (EGG, STICK, 0.15), (STICK, STICK, 0.1)],
 )
 def test_coinciding_solids(first: str, second: str, depth: float) -> None:
-    """The normal is then one of many, or a guess, but it is one, and the depth is right."""
+    """The normal is then one of many, or a guess, but of unit length, and the depth is right."""
     body = two_solids(first, second)
     contacts = SelfCollision(body, include=[("a", "b")]).near(body.at(np.zeros(3)))
     assert contacts.distance[0] == pytest.approx(-depth, abs=1e-9)
@@ -108,7 +108,7 @@ def test_gradient_is_the_central_difference(human: Body) -> None:
     """Relative 1e-5 along random directions, for every pair of shapes, apart and in overlap.
 
     The distance's second derivative jumps where the touched point passes the end of a capsule, and grows without bound
-    where two axes nearly cross: hence a small step, and poses are many rather than a tolerance wide.
+    where two axes nearly cross: hence a small step and many poses instead of a wide tolerance.
     """
     rng, step = np.random.default_rng(3), 1e-6
     self_collision = SelfCollision(human, include=LOOSE)
@@ -195,10 +195,10 @@ def test_the_same_pose_gives_the_same_bits_whatever_came_before(human: Body) -> 
 
 
 def test_a_failed_query_still_gives_an_overlap(human: Body) -> None:
-    """EPA may give up: the answer is then the gap along the line of centres, improved; never deeper than no number."""
+    """EPA may fail: the answer is then the gap along the line of centres, refined, and always finite."""
     rng = np.random.default_rng(11)
     self_collision, failures = SelfCollision(human), 0
-    self_collision.arrays.kind[:] = curvature.UNKNOWN  # so that coal is asked for every pair
+    self_collision.arrays.kind[:] = curvature.UNKNOWN  # so that every pair is left to coal
     for _ in range(30):
         posed = human.at(random_pose(human, rng))
         right = self_collision.near(posed, 0.0)
@@ -342,7 +342,7 @@ def test_potential_along_one_line(power: float) -> None:
     assert np.all(np.diff(values) < 0.0)
     assert np.all(slopes < 0.0)
     assert np.all(curvatures >= 0.0)
-    # the paper's function, up to the line that is taken away
+    # the paper's function, up to the subtracted line
     z = np.array([-0.006, -0.004, 0.002, 0.006]) / 0.005
     paper = np.exp(-z * np.abs(z) ** (power - 1.0))
     line = np.array([energy(0.005 * x)[0] for x in z]) - paper
@@ -356,7 +356,8 @@ def test_potential_settings_are_checked(human: Body, wrong: dict[str, float]) ->
 
 
 def test_too_many_shapes_are_refused_at_once() -> None:
-    """Pairs grow with the square of the shapes; a thousand would take minutes and gigabytes in every worker."""
+    """The number of pairs grows with the square of the shapes; a thousand would take minutes and gigabytes in every
+    worker."""
     shape = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
     limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
     links = "".join(f'<link name="l{k}">{shape}</link>' for k in range(500))

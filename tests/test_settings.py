@@ -1,4 +1,4 @@
-"""Settings files: what is written can be read back, and what is wrong in one is named with its place."""
+"""Settings files: what is written can be read back, and faults are named with their place."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CHANGES = {
 class Inner:
     """About the inner.
 
-    size [px]: first. It goes on: so. flag, word: both. Raises InputError where they cannot be.
+    size [px]: first. It continues: so. flag, word: both. Raises InputError for invalid values.
     """
 
     word: str = 'a "b" \\ é'
@@ -60,7 +60,7 @@ def test_comments_are_the_docstrings() -> None:
         "[inner]",
         "# flag, word: both",
         'word = "a \\"b\\" \\\\ é"',
-        "# size [px]: first. It goes on: so",
+        "# size [px]: first. It continues: so",
         "size = 3  # 1 or more, at most 9",
         "flag = true",
     ]
@@ -85,7 +85,7 @@ def test_every_setting_is_written_and_nearly_all_are_explained() -> None:
     assert not any(line.startswith("[css]") for line in describe_settings("single-mode").splitlines())
 
 
-def test_the_option_goes_before_the_file_and_the_file_before_the_default(tmp_path: Path) -> None:
+def test_options_override_files_and_files_override_defaults(tmp_path: Path) -> None:
     path = tmp_path / "few.toml"
     path.write_text("[css]\nmodes = 3\n")
     assert read_settings("css", path).own.modes == 3
@@ -134,7 +134,7 @@ def test_a_settings_file_as_it_is_written_is_taken(tracker: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("tracker", TRACKERS)
-def test_rules_name_settings_that_there_are(tracker: str) -> None:
+def test_rules_name_existing_settings(tracker: str) -> None:
     names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for(tracker))}
     groups = {name.rpartition(".")[0] for name in names}
     for rule in (*RULES, *unused_rules(), *TRACKERS[tracker].unused):
@@ -144,7 +144,7 @@ def test_rules_name_settings_that_there_are(tracker: str) -> None:
 
 
 def test_a_rule_is_for_what_a_default_or_the_input_decides() -> None:
-    """Not for what somebody must have turned off."""
+    """Not for what can only be off by choice."""
     rules = {name: (*RULES, *unused_rules(), *spec.unused) for name, spec in TRACKERS.items()}
     acting = set()
     for name, of_tracker in rules.items():
@@ -170,7 +170,7 @@ def test_every_number_declares_what_can_work_and_has_a_default_that_can(tracker:
     look(settings_for(tracker))
 
 
-def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
+def test_settings_of_the_fit_alone_have_an_effect() -> None:
     chosen = choose("condensation", {"cost": {"transition_nu": 3.0, "nu": 5.0}})
     chosen.check(fits=True)
     assert chosen.for_fit.cost.transition_nu == 3.0
@@ -178,7 +178,7 @@ def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
         chosen.check(fits=False)
     gaussian = choose("gaussian-single-mode", {"search": {"spare": 5}})
     assert gaussian.for_fit.search.spare == 5
-    assert gaussian.for_fit.cost == settings_for("css").cost  # the tracker's own potential is not the fit's
+    assert gaussian.for_fit.cost == settings_for("css").cost  # the fit does not use the tracker's potential
     assert choose("css-paper", {"css": {"samples": 9}}).for_fit.own == settings_for("css").own
     assert choose("css", {"css": {"samples": 9}}).for_fit.own.samples == 9
 
@@ -230,7 +230,7 @@ def test_run_files_of_earlier_versions_have_other_names() -> None:
     settings = settings_for("loose-limbed", changes=stored_changes("loose-limbed", {"loose_limbed": hull}))
     assert settings.own.part_detectors.hull.survivors == 7
     assert not settings.own.propagation.product.image_weighted
-    with pytest.raises(InputError, match="no setting 'flips'"):  # what a user gives has the present names
+    with pytest.raises(InputError, match="no setting 'flips'"):  # user input must have the current names
         choose("css", {"css": {"flips": 3}})
 
 

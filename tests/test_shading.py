@@ -29,7 +29,7 @@ def test_a_shadow_keeps_the_texture_and_paint_does_not() -> None:
     assert not departs.shaded[50:].any()
 
 
-def test_a_place_is_told_alike_wherever_the_picture_begins() -> None:
+def test_a_pixel_is_classified_alike_in_any_crop() -> None:
     wall = scene()
     picture = np.clip(wall * 0.7, 0.0, 255.0).astype(np.uint8)
     whole, part = (

@@ -1,4 +1,5 @@
-"""Laws of the fit with pictures: known girths come back, sides stay tied, ranges hold, nothing seen changes nothing."""
+"""Laws of the fit with pictures: known girths come back, sides stay tied, ranges hold, without observations nothing
+changes."""
 
 from __future__ import annotations
 
@@ -63,7 +64,7 @@ def person() -> tuple[Subject, np.ndarray]:
 
 
 class OneFrame:
-    """The cues of one instant, whatever frame is asked for."""
+    """A reader with the cues of one instant for every frame."""
 
     def __init__(self, cues: tuple[ImageCues, ...]) -> None:
         self.cues = cues
@@ -74,7 +75,7 @@ class OneFrame:
 
 @cache
 def pictures() -> tuple[ImageCues, ...]:
-    """What pictures of the person before a cluttered room show; the empty room is known."""
+    """Observations from pictures of the person before a cluttered room; the empty room is known."""
     subject, q = person()
     body = Body(subject)
     renderer = Renderer(body, CAMERAS, np.random.default_rng(1), SceneSettings())
@@ -90,7 +91,7 @@ def pictures() -> tuple[ImageCues, ...]:
 
 @cache
 def first_stage(count: int) -> Fit:
-    """Stage one from clicks, two pixels off, on the one frame."""
+    """Stage one from clicks, two pixels off, in the single frame."""
     subject, q = person()
     body, rng = Body(subject), np.random.default_rng(3)
     landmarks = body.landmarks(body.at(q))
@@ -110,7 +111,7 @@ def with_pictures(first: Fit, cues: OneFrame, settings: FleshSettings) -> Fit:
 
 
 def overlap(subject: Subject, q: np.ndarray, count: int) -> float:
-    """Area that the model's and the true mask share, of the area of either; mean of the cameras."""
+    """Intersection over union of the model's and the true mask; mean of the cameras."""
     overlaps = []
     for camera in CAMERAS[:count]:
         a, b = (mask(Body(s), pose, camera) for s, pose in ((subject, q), person()))
@@ -119,7 +120,7 @@ def overlap(subject: Subject, q: np.ndarray, count: int) -> float:
 
 
 def mask(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
-    """Where the body is in the picture, (H, W) bool."""
+    """The body's mask in the picture, (H, W) bool."""
     surface = surface_of(body, nodes=2500)
     pixels = camera.project(points_in_world(body.at(q), surface.joint, surface.local))
     drawn = np.zeros(camera.image_size[::-1], np.uint8)
@@ -163,7 +164,7 @@ def test_the_fit_is_the_subject_that_it_describes() -> None:
     assert np.array_equal(parameters[mirror], parameters * MIRROR)
     scaled = given.scaled(dict(zip(fit.names, map(float, fit.scales), strict=True)))
     k = [f.link for f in given.flesh].index("left_thigh")
-    # a limb's section also answers to its length; the factors are those beside it
+    # a limb's section also scales with its length; the factors are relative to that
     row = fit.shape.parts.index("thigh")
     assert np.allclose(parameters[k, :2] / scaled.flesh[k].parameters[:2], fit.shape.factors[row], atol=0.02)
     assert np.allclose(parameters[k, 5:7] - given.flesh[k].taper, fit.shape.tapers[row], atol=1e-12)
@@ -185,7 +186,7 @@ def test_parts_stay_apart() -> None:
 
 
 def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
-    """Arms straight down beside the trunk: as thick as may be they would sink two centimetres into it."""
+    """Arms straight down beside the trunk: at the largest thickness they would overlap it by two centimetres."""
     first, body = first_stage(1), body_of("human34")
     seen = [replace(o, cues=pictures()[:1]) for o in first.observations]
     shaped = ShapedBody(load_subject("human34"), 300)
@@ -207,7 +208,7 @@ def elsewhere(cues: ImageCues) -> ImageCues:
 
 
 def nothing(cues: ImageCues) -> ImageCues:
-    """A picture of one grey, and nobody in it."""
+    """A uniform grey picture without a person."""
     grey = np.full((*cues.camera.image_size[::-1], 3), 90, np.uint8)
     return cues.changed(edges=edge_map(grey, EdgeSettings()), silhouette=silhouette_of(np.zeros(grey.shape[:2], bool)))
 
@@ -280,8 +281,8 @@ def energy_of(count: int) -> tuple[ShapedBody, BodyEnergy, Unknowns]:
     return shaped, BodyEnergy(shaped, seen, x, CostSettings(), cue_settings(), prior, 0.7, self_collision), x
 
 
-def test_a_camera_among_the_landmarks_is_no_fault() -> None:
-    """What is behind it has no pixel: the picture speaks of the others, and of nothing where all are behind."""
+def test_a_camera_among_the_landmarks_is_not_a_fault() -> None:
+    """Landmarks behind it have no pixel: the others count, and nothing where all are behind."""
     shaped, _, x = energy_of(1)
     landmarks = Body(shaped.at(x)).landmarks(Body(shaped.at(x)).at(x.poses[0]))
     for share in (0.5, 1.1):
@@ -343,12 +344,12 @@ def test_the_energy_falls_and_what_is_held_stays() -> None:
 
 def test_the_fit_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     print_fit(fitted(2), "me.urdf")
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     fit = fitted(2)
     assert fit.shape is not None
-    row = next(line for line in told.splitlines() if line.strip().startswith("upper arm"))
+    row = next(line for line in printed.splitlines() if line.strip().startswith("upper arm"))
     k = fit.shape.parts.index("upper_arm")
     assert all(f"{factor:.3f}" in row for factor in fit.shape.factors[k])
-    assert "pictures of frame 0; outline on the silhouettes" in told
+    assert "pictures of frame 0; outline on the silhouettes" in printed
     print_fit(first_stage(2), "me.urdf")
     assert "flesh as given" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Faults of files change what they are to change, and verdicts on them follow from errors, statuses and warnings."""
+"""Planted faults change what they should, and verdicts follow from errors, statuses and warnings."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_fault_changes_a_copy(fault: Fault, axes: int, seed: int) -> None:
 
 
 def result(error: float, hard: int = 0, notes: tuple[str, ...] = ("p.npz: unit m",)) -> Result:
-    """Ten frames, three joints, the last of which nothing shows; the hard frames are far off."""
+    """Ten frames, three joints, the last never observed; the hard frames are far off."""
     errors, tracked = np.full((10, 3), error), np.arange(10) >= hard
     errors[~tracked], errors[:, 2] = 90.0, 45.0
     return Result(errors, tracked, np.array([True, True, False]), notes)
@@ -62,7 +62,7 @@ def result(error: float, hard: int = 0, notes: tuple[str, ...] = ("p.npz: unit m
 def test_verdicts(faulty: Result | None, verdict: str, tmp_path: Path) -> None:
     def run(_: Path) -> Result:
         if faulty is None:
-            raise InputError("p.npz", "is no body's")
+            raise InputError("p.npz", "has impossible limbs")
         return faulty
 
     outcome = outcome_of(Trial("points", lambda _: result(1.0), run), "zeros", "walks", tmp_path)

@@ -1,4 +1,4 @@
-"""Skin by its colour: what is learned in one frame is found in others, in light and shade, and nothing else."""
+"""Skin by its colour: learned in one frame it is found in others, in light and shade, and nothing else is."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_board_of_the_same_colour_counts_where_it_is_not_known_to_be_backgroun
     free[:80, :60] = False
     assert len(skin_blobs(seen, model, None, SETTINGS).area) == 4
     assert len(skin_blobs(seen, model, free, SETTINGS).area) == 3
-    # nor is it part of a hand before it, where that is known in the frame of which skin is learned
+    # nor does it count as a hand in front of it, if the board is known in the learning frame
     behind = [(70, 150, 120, 210)]
     mask = np.zeros(seen.shape[:2], bool)
     mask[95:, 110:210] = True
@@ -81,7 +81,7 @@ def test_a_board_of_the_same_colour_counts_where_it_is_not_known_to_be_backgroun
     assert with_mask.hand == pytest.approx(np.pi * HAND**2, rel=0.15)
 
 
-def test_what_is_larger_than_a_person_s_skin_is_none_of_it(model: SkinModel) -> None:
+def test_areas_larger_than_a_persons_skin_are_not_skin(model: SkinModel) -> None:
     blobs = skin_blobs(picture(boards=[(220, 10, 319, 150)]), model, None, SETTINGS)
     assert len(blobs.area) == 3
 

@@ -1,4 +1,4 @@
-"""Lists of which a part is in memory: they hold what plain lists hold, and few of it at once."""
+"""Lists partly in memory: they hold what plain lists hold, with few items in memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SETTINGS = SmoothSettings(window=4, iterations=2, pace_rounds=1)
 
 
 class Item:
-    """Something with numbers, a reference to what is everybody's, and perhaps something that cannot be pickled."""
+    """An item with numbers, a reference to a shared object, and possibly a part that cannot be pickled."""
 
     def __init__(self, number: int, common: object, more: object = None) -> None:
         self.numbers, self.common, self.more = np.arange(number) + 0.5, common, more
@@ -39,7 +39,7 @@ def same(ours: Item, theirs: Item) -> bool:
 
 
 def test_two_lists_hold_what_plain_lists_hold() -> None:
-    """Whatever is put where, of items that grow and shrink, and of some that cannot be pickled."""
+    """For any sequence of assignments, with items that grow and shrink, and some that cannot be pickled."""
     rng, common, fixed = np.random.default_rng(1), {1, 2}, body_of("arm8")
     spill = Spill(KEPT, [fixed], (set,))
     ours, plain = [spill.list(), spill.list([])], [list[Item](), list[Item]()]
@@ -86,7 +86,7 @@ def test_what_cannot_be_written_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [len(each.numbers) for each in items] == list(range(12))
 
 
-def test_items_are_made_when_they_are_asked_for() -> None:
+def test_items_are_made_on_demand() -> None:
     asked = list[int]()
     made = MadeList(5, lambda i: asked.append(i) or i * i)  # type: ignore[func-returns-value]
     assert (len(made), asked) == (5, [])
@@ -97,7 +97,7 @@ def test_items_are_made_when_they_are_asked_for() -> None:
 
 
 def smoothed_by(kept: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Smoothed, int]:
-    """A clip of two modes a frame, smoothed with so many energies in memory, and how many there were at most."""
+    """A clip with two modes per frame, smoothed with a limit of energies in memory, and their largest number."""
     body, rng = body_of("human34"), np.random.default_rng(3)
     search, camera = make_tracker("css", body).search, camera_at(15.0, distance=3.5, height=1.0, aim=(0.0, 0.0, 0.9))
     truth = authored_motion(body, np.arange(FRAMES) / FPS)

@@ -1,4 +1,4 @@
-"""Feet that stand are held in one place while smoothing, others are let be."""
+"""Standing feet are held in one place while smoothing, others are left alone."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def held(body: Body, costs: list[Cost], q: np.ndarray, seen: list[Observation]) 
 
 
 def watched(body: Body, q: np.ndarray, times: np.ndarray) -> list[Observation]:
-    """What a camera sees of the poses."""
+    """Projections of the poses into a camera."""
     camera = camera_at(20.0)
     return [observe(body, x, [camera], index=i, time=float(times[i])) for i, x in enumerate(q)]
 
 
 @pytest.fixture(scope="module")
 def wandering() -> tuple[Body, np.ndarray, np.ndarray]:
-    """A person who stands, and of whom each frame says that the whole body is a little farther on and has turned."""
+    """A standing person whose observations drift and turn a little in every frame."""
     body, times = body_of("human34"), np.arange(60) / FPS
     rng = np.random.default_rng(0)
     steps = np.zeros((len(times), body.nv))
@@ -91,13 +91,13 @@ def test_a_pull_vanishes_where_feet_are_in_place_and_on_the_floor() -> None:
         assert pull.value(body.at(raised)) > 1.0
 
 
-def test_a_body_without_feet_is_let_be() -> None:
+def test_a_body_without_feet_is_left_alone() -> None:
     body = body_of("arm8")
     costs, q = [Cost(body, []) for _ in range(4)], np.tile(body.neutral, (4, 1))
     assert held(body, costs, q, watched(body, q, np.arange(4) / FPS)) == costs
 
 
-def test_a_foot_that_nobody_sees_is_let_be(wandering: tuple[Body, np.ndarray, np.ndarray]) -> None:
+def test_an_unseen_foot_is_left_alone(wandering: tuple[Body, np.ndarray, np.ndarray]) -> None:
     body, q, times = wandering
     feet = [body.landmark_names.index(name) for name in foot_landmarks(body.landmark_names)]
     unseen = []

@@ -1,4 +1,4 @@
-"""Feet that stand: told from keypoints that rest, and held where they were."""
+"""Standing feet: found from keypoints at rest, and held in place."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ASIDE, BEFORE = camera_at(0.0, distance=3.5), camera_at(90.0, distance=3.5)
 
 
 def squat(frames: int, feet: float = 0.0) -> np.ndarray:
-    """Down and up again, the left foot flat where it is, or gliding along y with a speed `feet` [m/s]."""
+    """Down and up again, the left foot flat in place, or gliding along y with a speed `feet` [m/s]."""
     poses = []
     for t, bend in enumerate(0.5 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, frames)))):
         q = BODY.neutral.copy()
@@ -46,16 +46,16 @@ def seen(poses: np.ndarray, *cameras: object, noise: float = 1.0) -> list[Observ
 
 
 def test_feet_stand_while_the_rest_moves() -> None:
-    told = np.array([o.standing for o in seen(squat(40), ASIDE)])
-    assert not told[:2].any()  # two moments tell no speed
-    assert (told[5:, [HEEL, TOE]] > 0.9).mean() > 0.95
+    stands = np.array([o.standing for o in seen(squat(40), ASIDE)])
+    assert not stands[:2].any()  # two instants do not determine a speed
+    assert (stands[5:, [HEEL, TOE]] > 0.9).mean() > 0.95
     others = [i for i, name in enumerate(NAMES) if not name.endswith(("heel", "toe"))]
-    assert not told[:, others].any()
+    assert not stands[:, others].any()
 
 
 @pytest.mark.parametrize("speed", [0.6, 1.5])
 def test_feet_that_glide_do_not_stand(speed: float) -> None:
-    """To one camera they may seem to, if they come towards it; a second one sees it."""
+    """In one camera feet gliding towards it may seem to stand; a second camera shows the motion."""
     glides = squat(14, speed)
     assert np.array([o.standing for o in seen(glides, ASIDE)])[6:, [HEEL, TOE]].max() < 0.1
     assert np.array([o.standing for o in seen(glides, BEFORE)])[6:, [HEEL, TOE]].min() > 0.1
@@ -67,13 +67,13 @@ def test_an_ankle_stands_for_a_foot_that_is_not_seen() -> None:
     for o in seen(squat(20), ASIDE):
         hidden = np.array([name.startswith("left") and name.endswith(("heel", "toe")) for name in NAMES])
         blind.append(replace(o, confidence=np.where(hidden, 0.0, o.confidence)))
-    told = np.array([o.standing for o in with_standing(blind, NAMES)])
-    assert (told[6:, ANKLE] > 0.5).mean() > 0.9
-    assert not told[:, [HEEL, TOE, NAMES.index("right_ankle")]].any()
+    stands = np.array([o.standing for o in with_standing(blind, NAMES)])
+    assert (stands[6:, ANKLE] > 0.5).mean() > 0.9
+    assert not stands[:, [HEEL, TOE, NAMES.index("right_ankle")]].any()
 
 
-def test_what_is_told_hangs_on_the_last_moments_alone() -> None:
-    """So that a stream, a whole clip and a frame of a run file say the same."""
+def test_standing_depends_on_the_last_moments_alone() -> None:
+    """So that a stream, a whole clip and a frame of a run file agree."""
     observations = seen(squat(20), ASIDE)
     late = [o for o in observations if o.time >= observations[-1].time - 1.5 * SPAN]
     np.testing.assert_array_equal(with_standing(late, NAMES)[-1].standing, observations[-1].standing)
@@ -132,8 +132,8 @@ def test_targets_are_the_tie_with_the_earlier_pose_held() -> None:
 
 @pytest.mark.parametrize("angle", [-0.3, 0.2])
 def test_a_foot_is_level_at_zero_and_pays_for_its_tilt(angle: float) -> None:
-    """By the angle itself, whatever the heading; a foot that does not stand pays nothing, nor one without a body that
-    is upright."""
+    """By the angle itself, for any heading; a foot that does not stand has no energy, nor has one without an upright
+    body."""
     soles, up, std = Soles.of(BODY), np.array([0.0, 0.0, 1.0]), 0.1
     assert [NAMES[i] for i in soles.toe] == ["left_big_toe", "right_big_toe"]
     q = pin.neutral(BODY.model)

@@ -35,13 +35,13 @@ from tests.test_tracker_contract import FEW
 from tests.tiers import later
 from tests.tiny_clip import QUICK, named
 
-FPS = 2.5  # of the clip that the demonstration renders
+FPS = 2.5  # frame rate of the demonstration's clip
 BEGIN = ("css", "condensation", "icp")
 OTHERS = ("single-mode", "annealed", "multiple-hypothesis")
 
 
 def by_index(name: str, file: Path | None, **more: Any) -> Settings:
-    """Settings of a tracker that begins by an index."""
+    """Settings of a tracker that starts by an index."""
     search = {"start": "index", "index": str(file)}
     return settings_for(name, changes={"search": search, **more})
 
@@ -53,7 +53,7 @@ def tracked(clip: RenderedClip, **how: Any) -> km.Run:
 
 @pytest.fixture(scope="module")
 def frames(clip: RenderedClip) -> list[Observation]:
-    """Those of the clip, with depth and without keypoints; in the third nobody is seen."""
+    """Observations of the clip, with depth and without keypoints; the third shows no person."""
     (camera,) = load_cameras(clip.cameras).values()
     nothing = np.full((1, len(load_subject(clip.subject).landmarks), 2), np.nan)
     depths, videos = list(clip.depths.values()), list(clip.videos.values())
@@ -88,7 +88,7 @@ def test_all_that_begin_by_keypoints_begin_by_an_index_too(
     assert set(result.origins.family) == {"example"}
 
 
-def test_the_first_pose_is_found_without_keypoints_and_the_run_says_how(
+def test_the_first_pose_is_found_without_keypoints_and_its_origin_stored(
     clip: RenderedClip, small_index_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "a.run"
@@ -100,14 +100,14 @@ def test_the_first_pose_is_found_without_keypoints_and_the_run_says_how(
     assert (search["start"], search["index"]) == ("index", str(small_index_file))
     assert run.result(0).origins.family.tolist().count("example") == len(run.result(0).weight)
     assert run.result(1).extra["searches_example"] > 0
-    with pytest.raises(InputError, match="search"):  # goes on as it began, or not at all
+    with pytest.raises(InputError, match="search"):  # must resume with the same settings
         tracked(clip, **{**how, "start": None, "keypoints": clip.first_frame, "resume": True})
     given = tracked(clip, index=small_index_file, settings=QUICK, keypoints=clip.first_frame, end=0.0)
     assert given.result(0).origins.family.tolist() == ["start"] * len(given.result(0).weight)
 
 
-def test_keypoints_count_where_they_are_there(clip: RenderedClip, small_index_file: Path) -> None:
-    """The truth's keypoints in the first frame bring the first pose nearer to it than depth alone."""
+def test_keypoints_count_where_present(clip: RenderedClip, small_index_file: Path) -> None:
+    """With the truth's keypoints in the first frame the first pose is closer to it than by depth alone."""
     how: dict[str, Any] = {"tracker": "single-mode", "start": "index", "index": small_index_file, "end": 0.0}
     alone, both = (tracked(clip, keypoints=given, **how) for given in (None, clip.first_frame))
     truth = Reference.load(clip.truth).points[0]
@@ -135,11 +135,11 @@ def test_css_finds_again_whom_it_has_lost(
         _, result = tracker.step(np.random.default_rng(1), lost, frames[1])
         points = body.landmarks(body.at(result.q[0]))
         off[bool(index)] = np.linalg.norm(points - truth.points[1, order], axis=1).mean()
-        assert ("searches_example" in result.extra) == bool(index)  # nothing is another where no index is given
+        assert ("searches_example" in result.extra) == bool(index)  # nothing changes without an index
     assert off[True] < 0.1 < 0.5 < off[False]
 
 
-def test_more_is_looked_up_after_nobody_was_seen(
+def test_more_examples_are_searched_after_an_absence(
     clip: RenderedClip, frames: list[Observation], small_index_file: Path
 ) -> None:
     tracker = make_tracker("css", Body(load_subject(clip.subject)), by_index("css", small_index_file))
@@ -176,9 +176,9 @@ def test_what_cannot_begin_by_an_index_is_one_line(clip: RenderedClip, small_ind
         ({"settings": {"css": {"examples": 9}}, **keypoints}, "has no effect: search.index is empty"),
         ({"start": "index", "index": tmp_path / "none.npz"}, "there is no such file"),
     ]
-    for how, told in cases:
+    for how, message in cases:
         how = {"index": small_index_file, **how} if how.get("start") == "index" else how
-        with pytest.raises(InputError, match=told) as refused:
+        with pytest.raises(InputError, match=message) as refused:
             tracked(clip, **how)
         assert "\n" not in str(refused.value)
     with pytest.raises(InputError, match="'index' is for a track"):
@@ -186,11 +186,11 @@ def test_what_cannot_begin_by_an_index_is_one_line(clip: RenderedClip, small_ind
     bare = load_subject("arm8").urdf.replace("flesh", "fl")
     path = tmp_path / "bare.urdf"
     path.write_text(bare)
-    with pytest.raises(InputError, match="flesh"):  # there is no index, and none can be made
+    with pytest.raises(InputError, match="flesh"):  # no index exists, and none can be made
         km.track(path, clip.videos, cameras=clip.cameras, depth=clip.depths, cues="depth", start="index")
 
 
-def test_a_fit_goes_by_keypoints_whatever_the_track_begins_by() -> None:
+def test_a_fit_uses_keypoints_whatever_starts_the_track() -> None:
     changes = {"search": {"start": "index", "index": "some.npz", "spare": 5}}
     for name in ("css", "single-mode"):
         search = fit_settings(name, settings_for(name, changes=changes), changes).search

@@ -1,4 +1,4 @@
-"""docs/history/status.md is what the measures' registry and figures say, at a glance."""
+"""docs/history/status.md follows from the measures' registry and figures."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ NO_OPTIONS = {"set": "changes", "all": "every"}  # options whose argument has an
 
 
 def faults_of(command: str) -> list[str]:
-    """What is wrong with the command of a line."""
+    """Faults of the command of a line."""
     words = command.split()
     if words[:3] == ["python", "-m", "benchmarks"]:
         if words[3] not in by_name():
-            return [f"{words[3]} is no measure"]
+            return [f"{words[3]} is not a measure"]
         known = arguments_of(by_name()[words[3]].module)
         options = [word[2:] for word in words if re.match(r"--[a-z]", word)]
         return [f"{words[3]} has no --{o}" for o in options if NO_OPTIONS.get(o, o).replace("-", "_") not in known]
     if words[0] == "pytest":
         return [f"{word} is not there" for word in words[1:] if not (ROOT / word).is_file()]
-    return [] if words[0] in ("kinemode", "make") or command == "script, not kept" else [f"{command} is no command"]
+    return [] if words[0] in ("kinemode", "make") or command == "script, not kept" else [f"{command} is not a command"]
 
 
 def arguments_of(module: str) -> set[str]:
-    """The arguments of a measure's `main`, read from its source: to import all would take long."""
+    """The arguments of a measure's `main`, read from its source, as importing all would be slow."""
     tree = ast.parse((ROOT / (module.replace(".", "/") + ".py")).read_text(encoding="utf-8"))
     (main,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "main"]
     return {argument.arg for argument in (*main.args.args, *main.args.kwonlyargs)}
@@ -53,13 +53,13 @@ def test_the_page_is_what_the_command_writes() -> None:
     assert text == with_tables(text, load()), "python -m benchmarks --write-status"
 
 
-def test_every_line_is_short_and_its_command_is_there() -> None:
+def test_every_line_is_short_and_its_command_exists() -> None:
     assert sum(len(system.lines) for system in load()) > 100
     assert faults(load()) == []
 
 
 def test_most_measures_have_a_line() -> None:
-    """Those that only draw, or whose figures stand in other pages, have none."""
+    """Measures that only draw, or whose figures are on other pages, have none."""
     assert len(measures_without_line(load())) <= len(MEASURES) // 5
 
 
@@ -73,10 +73,10 @@ def test_reasons_stand_under_the_same_headings() -> None:
     ("line", "fault"),
     [
         (Line("a", "", "1", "python -m benchmarks bits --compare FILE"), ""),
-        (Line("a", "", "1", "python -m benchmarks bitz"), "a: bitz is no measure"),
+        (Line("a", "", "1", "python -m benchmarks bitz"), "a: bitz is not a measure"),
         (Line("a", "", "1", "python -m benchmarks bits --compares FILE"), "a: bits has no --compares"),
         (Line("a", "", "1", "pytest tests/test_nothing.py"), "a: tests/test_nothing.py is not there"),
-        (Line("a", "", "1", "by hand"), "a: by hand is no command"),
+        (Line("a", "", "1", "by hand"), "a: by hand is not a command"),
         (Line("a", "", "1 " * 21, "make test"), f"a: long cell {'1 ' * 21!r}"),
     ],
 )

@@ -25,7 +25,7 @@ def convex(rng: np.random.Generator, n: int, rank: int | None = None) -> np.ndar
 
 
 def brute_force(M: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """The best feasible point over every choice of active bounds; the minimum is among them."""
+    """The best feasible point over every choice of active bounds; it includes the minimum."""
     best, best_value = None, np.inf
     for sides in product((-1, 0, 1), repeat=len(g)):
         side = np.array(sides)
@@ -44,7 +44,7 @@ def brute_force(M: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarr
 
 
 def random_box(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds around zero, some of them infinite, some on zero itself, as at a joint limit."""
+    """Bounds around zero, some of them infinite, some exactly zero, as at a joint limit."""
     lower, upper = -rng.exponential(size=n), rng.exponential(size=n)
     lower[rng.random(n) < 0.2], upper[rng.random(n) < 0.2] = -np.inf, np.inf
     lower[rng.random(n) < 0.15] = 0.0
@@ -59,7 +59,7 @@ def test_the_box_solver_equals_enumeration() -> None:
         active, step = rng.integers(-1, 2, size=n).astype(np.int8), np.empty(n)
         verdict = solve_box(M, g, lower, upper, active, 20, step)
         assert verdict >= 0
-        if verdict > 0:  # a certificate must never lie, whatever was guessed
+        if verdict > 0:  # a certificate must be right for any guess
             certified += 1
             assert np.abs(step - brute_force(M, g, lower, upper)).max() < 1e-7 * (1.0 + np.abs(step).max())
             assert np.all(step[active < 0] == lower[active < 0])
@@ -80,7 +80,7 @@ def test_the_box_solver_takes_a_right_guess_in_one_round() -> None:
     assert taken > 15
 
 
-def test_the_box_solver_says_when_a_model_is_not_convex() -> None:
+def test_the_box_solver_reports_a_nonconvex_model() -> None:
     M, unlimited = np.diag([1.0, -1.0, 2.0]), np.full(3, np.inf)
     verdict = solve_box(M, np.ones(3), -unlimited, unlimited, np.zeros(3, dtype=np.int8), 5, np.empty(3))
     assert verdict == -1
@@ -110,7 +110,7 @@ class Problem:
         self.lower, self.upper = np.maximum(low, -self.radius), np.minimum(high, self.radius)
         inward = rng.uniform(self.lower, self.upper)
         self.A = rng.normal(size=(4, body.nv)) * (rng.random((4, body.nv)) < 0.3)
-        self.b = self.A @ inward - rng.uniform(0.0, 0.01, size=4)  # a feasible point exists, the rows bite
+        self.b = self.A @ inward - rng.uniform(0.0, 0.01, size=4)  # a feasible point exists, the rows are active
 
     @property
     def model(self) -> np.ndarray:
@@ -154,8 +154,8 @@ def test_steps_equal_those_of_a_plain_qp(name: str) -> None:
 
 
 @pytest.mark.parametrize("rows", [False, True])
-def test_steps_are_equal_whoever_solved_them(rows: bool) -> None:
-    """To the last bit, also the sets that the next step begins with; some are free, most touch bounds or rows."""
+def test_steps_are_equal_from_any_solver(rows: bool) -> None:
+    """To the last bit, also the sets that the next step starts from; some are free, most touch bounds or rows."""
     solvers = [StepSolver(body_of("human34"), name) for name in STEP_SOLVERS]
     for seed in range(24):
         problem, ends = Problem(seed, 0.0, 1e-4) if seed % 4 == 0 else Problem(seed), []
@@ -177,7 +177,7 @@ def test_steps_are_equal_whoever_solved_them(rows: bool) -> None:
 
 
 def half_convex(solver: StepSolver) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """A Hessian, a gradient and a trust box: concave along one direction, which is pressed onto its bound."""
+    """A Hessian, a gradient and a trust box: concave along one direction, which is pushed onto its bound."""
     nv = solver.body.nv
     hessian, gradient, radius = np.eye(nv), np.zeros(nv), np.full(nv, 10.0)
     hessian[0, 0], gradient[0], gradient[1], radius[0] = -1.0, -1e3, 0.1, 0.01
@@ -185,7 +185,7 @@ def half_convex(solver: StepSolver) -> tuple[np.ndarray, np.ndarray, np.ndarray,
 
 
 @pytest.mark.parametrize("name", STEP_SOLVERS)
-def test_what_is_no_convex_problem_stays_with_the_active_set(name: str) -> None:
+def test_nonconvex_problems_stay_with_the_active_set(name: str) -> None:
     solver = StepSolver(body_of("human34"), name)
     hessian, gradient, radius, held = half_convex(solver)
     active, q = np.zeros(solver.body.nv, dtype=np.int8), solver.body.neutral
@@ -201,7 +201,7 @@ def test_what_is_no_convex_problem_stays_with_the_active_set(name: str) -> None:
 
 
 def settled_by_the_active_set() -> Problem:
-    """The first problem that it settles."""
+    """The first problem solved by the active set."""
     for seed in range(12):
         problem, solver = Problem(seed), StepSolver(body_of("human34"), ACTIVE_SET)
         problem.step(solver)
@@ -212,8 +212,8 @@ def settled_by_the_active_set() -> Problem:
 
 @pytest.mark.parametrize("sharper", [False, True])
 def test_only_a_certified_answer_becomes_a_step(sharper: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where ProxQP names wrong sets it is asked again; where it does not mend them the active set is, and where rows
-    bite there is no step."""
+    """Where ProxQP returns wrong sets it is solved again to a tighter tolerance; if still wrong, the active set is
+    used, and with active rows there is no step."""
     problem, honest = settled_by_the_active_set(), StepSolver(body_of("human34"))
     plain, above = problem.step(honest), problem.step(honest, rows=True)
     assert honest.uncertified == 0
@@ -303,7 +303,7 @@ def test_equal_problems_have_equal_steps_whatever_came_between(rows: bool, name:
 
 @pytest.mark.parametrize("name", STEP_SOLVERS)
 def test_held_bounds_are_met_exactly(name: str) -> None:
-    """Else the pose stops short of a joint limit and nothing afterwards counts the limit as active."""
+    """Otherwise the pose stops short of a joint limit, which then never counts as active."""
     solver, held = StepSolver(body_of("human34"), name), 0
     for seed in range(12):
         problem, active = Problem(seed), np.zeros(solver.body.nv, dtype=np.int8)

@@ -1,4 +1,4 @@
-"""`kinemode.Tracker`: frame by frame it is the run of `kinemode.track`, to the last bit."""
+"""`kinemode.Tracker`: frame by frame it equals the run of `kinemode.track`, to the last bit."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from tests.tiers import later
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
 FPS, FRAMES, LAG = 25.0, 11, 3
-BLIND = (0, 6)  # nobody is seen in these frames
-FILTERED = {"smooth": {"enabled": False}}  # what is compared is not smoothed
+BLIND = (0, 6)  # no person is seen in these frames
+FILTERED = {"smooth": {"enabled": False}}  # compared without smoothing
 FEW: dict[str, Any] = {
     "css": {"samples": 4, "budget": {"searches": 12}, "modes": 3},
     "search": FEW_STARTS,
@@ -31,7 +31,7 @@ FEW: dict[str, Any] = {
 
 
 class Seen(NamedTuple):
-    """Keypoints (T, K, 3) of each camera by name, as a program has them and as a run was made from."""
+    """Keypoints (T, K, 3) of each camera by name, as arrays, from which the run was made."""
 
     cameras: dict[str, Camera]
     points: dict[str, np.ndarray]
@@ -45,7 +45,7 @@ class Seen(NamedTuple):
 
 
 def seen_from(folder: Path, azimuths: tuple[float, ...]) -> Seen:
-    """human34 seen by cameras with noise; tracked from files."""
+    """human34 seen by cameras with noise, tracked from files."""
     body, rng = body_of("human34"), np.random.default_rng(3)
     views = [camera_at(a, distance=3.5, height=1.0, aim=(0.0, 0.0, 0.9)) for a in azimuths]
     truth = authored_motion(body, 0.4 + np.arange(FRAMES) / FPS)
@@ -81,7 +81,7 @@ def tracker_of(seen: Seen, **changes: Any) -> km.Tracker:
 
 
 def same(step: Step, run: km.Run, i: int) -> bool:
-    """Whether a step has the bits of frame i of a run."""
+    """Whether a step equals frame i of a run bit by bit."""
     result = run.result(i)
     assert (step.index, step.time, step.status) == (result.index, result.time, result.status)
     upper = (..., *np.triu_indices(step.body.nv))  # what runs keep, in single precision
@@ -114,7 +114,7 @@ def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen
     late = [step for step in given if step is not None]
     rest = tracker.finish()
     assert [step is None for step in given[:LAG]] == [True] * LAG
-    # the first frame has no pose to be smoothed: it comes in its turn, and does not hold up the others for long
+    # the first frame has no pose to smooth: it comes in order, and does not delay the others for long
     assert [s.index for s in (*late, *rest)] == list(range(FRAMES))
     assert len(rest) <= LAG + 1
     assert all(same(step, alone.run, i) for i, step in enumerate((*late, *rest)))
@@ -132,7 +132,7 @@ def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen
 
 @pytest.mark.parametrize("cues", later(["edges,flow", "edges,flow,silhouette"], "edges,flow"))
 def test_with_pictures_they_are_the_runs_too(tmp_path: Path, cues: str) -> None:
-    """Of the silhouette where a picture of the empty scene is given, from which the run then goes, too."""
+    """Of the silhouette where a picture of the empty scene is given, which the run then uses too."""
     clip = tiny_clip(tmp_path, frames=4)
     ((name, video),) = clip.videos.items()
     plate = clip.plates if "silhouette" in cues else None
@@ -156,20 +156,20 @@ def test_with_pictures_they_are_the_runs_too(tmp_path: Path, cues: str) -> None:
         tracker.step(points[0], time=9.0)
 
 
-def test_how_much_keypoints_tremble_is_told_from_the_frames_so_far(alone: Seen) -> None:
-    """Unless it is given; a run knows its whole clip. Two pixels of noise were put in."""
+def test_keypoint_jitter_is_estimated_from_the_frames_so_far(alone: Seen) -> None:
+    """Unless it is given; a run knows its whole clip. Two pixels of noise were added."""
     tracker, still = tracker_of(alone, jitter=None), tracker_of(alone, jitter=0.0)
     for i in range(1, FRAMES):
-        told, untold = (t.step(alone.points["at15"][i], time=i / FPS) for t in (tracker, still))
-        assert told is not None
-        assert untold is not None
-        assert np.array_equal(told.q, untold.q) == (i < 3)  # second differences need three frames
+        informed, uninformed = (t.step(alone.points["at15"][i], time=i / FPS) for t in (tracker, still))
+        assert informed is not None
+        assert uninformed is not None
+        assert np.array_equal(informed.q, uninformed.q) == (i < 3)  # second differences need three frames
     observer = tracker._stepper._observer
     assert observer._pending is not None
     assert observer._pending.jitter[0] == pytest.approx(2.0, rel=0.5)
 
 
-def test_a_step_tells_angles_and_landmarks(alone: Seen) -> None:
+def test_a_step_gives_angles_and_landmarks(alone: Seen) -> None:
     tracker = tracker_of(alone)
     nothing = tracker.step(None, time=0.0)
     assert nothing is not None
@@ -200,7 +200,7 @@ def test_a_step_tells_angles_and_landmarks(alone: Seen) -> None:
         ({"keypoints": None, "picture": np.zeros((4, 4, 3), np.uint8), "time": 1.0}, "picture: is not used"),
     ],
 )
-def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given: Any, message: str) -> None:
+def test_an_invalid_frame_is_refused_and_does_not_count(pair: Seen, given: Any, message: str) -> None:
     tracker = km.Tracker("human34", cameras=pair.cameras, layout="coco17", settings=FEW)
     tracker.step(None, time=0.0)
     points = given["keypoints"]
@@ -224,11 +224,11 @@ def test_a_frame_that_cannot_be_is_refused_and_does_not_count(pair: Seen, given:
         ({"image_size": (640, 480), "cues": "silhouette"}, "show no whole clip .*picture of the empty scene"),
         ({"image_size": (640, 480), "jitter": {"side": 1.0}}, "jitter: is of side"),
         ({"image_size": (640, 480), "floor": 0.0, "lag": 4}, "floor: is of the cameras' world, and none is given"),
-        ({"camera": camera_at(15.0), "floor": 0.0}, "floor: is kept by smoothing, which there is none of"),
+        ({"camera": camera_at(15.0), "floor": 0.0}, "floor: needs smoothing, which is off"),
         ({"camera": camera_at(15.0), "floor": "sea", "lag": 4}, "floor: 'sea' is unknown"),
         ({"image_size": (640,)}, "image_size: cannot be of type tuple"),
     ],
 )
-def test_what_cannot_work_is_said_at_once(given: Any, message: str) -> None:
+def test_invalid_arguments_are_refused_at_once(given: Any, message: str) -> None:
     with pytest.raises(km.InputError, match=message):
         km.Tracker("human34", **given)

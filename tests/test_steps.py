@@ -1,4 +1,4 @@
-"""Random steps in a box: their density is that of what is drawn, and nothing leaves the box."""
+"""Random steps in a box: their density is that of the samples, and nothing leaves the box."""
 
 from __future__ import annotations
 

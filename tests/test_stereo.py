@@ -21,7 +21,7 @@ BASELINE = 0.12
 
 
 def camera(name: str, x: float, turn: float = 0.0, distortion: np.ndarray = STRAIGHT, y: float = 0.0) -> Camera:
-    """At (x, y, 0), looking along z, turned about y [degrees]."""
+    """A camera at (x, y, 0), facing along z, turned about y [degrees]."""
     R = Rotation.from_euler("y", turn, degrees=True).as_matrix()
     return Camera(name, SIZE, K, distortion, R, -R @ np.array([x, y, 0.0]))
 
@@ -59,17 +59,17 @@ def test_a_slanting_wall_is_where_it_is(turn: float, distortion: np.ndarray) -> 
     pair = StereoPair(left, right)
     assert pair.baseline == pytest.approx(BASELINE)
     depth = pair.depth(wall(left, NORMAL, 2.5)[0], wall(right, NORMAL, 2.5)[0])
-    inner = np.s_[40:-40, 60:-40]  # what both see: all but 30 px at the left
+    inner = np.s_[40:-40, 60:-40]  # seen by both: all but 30 px at the left
     assert np.isfinite(depth[inner]).mean() > 0.9
-    assert np.isfinite(depth[40:-40, 60:140]).mean() > 0.9  # nor do the left columns miss
+    assert np.isfinite(depth[40:-40, 60:140]).mean() > 0.9  # the left columns have depth too
     pixels = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), axis=-1).astype(float)
     in_camera = pair.camera.directions(pixels) * depth[..., None]
     world = (in_camera - pair.camera.t_camera_world) @ pair.camera.R_camera_world
     off = (world @ NORMAL - 2.5)[inner]
     off = off[np.isfinite(off)]
     assert abs(np.median(off)) < 0.01
-    said = float(np.median(pair.std(depth[inner][np.isfinite(depth[inner])])))
-    assert 0.3 < np.sqrt(np.mean(np.square(off))) / said < 1.5
+    stated = float(np.median(pair.std(depth[inner][np.isfinite(depth[inner])])))
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) / stated < 1.5
 
 
 def test_the_rectified_camera_projects_to_the_rectified_picture() -> None:
@@ -102,7 +102,7 @@ def test_what_only_one_camera_sees_has_no_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("right", "said"),
+    ("right", "message"),
     [
         (replace(camera("right", BASELINE), image_size=(320, 240)), "640 x 480 and 320 x 240"),
         (camera("right", 0.0), "0.0 mm apart"),
@@ -112,7 +112,7 @@ def test_what_only_one_camera_sees_has_no_depth() -> None:
         (replace(camera("right", 0.0), t_camera_world=np.array([0.0, 0.0, 0.5])), "behind the other"),
     ],
 )
-def test_cameras_that_see_no_depth_together_are_refused(right: Camera, said: str) -> None:
-    with pytest.raises(InputError, match=said) as refused:
+def test_cameras_that_see_no_depth_together_are_refused(right: Camera, message: str) -> None:
+    with pytest.raises(InputError, match=message) as refused:
         StereoPair(camera("left", 0.0), right)
     assert "left=right" in str(refused.value)

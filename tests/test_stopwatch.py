@@ -6,7 +6,7 @@ from benchmarks.support.stopwatch import Stopwatch
 
 
 class Work:
-    """Takes time on a clock of its own, `now` [s]."""
+    """Advances its own clock, `now` [s]."""
 
     now = 0.0
 

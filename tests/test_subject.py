@@ -1,4 +1,4 @@
-"""Every subject that loads by name keeps the same contract; scaling, locking and landmark files do what they say."""
+"""Every subject that loads by name keeps the same contract; scaling, locking and landmark files work as documented."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def subject(request: pytest.FixtureRequest) -> Subject:
 
 
 def same(a: Subject, b: Subject) -> bool:
-    """Equal in all but where it came from and what was told about it."""
+    """Equal in all but origin and notes."""
     return all(getattr(a, f.name) == getattr(b, f.name) for f in fields(Subject) if f.name not in ("source", "notes"))
 
 
@@ -106,7 +106,7 @@ def test_names_are_listed() -> None:
 
 
 def mirror_images(subject: Subject, q: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Landmarks, and what they are when left and right are exchanged and the axis is mirrored."""
+    """Landmarks, and the landmarks with left and right exchanged and the axis mirrored."""
     body = Body(subject)
     points = body.landmarks(body.at(q))
     swap = {"left": "right", "right": "left"}
@@ -135,7 +135,7 @@ def test_equal_values_left_and_right_give_a_mirrored_pose(name: str, axis: int) 
         np.testing.assert_allclose(points, mirrored, atol=1e-9)
 
 
-def test_the_human_stands_as_its_names_say() -> None:
+def test_the_landmarks_of_the_human_are_where_their_names_imply() -> None:
     """Heights, sides and front of a standing person, in both human subjects, each with its own axes."""
     for name, (front, left, up) in {
         "human34": ((0, 1), (1, 1), (2, 1)),
@@ -166,7 +166,7 @@ def test_the_human_stands_as_its_names_say() -> None:
 
 
 def lengths(subject: Subject) -> dict[str, float]:
-    """Distance of every joint, fixed ones included, from the joint it hangs on [m]."""
+    """Distance of every joint, fixed ones included, from its parent joint [m]."""
     model = subject.model
     joints = {model.names[j]: model.jointPlacements[j].translation for j in range(1, model.njoints)}
     fixed = {f.name: f.placement.translation for f in model.frames if f.type == pin.FrameType.FIXED_JOINT}
@@ -196,7 +196,7 @@ def test_scaling_is_exact_tied_and_keeps_the_prior_in_metres() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scales", "told"),
+    ("scales", "message"),
     [
         ({"left_knee": 1.1}, "left_knee_flexion"),
         ({"right_knee_flexion": 1.1}, "tied to 'left_knee_flexion'"),
@@ -204,8 +204,8 @@ def test_scaling_is_exact_tied_and_keeps_the_prior_in_metres() -> None:
         ({"skull": float("nan")}, "0.8 to 1.2"),
     ],
 )
-def test_scaling_refuses(scales: dict[str, float], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_scaling_refuses(scales: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         load_subject("human34").scaled(scales)
 
 
@@ -294,7 +294,7 @@ def test_a_landmark_file_next_to_the_urdf_is_used(tmp_path: Path) -> None:
     assert body.lower[body.bounded_q].tolist() == [-1.0, 0.0]
     assert body.upper[body.bounded_q].tolist() == [1.5, 1.0]
     scaled = subject.scaled({"j": 2.0})
-    scaled.write(tmp_path / "chain.urdf")  # complete in itself now: the landmark file is not put in a second time
+    scaled.write(tmp_path / "chain.urdf")  # self-contained now: the landmark file is not applied again
     assert same(load_subject(tmp_path / "chain.urdf"), scaled)
 
 
@@ -310,7 +310,7 @@ def test_meshes_are_kept_by_absolute_path(tmp_path: Path) -> None:
     bare = load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf")
     assert "<visual" not in bare.urdf
     assert "2 shapes are left out, their mesh files are missing (the first is 'm.stl')" in bare.notes[0]
-    assert "nothing keeps" not in bare.notes[0]  # none of them was to collide
+    assert "nothing keeps" not in bare.notes[0]  # none of them has collision geometry
     mesh = tmp_path / "pkg" / "urdf" / "m.stl"
     mesh.touch()
     assert load_subject(tmp_path / "pkg" / "urdf" / "chain.urdf").urdf.count(f'filename="{mesh.resolve()}"') == 2
@@ -337,12 +337,12 @@ def test_without_its_meshes_a_body_moves_alike_and_a_note_names_what_does_not_co
     np.testing.assert_array_equal(body.landmarks(body.at(body.neutral)), other.landmarks(other.at(other.neutral)))
     assert [solid.link for solid in solids_of(other)] == [solid.link for solid in solids_of(body)] == ["a"]
     assert "5 shapes are left out" in subject.notes[0]
-    assert subject.notes[0].endswith("nothing keeps these links apart from others: 'b', 'c'")  # a has its ball
+    assert subject.notes[0].endswith("nothing keeps these links apart from others: 'b', 'c'")  # a keeps its ball
     assert same(subject_from_text(subject.urdf, source=subject.source), subject)
 
 
 @pytest.mark.parametrize("begin", [km.landmark_start, km.match_start])
-def test_commands_go_on_without_meshes_and_say_so(tmp_path: Path, begin: Callable[..., str]) -> None:
+def test_commands_continue_without_meshes_with_a_note(tmp_path: Path, begin: Callable[..., str]) -> None:
     lost = CHAIN.replace('<link name="b"/>', f'<link name="b">{mesh_shape("visual", "package://gone/b.stl")}</link>')
     (tmp_path / "chain.urdf").write_text(lost)
     with pytest.warns(km.InputWarning, match=r"1 shape is left out, .* 'package://gone/b\.stl'"):

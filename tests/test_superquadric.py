@@ -66,7 +66,7 @@ def test_derivatives_are_central_differences(seed: int) -> None:
 
 @pytest.mark.parametrize("curvature", [0.0, 1e-9, 1e-4, 0.2, 0.3333, 0.34])
 def test_bending_is_smooth_through_zero_curvature(curvature: float) -> None:
-    """The series and the closed forms meet at |k| z = 0.1, here |k| = 1/3."""
+    """The series and the closed forms agree at |k| z = 0.1, here |k| = 1/3."""
     p, u = np.concatenate([[0.05, 0.04, 0.3], NEUTRAL]), places(1)
     p[7:] = curvature * np.array([0.6, -0.8])
     for k in (7, 8):
@@ -128,7 +128,7 @@ def test_poles_and_edges_of_the_domain_are_finite() -> None:
 
 
 @pytest.mark.parametrize(
-    ("index", "value", "told"),
+    ("index", "value", "message"),
     [
         (0, 0.0, "not positive"),
         (2, np.nan, "finite"),
@@ -139,13 +139,13 @@ def test_poles_and_edges_of_the_domain_are_finite() -> None:
         (8, -9.0, "folds"),
     ],
 )
-def test_faults_are_told(index: int, value: float, told: str) -> None:
+def test_faults_are_reported(index: int, value: float, message: str) -> None:
     p = np.array([0.1, 0.1, 0.3, 0.8, 1.0, 0.2, 0.2, 0.5, 0.0])
     assert fault(p) is None
     p[index] = value
     problem = fault(p)
     assert problem is not None
-    assert told in problem[0]
+    assert message in problem[0]
 
 
 def test_mirror_parameters_give_the_mirror_image() -> None:
@@ -155,7 +155,7 @@ def test_mirror_parameters_give_the_mirror_image() -> None:
 
 
 def folds(p: np.ndarray, u: np.ndarray) -> bool:
-    """Whether bending turns a part inside out somewhere, or takes its end around beyond a right angle."""
+    """Whether bending turns a part inside out somewhere, or bends its end beyond a right angle."""
     x = points(np.concatenate([p[:5], np.zeros(4)]), u)
     inside_out = np.linalg.det(superquadric.deformation_jacobian(p, x)).min() <= 0.0
     return bool(inside_out or np.abs(x[:, 2]).max() * np.hypot(*p[7:]) >= np.pi / 2)

@@ -29,7 +29,7 @@ FOREIGN = """<robot name="two"><subject base="fixed"/><link name="a">{a}</link><
 
 
 def check(surface: Surface) -> None:
-    """Every part is a closed sphere of triangles that look outwards, with unit normals."""
+    """Every part is a closed sphere of triangles that face outwards, with unit normals."""
     edges = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
     directed = {tuple(e) for e in edges.tolist()}
     assert len(directed) == len(edges)
@@ -55,7 +55,7 @@ def test_built_in_surfaces_are_closed_and_even(name: str, nodes: int) -> None:
     p = surface.local[surface.faces]
     edge = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).ravel()
     low, middle, high = np.quantile(edge, [0.01, 0.5, 0.99])
-    if nodes >= 1000:  # with fewer, the smallest parts set their own spacing
+    if nodes >= 1000:  # with fewer, the smallest parts determine their spacing
         assert low > 0.5 * middle
         assert high < 1.7 * middle
 
@@ -77,7 +77,7 @@ def test_capsules_and_ellipsoids_have_their_closed_forms() -> None:
 
 
 def test_nodes_lie_on_parts_in_the_frame_of_the_joint() -> None:
-    """Against the parts' own points, placed by their links' frames instead of their joints'."""
+    """Against the parts' points, placed by the frames of links instead of joints."""
     body = body_of("human34")
     surface = surface_of(body, 800)
     posed = body.at(random_pose(body, np.random.default_rng(0)))
@@ -116,7 +116,8 @@ def test_neighbouring_links_leave_no_gap() -> None:
 
 
 def windings(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """How often closed triangles (F, 3, 3) go round points (N, 3): by solid angles (van Oosterom, Strackee 1983)."""
+    """Winding numbers of closed triangles (F, 3, 3) about points (N, 3): by solid angles (van Oosterom, Strackee
+    1983)."""
     a, b, c = (triangles[:, k] - points[:, None] for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
     dot = [np.einsum("nfi,nfi->nf", u, v) for u, v in ((a, b), (b, c), (c, a))]
@@ -131,7 +132,7 @@ def test_urdf_geometry_is_covered_by_its_hull() -> None:
     body = Body(subject_from_text(FOREIGN.format(a=box, b=rod), source="two.urdf"))
     surface = surface_of(body, 1500)
     check(surface)
-    assert surface.links == ("a",)  # the visual shapes, since there are some
+    assert surface.links == ("a",)  # the visual shapes, as they exist
     outside = np.abs(surface.local - [0.1, 0.0, 0.0]) / [0.1, 0.2, 0.3]
     np.testing.assert_allclose(outside.max(axis=1), 1.0, atol=1e-9)
     rods = surface_of(body, 1500, "collision")
@@ -181,7 +182,7 @@ BENT = '<flesh shape="superquadric" radii="0.1 0.1 0.3" exponents="0.6 1" taper=
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ('taper="0.2 0.1"', 'taper="0.2"', "2 numbers"),
         ('taper="0.2 0.1"', 'taper="1 0"', "taper"),
@@ -195,9 +196,9 @@ BENT = '<flesh shape="superquadric" radii="0.1 0.1 0.3" exponents="0.6 1" taper=
         ("superquadric", "quadric", "superquadric, capsule, ellipsoid"),
     ],
 )
-def test_faulty_flesh_is_named(old: str, new: str, told: str) -> None:
+def test_faulty_flesh_is_named(old: str, new: str, message: str) -> None:
     assert subject_from_text(FOREIGN.format(a=BENT, b=""), source="bent.urdf").flesh[0].bend == (0.5, -1.0)
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         subject_from_text(FOREIGN.format(a=BENT.replace(old, new), b=""), source="bent.urdf")
     assert "'a'" in caught.value.place
     assert "line 1" in caught.value.place
@@ -234,8 +235,12 @@ def test_reshaped_parts_are_written_and_read() -> None:
     changed = [k for k, (a, b) in enumerate(zip(subject.flesh, other.flesh, strict=True)) if a != b]
     assert len(changed) == 2
     assert subject_from_text(other.urdf, source="again").flesh == other.flesh
-    for wrong, told in (({"tail": shape}, "no flesh"), ({"left_foot": shape}, "2 parts"), ({99: shape}, "no part 99")):
-        with pytest.raises(InputError, match=told):
+    for wrong, message in (
+        ({"tail": shape}, "no flesh"),
+        ({"left_foot": shape}, "2 parts"),
+        ({99: shape}, "no part 99"),
+    ):
+        with pytest.raises(InputError, match=message):
             subject.reshaped(wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="nine"):
         subject.reshaped({0: [1.0]})

@@ -1,4 +1,4 @@
-"""Clocks of cameras that did not start together are found from what moves, or said not to be sure."""
+"""Clocks of cameras that did not start together are found from motion, or reported as uncertain."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def own_times(rate: float = RATE, seconds: float = SECONDS) -> np.ndarray:
 
 
 def seen(camera: Camera, times: np.ndarray, seed: int, *, still: bool = False) -> Any:
-    """A noisy detector's keypoints of somebody who turns and reaches, at times of the common clock."""
+    """A noisy detector's keypoints of a person who turns and reaches, at times of the common clock."""
     q = authored_motion(BODY, np.full_like(times, 1.0) if still else times, TURN_REACH)
     return keypoints(BODY, q, [camera], np.random.default_rng(seed), DetectorSettings(1.0))[0]
 
@@ -50,43 +50,43 @@ def clocks(begins: list[float], rates: list[float], *, held: tuple[int, ...] = (
 
 @pytest.mark.parametrize("begins", [[0.0, 0.7, -0.45], [0.0, -0.31, 0.0]])
 def test_clocks_are_found_to_a_fraction_of_a_frame(begins: list[float]) -> None:
-    told = clocks(begins, [RATE] * 3)
-    assert told.sure.all()
-    np.testing.assert_allclose(told.offsets, begins, atol=0.75 / RATE)
-    assert (told.errors <= 0.5 / RATE).all()
+    synchrony = clocks(begins, [RATE] * 3)
+    assert synchrony.sure.all()
+    np.testing.assert_allclose(synchrony.offsets, begins, atol=0.75 / RATE)
+    assert (synchrony.errors <= 0.5 / RATE).all()
 
 
 def test_cameras_have_rates_of_their_own() -> None:
-    told = clocks([0.0, 0.52], [60.0, 25.0])
-    assert told.sure.all()
-    np.testing.assert_allclose(told.offsets, [0.0, 0.52], atol=0.5 / 25.0)
+    synchrony = clocks([0.0, 0.52], [60.0, 25.0])
+    assert synchrony.sure.all()
+    np.testing.assert_allclose(synchrony.offsets, [0.0, 0.52], atol=0.5 / 25.0)
 
 
 def test_a_camera_that_is_held_stays() -> None:
-    told = clocks([0.3, 0.7, 0.0], [RATE] * 3, held=(2,))
-    np.testing.assert_allclose(told.offsets, [0.3, 0.7, 0.0], atol=0.75 / RATE)
-    assert told.offsets[2] == 0.0
+    synchrony = clocks([0.3, 0.7, 0.0], [RATE] * 3, held=(2,))
+    np.testing.assert_allclose(synchrony.offsets, [0.3, 0.7, 0.0], atol=0.75 / RATE)
+    assert synchrony.offsets[2] == 0.0
 
 
 @pytest.mark.parametrize(("begins", "still"), [([0.0, 0.4], True), ([0.0, 0.4, 0.2], True), ([0.0, 4.0], False)])
-def test_what_cannot_be_told_is_not_sure(begins: list[float], still: bool) -> None:
-    """Nobody moves, or no moment is in common."""
-    told = clocks(begins, [RATE] * len(begins), still=still)
-    assert told.sure[0]
-    assert not told.sure[1:].any()
+def test_undeterminable_clocks_are_uncertain(begins: list[float], still: bool) -> None:
+    """No motion, or no common time."""
+    synchrony = clocks(begins, [RATE] * len(begins), still=still)
+    assert synchrony.sure[0]
+    assert not synchrony.sure[1:].any()
 
 
-def test_nothing_to_see_is_not_sure() -> None:
+def test_empty_tracks_are_uncertain() -> None:
     pixels = [np.full((90, 5, 2), np.nan)] * 2
-    told = synchronised(CAMERAS[:2], pixels, [own_times()] * 2)
-    assert told.sure.tolist() == [True, False]
-    assert np.isnan(told.offsets[1])
+    synchrony = synchronised(CAMERAS[:2], pixels, [own_times()] * 2)
+    assert synchrony.sure.tolist() == [True, False]
+    assert np.isnan(synchrony.offsets[1])
     lone = synchronised(CAMERAS[:2], [p[:1] for p in pixels], [np.zeros(1)] * 2)
     assert lone.sure.tolist() == [True, False]
 
 
 def test_lags_suit_all_pairs() -> None:
-    """A pair that is wrong is outvoted, and a camera that is still keeps its place."""
+    """A wrong pair is outvoted, and a still camera keeps its place."""
     a, b, most = np.array([0, 0, 1]), np.array([1, 2, 2]), 6
     table = np.abs(np.arange(-most, most + 1.0) - np.array([[2.0], [-3.0], [-5.0]]))
     table = np.minimum(table, 3.0)
@@ -106,13 +106,15 @@ def test_between_frames_lie_straight_lines() -> None:
     np.testing.assert_allclose(smooth[5:15], ramp[5:15])  # a straight line stays one
 
 
-def load(folder: Path, begins: dict[str, float], *, still: bool = False, **told: Any) -> Inputs:
+def load(folder: Path, begins: dict[str, float], *, still: bool = False, **options: Any) -> Inputs:
     paths = {}
     for c, (name, begin) in enumerate(begins.items()):
         paths[name] = folder / f"{name}.json"
         write_keypoints(paths[name], seen(CAMERAS[c], own_times() + 1.0 + begin, c, still=still))
     write_cameras(folder / "cameras.json", CAMERAS)
-    return load_inputs(BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", sync="auto", **told))
+    return load_inputs(
+        BODY, FileOptions(None, keypoints=paths, cameras=folder / "cameras.json", sync="auto", **options)
+    )
 
 
 def test_files_are_put_on_one_clock(tmp_path: Path) -> None:
@@ -121,10 +123,10 @@ def test_files_are_put_on_one_clock(tmp_path: Path) -> None:
     assert inputs.times[0] == pytest.approx(0.4)
     assert not any("end after" in note for note in inputs.notes)
     given = load(tmp_path, {"cam0": 0.0, "cam1": 0.4, "cam2": 0.0}, offset="cam1=1.4")
-    assert any("after cam1=1.4: cam0=1.000" in note for note in given.notes)  # what is given stays
+    assert any("after cam1=1.4: cam0=1.000" in note for note in given.notes)  # given offsets are kept
 
 
-def test_what_is_not_sure_is_refused(tmp_path: Path) -> None:
+def test_uncertain_clocks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"when cam1 started is not certain.*--offset cam1="):
         load(tmp_path, {"cam0": 0.0, "cam1": 0.4}, still=True)
     with pytest.raises(InputError, match="for several cameras"):

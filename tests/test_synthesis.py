@@ -66,7 +66,7 @@ def test_motions_are_possible(motion) -> None:
     assert {"human30": 30, "arm8": 8, "upper13": 13}.get(motion.subject, 34) == body.nv
 
 
-def test_motion_does_not_depend_on_the_times_asked_for(body: Body, q: np.ndarray) -> None:
+def test_motion_does_not_depend_on_the_requested_times(body: Body, q: np.ndarray) -> None:
     np.testing.assert_array_equal(authored_motion(body, TIMES[7:9]), q[7:9])
 
 
@@ -155,7 +155,7 @@ def test_cloth_moves_with_the_body(body: Body, q: np.ndarray) -> None:
     both = seen[0][1] & seen[1][1]
     first, second = seen[0][0][both], seen[1][0][both]
     assert both.sum() > 80
-    assert first.std() > 15.0  # the cloth has a pattern
+    assert first.std() > 15.0  # the fabric has a pattern
     assert np.corrcoef(first, second)[0, 1] > 0.9
 
 
@@ -274,7 +274,7 @@ def test_a_moving_background_moves_and_nothing_else_does(body: Body, q: np.ndarr
     renderer, posed = Renderer(body, cameras, np.random.default_rng(0), settings), body.at(q[20])
     first, later = (renderer.frame(posed, 0, np.random.default_rng(0), t) for t in (0.0, 0.2))
     inner = cv2.erode(renderer.maps(posed, 0).mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
-    # the mask knows the middles of pixels only: between the feet there are gaps narrower than that
+    # the mask samples pixel centres only: gaps between the feet are narrower than that
     assert (first != later).any(axis=-1)[inner].mean() < 1e-3
     assert (first != later).any(axis=-1)[~inner].mean() > 0.9
     plates = [cv2.cvtColor(renderer.plate(0, t), cv2.COLOR_BGR2GRAY).astype(float) for t in (0.0, 0.2)]
@@ -316,7 +316,7 @@ def test_settings_out_of_range_are_named(make, match: str) -> None:
         make()
 
 
-def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
+def test_keypoints_have_the_requested_scatter(body: Body, q: np.ndarray) -> None:
     cameras = scene_cameras()
     order = [body.landmark_names.index(name) for name in COCO17]
     exact = np.array([cameras[1].project(body.landmarks(body.at(pose)))[order] for pose in q])
@@ -334,7 +334,7 @@ def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
     assert np.median(np.abs(error[~missing])) / 0.6745 == pytest.approx(2.5, rel=0.15)
 
 
-def test_errors_that_last_are_as_long_and_as_wide_as_asked(body: Body, q: np.ndarray) -> None:
+def test_lasting_errors_have_the_requested_duration_and_size(body: Body, q: np.ndarray) -> None:
     """Correlations in time and between points are e^(-t / correlation) and e^(-distance / reach)."""
     camera, still = scene_cameras()[0], np.tile(q[:1], (4000, 1))
     errors = DetectorSettings(2.0, 0.0, 0.0, correlation=0.1, reach=0.3)
@@ -351,7 +351,7 @@ def test_errors_that_last_are_as_long_and_as_wide_as_asked(body: Body, q: np.nda
 
 
 def test_a_bias_stays_in_its_link_and_is_one_for_all_cameras(body: Body, q: np.ndarray) -> None:
-    """Rays of two cameras to what a detector without noise marks meet, at one place in the landmark's link."""
+    """Rays of two cameras through a noise-free detector's keypoints meet at one place in the landmark's link."""
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     cameras = [replace(camera, distortion=np.zeros(5)) for camera in framing_cameras(points, ViewSettings(count=2))]
     errors = DetectorSettings(0.0, 0.0, 0.0, bias=0.02)

@@ -1,4 +1,4 @@
-"""Likelihoods let in by powers, with moves: known posteriors and evidence, and moves that leave a density as it is."""
+"""Likelihoods applied by powers, with moves: known posteriors and evidence, and moves that preserve a density."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def log_normal(x: np.ndarray, mean: np.ndarray, std: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Rows:
-    """Samples as they are."""
+    """Samples unchanged."""
 
     x: np.ndarray
 
@@ -34,7 +34,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Plain:
-    """A standard normal past, what is told, a likelihood."""
+    """A standard normal past, a message, a likelihood."""
 
     log_message_of: Callable[[np.ndarray], np.ndarray]
     likelihood_of: Callable[[np.ndarray], np.ndarray]
@@ -68,7 +68,7 @@ def box(reach: float = np.inf) -> SampleBox:
 @pytest.mark.parametrize("chosen_by", [0.0, 0.3])
 def test_two_wells_have_their_shares_places_and_evidence(chosen_by: float) -> None:
     """A standard normal past and two narrow wells: every figure of the posterior has a closed form. Also from samples
-    that a power of the likelihood chose of many."""
+    preselected by a power of the likelihood."""
     masses = SHARES * np.exp([log_normal(well[None], np.zeros(3), np.hypot(1.0, WIDTH))[0] for well in WELLS])
     runs = []
     for seed in range(12):
@@ -100,8 +100,8 @@ def test_two_wells_have_their_shares_places_and_evidence(chosen_by: float) -> No
 
 
 def test_moves_leave_a_density_as_it_is() -> None:
-    """Samples of the posterior, with groups that hang together by what messages say: still its samples after many
-    moves, though each of them went elsewhere."""
+    """Samples of the posterior, with groups coupled by messages: still its samples after many moves, though each of
+    them moved."""
     pull = np.array([[1.0, 0.0, -1.0]])
 
     def log_message(x: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ def test_all_at_once_is_plain_selection() -> None:
     assert result.powers == 1
 
 
-def test_what_cannot_be_is_left_out_and_all_of_it_is_none() -> None:
+def test_impossible_states_are_left_out_and_all_of_them_give_none() -> None:
     def half(x: np.ndarray) -> np.ndarray:
         return np.where(x[:, 0] > 0.0, wells(x), -np.inf)
 
@@ -164,7 +164,7 @@ def test_what_cannot_be_is_left_out_and_all_of_it_is_none() -> None:
     assert tempered(rng, x, np.full(300, -np.inf), Plain(nothing, wells), box(), TemperingSettings()) is None
 
 
-def test_powers_are_no_more_than_asked_and_equal_generators_equal_bits() -> None:
+def test_powers_respect_their_bound_and_equal_generators_give_equal_bits() -> None:
     runs = []
     for powers in (2, 4, 4):
         rng = np.random.default_rng(8)

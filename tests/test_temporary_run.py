@@ -1,4 +1,4 @@
-"""A run without `out` leaves nothing behind, and can be used wherever it gets to until then."""
+"""A run without `out` leaves nothing behind, and can be used until its last reference is gone."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def left(folder: Path) -> list[Path]:
     return list(folder.iterdir())
 
 
-def test_it_goes_with_the_last_that_looks_at_it(clip: RenderedClip, temporary: Path) -> None:
+def test_it_is_deleted_with_its_last_user(clip: RenderedClip, temporary: Path) -> None:
     run = track(clip)
     assert run.file.is_file()
     again = kinemode.open_run(run.file)
@@ -90,7 +90,7 @@ def test_a_failure_leaves_nothing(clip: RenderedClip, temporary: Path, monkeypat
     assert left(temporary) == []
 
 
-def test_it_goes_with_the_process_but_not_with_a_forked_one(temporary: Path) -> None:
+def test_it_is_deleted_with_the_process_but_not_with_a_fork(temporary: Path) -> None:
     code = """
 import os, sys
 from estimator.runs.run_store import TemporaryFolder

@@ -40,7 +40,7 @@ def test_no_term_is_left_out() -> None:
 
 
 class Spring:
-    """A right term: 1/2 stiffness |q - rest|^2 of an arm, with a factor here and there to spoil."""
+    """A right term: 1/2 stiffness |q - rest|^2 of an arm, with factors that tests spoil."""
 
     name = "spring"
 
@@ -90,7 +90,7 @@ class Restless(Spring):
 
 class Remembers(Spring):
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        self.looks += exact  # a look at the exact Hessian is kept in mind
+        self.looks += exact  # a call for the exact Hessian changes the state
         gradient += 1e-9 * self.looks
         return super().accumulate(posed, gradient, hessian, exact)
 
@@ -148,7 +148,7 @@ BROKEN: dict[Callable[[], Spring], str] = {
     Overwrites: "adds to what is there",
     Restless: "adds to what is there",
     Remembers: "has no memory",
-    MovesTheBody: "leaves the posed body as it is",
+    MovesTheBody: "does not change the posed body",
     WrongSlope: "the gradient is the derivative",
     Lopsided: "the Hessian is symmetric",
     Indefinite: "the Hessian is positive semi-definite",
@@ -158,7 +158,7 @@ BROKEN: dict[Callable[[], Spring], str] = {
 
 
 @pytest.mark.parametrize("kind", BROKEN, ids=lambda kind: kind.__name__)
-def test_a_broken_law_is_found_and_told(kind: Callable[[], Spring]) -> None:
+def test_a_broken_law_is_found_and_reported(kind: Callable[[], Spring]) -> None:
     body = body_of("arm8")
     q = random_pose(body, np.random.default_rng(1), share=0.5)
     check_term(Spring(), body, q)

@@ -47,7 +47,7 @@ def test_a_value_is_the_one_with_derivatives_to_the_last_bit(member: Made) -> No
     body, term, q = member
     many = poses(body, q)
     whole = np.array([evaluated(term, body, each)[0] for each in many])
-    assert len(np.unique(whole)) > len(many) // 4  # they are no constant
+    assert len(np.unique(whole)) > len(many) // 4  # not constant
     assert np.array_equal([term.value(body.at(each)) for each in many], whole)
     assert isinstance(term, BatchTerm)
     order = np.random.default_rng(7).permutation(len(many))
@@ -55,14 +55,14 @@ def test_a_value_is_the_one_with_derivatives_to_the_last_bit(member: Made) -> No
     assert term.values(body.placed(many[:0])).shape == (0,)
 
 
-def test_names_tell_the_family_apart() -> None:
+def test_names_distinguish_the_family() -> None:
     made = [make(np.random.default_rng(5)) for make in FAMILY.values()]
     assert len({type(term) for _, term, _ in made}) == len({term.name for _, term, _ in made})
     assert {term.name for cue in IMAGE.values() for term in terms(cue)} == {"on contours", "flow"}
 
 
 def test_a_sum_has_the_value_of_its_quadratic_model() -> None:
-    """Also with a term that knows nothing of many poses at once."""
+    """Also with a term that does not support many poses at once."""
 
     class Alone:
         name = "alone"
@@ -103,10 +103,10 @@ def test_particles_pay_for_no_derivatives_and_have_the_same_energies(pictures: b
 
 
 def test_distances_survive_failed_queries() -> None:
-    """Every query fails here, so that the guesses that stand in for them are compared too."""
+    """Every query fails here, so that the approximations in their place are compared too."""
     body = frame().body
     self_collision = SelfCollision(body)
-    self_collision.arrays.kind[:] = curvature.UNKNOWN  # so that coal is asked for every pair
+    self_collision.arrays.kind[:] = curvature.UNKNOWN  # so that every pair is left to coal
     term = Interpenetration(self_collision)
     many = poses(body, frame().q)
     before = [evaluated(term, body, q)[0] for q in many]
@@ -116,7 +116,7 @@ def test_distances_survive_failed_queries() -> None:
     assert np.array_equal(term.values(body.placed(many)), whole)
 
 
-def test_point_targets_say_what_does_not_fit() -> None:
+def test_point_targets_report_mismatches() -> None:
     body, (joint, local) = frame().body, (frame().body.landmark_joint, frame().body.landmark_local)
     target, precision = np.zeros((len(joint), 3)), np.tile(np.eye(3), (len(joint), 1, 1))
     at_target = PointTargets(body, joint, local, body.landmarks(body.at(frame().q)), precision)

@@ -1,4 +1,4 @@
-"""A cue of another package does all that the built-in ones do, from the command line, and nothing else names it."""
+"""A cue of another package does all that built-in ones do, from the command line, and nothing else names it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.shot import RenderedClip
 from kinemode.testing import check_cue
-from tests.command_lines import check_written, interrupt_after, printed_by, said_by_readers, told, track_line
+from tests.command_lines import check_written, interrupt_after, output_of_readers, printed_by, run_elsewhere, track_line
 from tests.tiny_clip import tiny_clip
 
-with CUES.restored():  # the tests of all cues are not to know it
+with CUES.restored():  # other tests must not see it
     from tests.toy_cue import Toy
 
 FRAMES = 5
@@ -49,14 +49,14 @@ enabled = false
 
 @dataclass(frozen=True)
 class Runs:
-    """The same track of a clip: at one go; interrupted after two frames, with a worker that found the cue by itself,
-    and resumed; without the cue. And what was said of the first by the commands that read one, by their names."""
+    """The same track of a clip: uninterrupted; interrupted after two frames, with a worker that found the cue by
+    itself, and resumed; without the cue. And the output of the commands that read the first, by name."""
 
     clip: RenderedClip
     whole: Path
     stopped: Path
     without: Path
-    said: Mapping[str, str]
+    output: Mapping[str, str]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
         for path in (whole, stopped):
             printed_by(track_line(how, path))
         printed_by([*plainly, "--out", without])
-        return Runs(clip, whole, stopped, without, said_by_readers(whole, frame=2))
+        return Runs(clip, whole, stopped, without, output_of_readers(whole, frame=2))
 
 
 def test_it_moves_the_body_whenever_it_was_stopped(runs: Runs) -> None:
@@ -98,8 +98,8 @@ def test_every_command_takes_its_run(runs: Runs) -> None:
 
 def test_it_is_explained(runs: Runs) -> None:
     with pytest.raises(InputError, match=f"whole.run: .*the cue 'toy'.*{VARIABLE}"):
-        explain(kinemode.open_run(runs.whole), 2)  # this process does not have it
-    table = runs.said["explain"]
+        explain(kinemode.open_run(runs.whole), 2)  # this process has not registered it
+    table = runs.output["explain"]
     energy = {name: energy_of(name, table) for name in ("cam01: bright middle", "sum", "as the run has it")}
     assert energy["cam01: bright middle"] > 0.0
     assert energy["sum"] == pytest.approx(energy["as the run has it"], abs=2e-3)
@@ -119,12 +119,12 @@ def energy_of(name: str, table: str) -> float:
     return float(row.removeprefix(name).split()[0])
 
 
-def test_it_is_listed_and_its_settings_are_told() -> None:
+def test_it_is_listed_with_its_settings() -> None:
     listed = printed_by(["cues"])
     assert "silhouette" in listed
     assert "toy" not in listed
     wrong = ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]
-    cues, settings, refused = told(["cues"], ["settings"], wrong, plugins="tests.toy_cue")
+    cues, settings, refused = run_elsewhere(["cues"], ["settings"], wrong, plugins="tests.toy_cue")
     assert "where the picture is bright" in cues.out
     assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in settings.out
     assert "use_toy = true" in settings.out
@@ -133,7 +133,8 @@ def test_it_is_listed_and_its_settings_are_told() -> None:
 
 
 def test_nothing_else_names_it() -> None:
-    """One file of at most 60 lines, registered by being imported, and nobody who imports this one is left with it."""
+    """One file of at most 60 lines, registered by being imported; importing this module does not leave it
+    registered."""
     assert len((ROOT / "tests/toy_cue.py").read_text(encoding="utf-8").splitlines()) <= 60
     patterns = ["-e", "toy_cue", "-e", "ToySettings", "-e", "ToyMatcher", "-e", "bright middle"]
     listed = subprocess.run(["git", "grep", "-lw", *patterns], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""A tracker with a state of its own, no keypoints and no energy goes wherever the others go, and nobody knows it."""
+"""A tracker with its own state, no keypoints and no energy works wherever the others do, and nothing else names it."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe
-from tests.command_lines import check_written, interrupt_after, printed_by, said_by_readers, track_line
+from tests.command_lines import check_written, interrupt_after, output_of_readers, printed_by, track_line
 from tests.tiny_clip import tiny_clip
 
-with TRACKERS.restored():  # the tests of all trackers are not to know it
+with TRACKERS.restored():  # other tests must not see it
     from tests.toy_tracker import NOISE, SPEC, Middle, ToyTracker
 
 NAME, FRAMES, SHORT = "toy", 8, 5
@@ -56,13 +56,13 @@ def toy() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Tracked:
-    """Runs of the command line on a clip without keypoints: at one go, and interrupted and resumed; and what was said
-    of the first by the commands that read one, by their names."""
+    """Runs of the command line on a clip without keypoints: uninterrupted, and interrupted and resumed; and the output
+    of the commands that read the first, by name."""
 
     clip: RenderedClip
     whole: Path
     stopped: Path
-    said: Mapping[str, str]
+    output: Mapping[str, str]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
         interrupt_after(3, track_line(how, stopped), stopped)
         for path in (whole, stopped):
             printed_by(track_line(how, path))
-        return Tracked(clip, whole, stopped, said_by_readers(whole, frame=2))
+        return Tracked(clip, whole, stopped, output_of_readers(whole, frame=2))
 
 
 def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
@@ -90,7 +90,7 @@ def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
     assert not run.confidence.any()
     for note in (f"keypoints in 0 of {FRAMES} frames", "the subject is not fitted"):
         assert any(note in each for each in run.header.notes)
-    assert np.array_equal(run.q, run.filtered_q)  # it is not smoothed, which nobody asked for
+    assert np.array_equal(run.q, run.filtered_q)  # not smoothed, as not requested
     direction, widths, camera = run.extra["direction"], run.extra["widths"], run.header.cameras[0]
     assert np.allclose(camera.directions(camera.project(run.q[:, :3]))[:, :2], direction, atol=1e-6)
     for t, result in enumerate(run):
@@ -98,10 +98,10 @@ def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
         assert np.array_equal(widths[t, : len(own)], own)
         assert np.isnan(widths[t, len(own) :]).all()
     middle = camera.project(np.load(tracked.clip.truth)["landmarks"].mean(axis=1)[-1])
-    assert np.linalg.norm(direction[-1] - camera.directions(middle)[:2]) < 0.03  # of one at 4 m: 12 cm
+    assert np.linalg.norm(direction[-1] - camera.directions(middle)[:2]) < 0.03  # 12 cm at a distance of 4 m
 
 
-def test_it_is_interrupted_and_goes_on_to_the_same_bits(tracked: Tracked) -> None:
+def test_an_interrupted_run_resumes_to_the_same_bits(tracked: Tracked) -> None:
     assert differences(km.open_run(tracked.whole), km.open_run(tracked.stopped)) == []
 
 
@@ -111,9 +111,9 @@ def test_every_command_takes_its_run(tracked: Tracked) -> None:
     with np.load(tracked.whole.with_suffix(".npz")) as stored:
         for name in ("widths", "direction"):
             assert np.array_equal(stored[f"extra_{name}"], run.extra[name], equal_nan=True)
-    assert f"the hypotheses of {NAME} have no energy that could be taken apart" in tracked.said["explain"]
+    assert f"the hypotheses of {NAME} have no energy that could be taken apart" in tracked.output["explain"]
     direction = np.array2string(run.extra["direction"][2], precision=4, separator=", ")
-    assert f"direction: {direction}" in tracked.said["explain"]
+    assert f"direction: {direction}" in tracked.output["explain"]
 
 
 def test_it_keeps_the_contract(toy: None, clip: RenderedClip) -> None:
@@ -125,13 +125,14 @@ def test_it_keeps_the_contract(toy: None, clip: RenderedClip) -> None:
     check_tracker(lambda: make_tracker(NAME, body), seen)
 
 
-def test_it_is_refused_where_it_is_to_begin_by_an_index(toy: None, clip: RenderedClip) -> None:
-    with pytest.raises(InputError, match="start: toy does not begin by an index"):
+def test_it_is_refused_with_a_start_by_index(toy: None, clip: RenderedClip) -> None:
+    with pytest.raises(InputError, match="start: toy does not start by an index"):
         track(clip, start="index")
 
 
 def test_nothing_else_names_it() -> None:
-    """One file of at most 60 lines, registered by being imported, and nobody who imports this one is left with it."""
+    """One file of at most 60 lines, registered by being imported; importing this module does not leave it
+    registered."""
     assert len((ROOT / "tests/toy_tracker.py").read_text(encoding="utf-8").splitlines()) <= 60
     listed = subprocess.run(
         ["git", "grep", "-lwE", "toy_tracker|ToyTracker"], cwd=ROOT, capture_output=True, text=True, check=True
@@ -145,14 +146,14 @@ def track(clip: RenderedClip, **changes: Any) -> Run:
     return km.track("human34", **{**given, "settings": {"cues": {"working_size": 160}}, **changes})
 
 
-def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tmp_path: Path) -> None:
+def test_unsupported_features_are_reported_in_one_line(toy: None, clip: RenderedClip, tmp_path: Path) -> None:
     refused: list[tuple[dict[str, Any], str]] = [
-        ({"cues": "off", "mask": None}, f"{NAME} can begin in no frame.*--cues"),
+        ({"cues": "off", "mask": None}, f"{NAME} cannot start in any frame.*--cues"),
         ({"settings": {"smooth": {"enabled": True}}}, f"hypotheses of {NAME} have no energy that could be smoothed"),
         ({"clips": None, "mask": None}, "keypoints: are needed"),
     ]
-    for changes, told in refused:
-        with pytest.raises(InputError, match=told):
+    for changes, message in refused:
+        with pytest.raises(InputError, match=message):
             track(clip, out=tmp_path / "a.run", **changes)
     assert not (tmp_path / "a.run").exists()
 
@@ -160,7 +161,7 @@ def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tm
 def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
     toy: None, clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.warns(FindingWarning, match=f"{NAME} could begin in no frame"):
+    with pytest.warns(FindingWarning, match=f"{NAME} could not start in any frame"):
         run = track(clip, cues="edges", mask=None, out=tmp_path / "a.run")
     assert run.complete
     assert run.status.tolist() == ["unobserved"] * SHORT
@@ -168,7 +169,7 @@ def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
     assert dict(run.extra) == {}
     km.export(run, tmp_path / "a.npz")
     report.print_run(run)
-    assert f"look into it: {NAME} could begin in no frame" in capsys.readouterr().out
+    assert f"check: {NAME} could not start in any frame" in capsys.readouterr().out
     with pytest.raises(InputError, match="contains no tracked frame"):
         km.view(run, html=tmp_path / "a.html")
     with pytest.raises(InputError, match="nothing was observed"):
@@ -193,7 +194,7 @@ def test_a_stored_state_that_is_not_its_own_is_refused(clip: RenderedClip, tmp_p
 
 
 class Ahead(ToyTracker):
-    """Keeps what it is shown of the frames that follow."""
+    """Records the following frames that it receives."""
 
     capabilities = Capabilities(frames_ahead=2)
 
@@ -230,7 +231,7 @@ def test_frames_ahead_are_shown_with_their_cues_each_read_once(monkeypatch: pyte
     monkeypatch.setattr("tests.toy_tracker._mask", lambda observation: np.zeros((1, 1), dtype=bool))
     toy, cues = Ahead(), Numbers()
     frames = list(run_tracker(toy, seen, 0, cues=cues))
-    assert toy.shown == [(0,), (1, 2, 3), (2, 3, 4), (3, 4), (4,)]  # its init asks step
+    assert toy.shown == [(0,), (1, 2, 3), (2, 3, 4), (3, 4), (4,)]  # its init calls step
     assert cues.asked == [0, 1, 2, 3, 4]
     toy, cues = Ahead(), Numbers()
     list(run_tracker(toy, seen, 0, cues=cues, state=frames[1][1], first=2))

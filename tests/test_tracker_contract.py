@@ -46,7 +46,7 @@ FEW["dual_chain"] = {
     "pose": {"particles": 60, "kernels": 20, "tempering": {"moves": 1}},
 }
 BY_DEPTH = ("elmo", "psh")
-"""These begin by depth, see `tests.test_elmo`."""
+"""These start by depth, see `tests.test_elmo`."""
 
 
 def arm_clip(frames: int = 3) -> list[Observation]:
@@ -70,9 +70,9 @@ CLIPS = {"arm8": arm_clip, "human34": person_clip}
 
 
 OF_LIMBS = ("dual-chain", "likelihood-sampling")
-"""These go by one camera and by limbs of two segments."""
+"""These use one camera and limbs of two segments."""
 LONG = (("loose-limbed", "arm8"), ("likelihood-sampling", "human34"))
-"""Beside the same trackers of another body, and with the chain of points."""
+"""Covered by the same trackers of another body, and with the chain of points."""
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ class Last:
 
 
 class Still:
-    """A right tracker: the pose of the middle of all limits, trembling a little; methods here and there to spoil."""
+    """A right tracker: the pose of the middle of all limits, trembling a little; tests break single methods."""
 
     needs_keypoints = True
     noise = 1e-3
@@ -115,14 +115,14 @@ class Still:
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[Last, FrameResult]:
         q = 0.5 * (self.body.lower + self.body.upper)
-        return Last(q, observation.time), self.told(q, observation, "tracked", -1)
+        return Last(q, observation.time), self.result_of(q, observation, "tracked", -1)
 
     def step(self, rng: np.random.Generator, state: Last, observation: Observation) -> tuple[Last, FrameResult]:
         seen = observation.count > 0
         q = state.q + self.noise * rng.normal(size=self.body.nq) if seen else state.q
-        return Last(q, observation.time), self.told(q, observation, "tracked" if seen else "unobserved", 0)
+        return Last(q, observation.time), self.result_of(q, observation, "tracked" if seen else "unobserved", 0)
 
-    def told(self, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
+    def result_of(self, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
         nv, zero = self.body.nv, np.zeros(1)
         return FrameResult(
             observation.index, observation.time, status, q[None].copy(), np.ones(1), zero, 0.1 * np.eye(nv)[None],
@@ -141,12 +141,12 @@ def spoilt(**changes: Any) -> type[Still]:
 def telling(**arrays: Callable[[np.ndarray], Any]) -> type[Still]:
     """`Still` whose results have some arrays changed after the first frame."""
 
-    def told(self: Still, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
-        right = Still.told(self, q, observation, status, parent)
+    def result_of(self: Still, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
+        right = Still.result_of(self, q, observation, status, parent)
         spoil = {name: change(getattr(right, name)) for name, change in arrays.items()}
         return right if parent < 0 else replace(right, **spoil)
 
-    return spoilt(told=told)
+    return spoilt(result_of=result_of)
 
 
 class Unseeded(Still):
@@ -155,7 +155,7 @@ class Unseeded(Still):
 
 
 class KeepsCount(Still):
-    """Its own counter moves the pose: the state is not all that it uses."""
+    """Its own counter moves the pose: it uses more than its state."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -167,7 +167,7 @@ class KeepsCount(Still):
 
 
 class HidesState(Still):
-    """Goes by more than it stores."""
+    """Uses more than it stores."""
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[Last, FrameResult]:
         state, result = super().init(rng, observation)
@@ -223,8 +223,8 @@ class Chokes(Still):
 
 
 class SaysTracked(Still):
-    def told(self, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
-        return super().told(q, observation, "tracked", parent)
+    def result_of(self, q: np.ndarray, observation: Observation, status: str, parent: int) -> FrameResult:
+        return super().result_of(q, observation, "tracked", parent)
 
 
 class ForgetsTime(Still):
@@ -238,10 +238,10 @@ def _lopsided(covariance: np.ndarray) -> np.ndarray:
 
 
 BROKEN: dict[str, tuple[type[Still], str]] = {
-    "starts from nothing": (spoilt(can_start=lambda *_: True), "nothing is not enough to begin"),
+    "starts from nothing": (spoilt(can_start=lambda *_: True), "an empty frame is no start"),
     "unsure": (spoilt(can_start=lambda *_: 7), "can_start is true or false"),
     "needs unsaid": (spoilt(needs_keypoints=None), "declares whether it needs keypoints"),
-    "capable by a table": (spoilt(capabilities={"frames_ahead": 1}), "what it can do is one record"),
+    "capable by a table": (spoilt(capabilities={"frames_ahead": 1}), "its capabilities are one record"),
     "unseeded": (Unseeded, "equal seeds give equal tracks"),
     "keeps count": (KeepsCount, "a tracker that has tracked tracks the same again"),
     "hides state": (HidesState, "a resumed track is the uninterrupted one"),
@@ -252,7 +252,7 @@ BROKEN: dict[str, tuple[type[Still], str]] = {
     "raises": (Raises, "a frame in which nothing is seen is flagged, not raised"),
     "says tracked": (SaysTracked, "a frame in which nothing is seen is flagged, not raised"),
     "chokes": (Chokes, "a frame of nonsense is flagged, not raised"),
-    "forgets time": (ForgetsTime, "a state knows its time"),
+    "forgets time": (ForgetsTime, "a state has its time"),
     "wrong frame": (telling(index=lambda i: i + 1), "a result is of its frame"),
     "odd status": (telling(status=lambda _: "lost"), "a status is a known one"),
     "no hypothesis": (telling(weight=lambda w: w[:0]), "there is a hypothesis"),
@@ -271,7 +271,7 @@ def test_a_right_tracker_passes() -> None:
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_broken_law_is_found_and_told(kind: str) -> None:
+def test_a_broken_law_is_found_and_reported(kind: str) -> None:
     tracker, law = BROKEN[kind]
     with pytest.raises(ContractError) as broken:
         check_tracker(tracker, arm_clip())
@@ -280,7 +280,7 @@ def test_a_broken_law_is_found_and_told(kind: str) -> None:
 
 
 def test_orientations_have_to_be_unit_quaternions() -> None:
-    """And weights have to fall and be none below zero: of two hypotheses of a free body."""
+    """Weights must be decreasing and not below zero: two hypotheses of a free body."""
     from kinemode.testing.trackers import check_result
 
     body = body_of("human34")
@@ -301,7 +301,7 @@ def test_orientations_have_to_be_unit_quaternions() -> None:
             check_result("two", body, seen, replace(right, **changes))  # type: ignore[arg-type]
 
 
-def test_a_clip_that_cannot_tell_is_refused() -> None:
+def test_an_uninformative_clip_is_refused() -> None:
     seen = arm_clip()
     with pytest.raises(ValueError, match="2 frames are too few"):
         check_tracker(Still, seen[:2])

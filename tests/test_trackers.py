@@ -1,4 +1,4 @@
-"""What every tracker does over a longer clip, what each is known for, and settings by name."""
+"""The common behaviour of trackers over a longer clip, that of each, and settings by name."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _equal(x: Any, y: Any) -> bool:
 
 
 BY_POINTS = [name for name in TRACKERS if TRACKERS[name].group not in ("elmo", "loose_limbed", "dual_chain")]
-"""Of the others see `test_elmo`, `test_loose_limbed` and `test_dual_chain`; they keep the contract."""
+"""For the others see `test_elmo`, `test_loose_limbed` and `test_dual_chain`; they keep the contract."""
 
 
 @pytest.fixture(params=BY_POINTS)
@@ -103,7 +103,7 @@ def noise(request: pytest.FixtureRequest) -> float:
     return float(request.param)
 
 
-def test_as_many_hypotheses_as_asked_for_and_no_parts_in_each_other(name: str, noise: float) -> None:
+def test_the_requested_number_of_hypotheses_without_overlapping_parts(name: str, noise: float) -> None:
     results = [r for r, _ in track(name, noise)]
     for r in results:
         assert 1 <= len(r.weight) <= MODES
@@ -114,7 +114,7 @@ def test_as_many_hypotheses_as_asked_for_and_no_parts_in_each_other(name: str, n
 
 
 def test_the_person_is_followed(name: str) -> None:
-    """Little noise: within the depth that one camera leaves open, the best hypothesis stays with the person."""
+    """With little noise the best hypothesis stays with the person, up to the depth that one camera leaves open."""
     body = body_of("human34")
     errors, fits = [], []
     for (r, _), q, seen in zip(track(name, NOISE[0]), truth(), clip(NOISE[0]), strict=True):
@@ -125,7 +125,7 @@ def test_the_person_is_followed(name: str) -> None:
     assert np.nanmax(fits) < (20.0 if name in PARTICLES else 6.0)
 
 
-def test_a_track_goes_on_after_and_before_an_unseen_frame(name: str) -> None:
+def test_a_track_continues_across_an_unseen_frame(name: str) -> None:
     """From the stored state, to the same result, to the last bit."""
     whole = track(name, NOISE[1])
     for broken in (MISSING - 1, MISSING):
@@ -135,8 +135,8 @@ def test_a_track_goes_on_after_and_before_an_unseen_frame(name: str) -> None:
         assert all(same_result(a, b) for (a, _), (b, _) in zip(whole[broken + 1 :], resumed, strict=True))
 
 
-def test_a_state_that_cannot_be_is_refused(name: str) -> None:
-    """Whatever array of it is missing, of another shape or kind, or not finite."""
+def test_an_invalid_state_is_refused(name: str) -> None:
+    """If any array of it is missing, of another shape or kind, or not finite."""
     goes_on = tracker(name)
     arrays = track(name, NOISE[1])[1][1].arrays()
     for which, array in arrays.items():
@@ -176,7 +176,7 @@ TOLD = {
 }  # fmt: skip
 
 
-def test_each_tracker_tells_its_own_information(name: str, noise: float) -> None:
+def test_each_tracker_reports_its_own_arrays(name: str, noise: float) -> None:
     results = [r for r, _ in track(name, noise)]
     few = FEW[TRACKERS[name].group]
     for r in results:
@@ -193,8 +193,8 @@ def test_each_tracker_tells_its_own_information(name: str, noise: float) -> None
             next(iter(r.extra.values()), np.frombuffer(b""))[...] = 0
     if name == "css":
         families = np.concatenate([r.origins.family for r in results if r.extra and r.origins is not None])
-        told = {n for r in results for n in r.extra if r.extra[n] > 0}
-        assert {f"searches_{f.replace(' ', '_')}" for f in families} <= told
+        nonzero = {n for r in results for n in r.extra if r.extra[n] > 0}
+        assert {f"searches_{f.replace(' ', '_')}" for f in families} <= nonzero
 
 
 def test_the_log_evidence_is_the_mean_likelihood_of_the_particles() -> None:
@@ -258,7 +258,7 @@ def test_a_frame_of_nonsense_is_flagged_not_raised(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["single-mode", "robust-single-mode", "multiple-hypothesis", *PARTICLES])
 def test_limits_are_kept_unless_a_tracker_has_none(name: str) -> None:
-    """A knee that bends the wrong way: the others stop at the limit, the one without follows it."""
+    """A knee that bends the wrong way: the others stop at the limit, the one without limits follows it."""
     body, free = body_of("human34"), unlimited(body_of("human34"))
     knee = body.q_names.index("left_knee_flexion")
     clip = []
@@ -272,12 +272,12 @@ def test_limits_are_kept_unless_a_tracker_has_none(name: str) -> None:
         assert results[-1].q[0, knee] == pytest.approx(-0.5, abs=0.1)
     else:
         assert all(inside(body, r.q) for r in results)
-        if name not in ("condensation", "annealed"):  # so few particles are anywhere near it
+        if name not in ("condensation", "annealed"):  # so few particles rarely come near it
             assert results[-1].q[0, knee] < body.lower[knee] + 0.1
 
 
 def test_hypotheses_share_out_the_particles() -> None:
-    """Each has the weight of its own; where only one is reported, it is the mean and covariance of all particles."""
+    """Each has the weight of its particles; a single one is the mean and covariance of all particles."""
     body = body_of("human34")
     by_modes = {}
     for modes in (1, 7):
@@ -295,7 +295,7 @@ def test_hypotheses_share_out_the_particles() -> None:
 
 
 class Pages:
-    """Keeps what a run writes."""
+    """Records what a run writes."""
 
     def __init__(self) -> None:
         self.pages: list[tuple[FrameResult, dict[str, np.ndarray]]] = []
@@ -305,9 +305,9 @@ class Pages:
 
 
 def test_a_run_is_written_as_it_goes() -> None:
-    pages, told = Pages(), []
-    run_into(pages, tracker("single-mode"), clip(NOISE[1]), SEED, progress=lambda done, of: told.append((done, of)))
-    assert told == [(k + 1, FRAMES) for k in range(FRAMES)]
+    pages, messages = Pages(), []
+    run_into(pages, tracker("single-mode"), clip(NOISE[1]), SEED, progress=lambda done, of: messages.append((done, of)))
+    assert messages == [(k + 1, FRAMES) for k in range(FRAMES)]
     for (result, arrays), (expected, state) in zip(pages.pages, track("single-mode", NOISE[1]), strict=True):
         assert same_result(result, expected)
         assert all(np.array_equal(arrays[k], v) for k, v in state.arrays().items())
@@ -365,7 +365,7 @@ def test_settings_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"cots": {}}, ("cots", "cost, search, css")),
         ({"cost": {"mu": 1.0}}, ("mu", "potential", "keypoint_noise", "exchange_penalty")),
@@ -377,10 +377,10 @@ def test_settings_by_name() -> None:
         ({"cost": 3}, ("cost", "table")),
     ],
 )
-def test_wrong_settings_are_named_with_the_valid_ones(changes: dict[str, object], told: tuple[str, ...]) -> None:
+def test_wrong_settings_are_named_with_the_valid_ones(changes: dict[str, object], message: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as error:
         settings_for("css", changes=changes)
-    assert all(part in str(error.value) for part in told)
+    assert all(part in str(error.value) for part in message)
 
 
 def test_wrong_trackers_are_named_with_the_valid_ones() -> None:
@@ -404,7 +404,7 @@ def test_wrong_trackers_are_named_with_the_valid_ones() -> None:
     ],
 )
 def test_values_that_cannot_work_are_input_errors(changes: dict[str, object]) -> None:
-    """Whether settings or tracker find it, the user is told in one readable line."""
+    """The user gets one readable line, whether settings or tracker find the fault."""
     with pytest.raises(InputError):
         list(
             run(make_tracker("css", body_of("human34"), settings_for("css", changes=changes)), clip(NOISE[0])[:2], SEED)

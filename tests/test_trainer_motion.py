@@ -1,4 +1,4 @@
-"""Motions for trainers, read back: q is what it was, links are where the body has them, times are even."""
+"""Motions for trainers, read back: q is unchanged, links are where the body has them, times are even."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def rebuilt(body: Body, root: np.ndarray | None, joints: dict[str, np.ndarray]) 
 
 
 def same(body: Body, q: np.ndarray, expected: np.ndarray) -> None:
-    if body.has_free_root:  # a quaternion and its negative are the same turn
+    if body.has_free_root:  # a quaternion and its negative are the same rotation
         signs = np.sign(np.sum(q[:, 3:7] * expected[:, 3:7], axis=1))
         q[:, 3:7] *= signs[:, None]
     np.testing.assert_allclose(q, expected, rtol=0.0, atol=1e-12)

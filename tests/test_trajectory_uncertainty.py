@@ -1,4 +1,4 @@
-"""How sure a smoothed trajectory is: known covariances, stretches that nobody sees, other hypotheses, and run files."""
+"""Uncertainty of a smoothed trajectory: known covariances, unseen stretches, other hypotheses, and run files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def drawn_to(std: float) -> Cost:
     return Cost(BODY, [Transition(BODY, BODY.neutral, np.full(BODY.nv, std))])
 
 
-def test_covariances_are_of_the_whole_hessian() -> None:
+def test_covariances_come_from_the_whole_hessian() -> None:
     motion = MotionPrior(np.full(BODY.nv, 0.5), np.full(BODY.nv, 4.0))
     rng, n = np.random.default_rng(2), 5 * BODY.nv
     costs = [drawn_to(std) for std in rng.uniform(0.1, 1.0, 5)]
@@ -57,8 +57,8 @@ def test_covariances_are_of_the_whole_hessian() -> None:
 
 
 def test_a_prior_counts_once_and_what_lasts_less_often() -> None:
-    """Frames that nothing ties: each has its own likelihood and prior. Tied firmly they share their likelihoods, as
-    often as these are told anew, but not their priors."""
+    """Frames without ties each have their own likelihood and prior. Firmly tied they share their likelihoods, counted
+    once per independent frame, but not their priors."""
     seen, prior, q = 0.2, 0.3, np.tile(BODY.neutral, (5, 1))
     hessian = np.array([drawn_to(prior).at(pose).hessian for pose in q])
     cost = drawn_to(seen).plus(drawn_to(prior).terms)
@@ -78,7 +78,7 @@ def test_a_prior_counts_once_and_what_lasts_less_often() -> None:
 
 @pytest.fixture(scope="module")
 def track() -> Track:
-    """A person before two cameras, whom nobody sees in the gap."""
+    """A person before two cameras, who is unseen in the gap."""
     body, few = body_of("human34"), {"css": FEW, "search": FEW_STARTS}
     whole = tracked(body, authored_motion(body, 0.4 + np.arange(FRAMES) / FPS), (15, 80), {})
     seen = [replace(o, confidence=0.0 * o.confidence) if o.index in GAP else o for o in whole.seen]
@@ -91,7 +91,7 @@ def smoothed(track: Track) -> Smoothed:
     return smooth_track(track.search, track.seen, track.results)
 
 
-def test_what_nobody_sees_is_less_sure_the_farther_it_is_from_what_is_seen(track: Track, smoothed: Smoothed) -> None:
+def test_uncertainty_grows_with_the_distance_from_seen_frames(track: Track, smoothed: Smoothed) -> None:
     assert smoothed.covariance is not None
     std = np.sqrt(np.einsum("tii->ti", smoothed.covariance))
     middle, edge = std[[12, 13]].min(axis=0), std[[GAP[0] - 2, GAP[-1] + 2]].max(axis=0)
@@ -144,7 +144,7 @@ def written(file: Path, track: Track, smoothed: Smoothed) -> Run:
     return Run.open(file)
 
 
-def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, smoothed: Smoothed) -> None:
+def test_a_run_has_the_smoothed_trajectory(tmp_path: Path, track: Track, smoothed: Smoothed) -> None:
     stored = written(tmp_path / "a.run", track, smoothed)
     assert stored.smoothed is not None
     assert smoothed.covariance is not None
@@ -162,15 +162,15 @@ def test_a_run_tells_of_the_smoothed_trajectory(tmp_path: Path, track: Track, sm
 def test_a_long_run_is_written_and_read_by_parts(
     tmp_path: Path, track: Track, smoothed: Smoothed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And says what a short one says; its frames are not kept once they were read."""
+    """With the values of a short one; its frames are released after reading."""
     names = ("q", "filtered_q", "time", "index", "status", "path", "weight", "energy", "mode_association", "mode_q")
     short = written(tmp_path / "short.run", track, smoothed)
-    said = {name: getattr(short, name) for name in names}
+    expected = {name: getattr(short, name) for name in names}
     monkeypatch.setattr(run_arrays, "_PART", 7)
     monkeypatch.setattr(run_reader, "_FEW", 7)
     long = written(tmp_path / "long.run", track, smoothed)
     for name in names:
-        np.testing.assert_array_equal(said[name], getattr(long, name))
+        np.testing.assert_array_equal(expected[name], getattr(long, name))
     assert long.hypothesis_count == short.hypothesis_count
     assert "_frames" in vars(short)
     assert "_frames" not in vars(long)
@@ -184,7 +184,7 @@ def test_a_long_run_is_written_and_read_by_parts(
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong", "said"),
+    ("name", "wrong", "message"),
     [
         ("covariance", np.zeros((FRAMES, 3), dtype=np.float32), "covariance"),
         ("covariance", np.full((FRAMES, 595), -1.0, dtype=np.float32), "invalid numbers"),
@@ -193,10 +193,12 @@ def test_a_long_run_is_written_and_read_by_parts(
         ("weight", None, "not both"),
     ],
 )  # fmt: skip
-def test_damage_is_told(track: Track, smoothed: Smoothed, name: str, wrong: np.ndarray | None, said: str) -> None:
+def test_damage_is_reported(
+    track: Track, smoothed: Smoothed, name: str, wrong: np.ndarray | None, message: str
+) -> None:
     arrays = joined(smoothed_parts(smoothed))
     check_smoothed(arrays, track.body)
     assert smoothed_in({"q": arrays["q"]}, track.body).covariance is None
     damaged = {key: value for key, value in arrays.items() if key != name}
-    with pytest.raises(DamageError, match=said):
+    with pytest.raises(DamageError, match=message):
         check_smoothed(damaged if wrong is None else {**arrays, name: wrong}, track.body)

@@ -59,7 +59,7 @@ def test_the_other_reading_mirrors_the_trunk_and_leaves_the_legs_where_they_are(
     assert inside(BODY, other)
     before, after = (BODY.landmarks(BODY.at(x)) for x in (q, other))
     off = np.linalg.norm(FRONT.project(after) - FRONT.project(before), axis=1)
-    assert np.max(off[LIMBS]) < 25.0  # of a person of 300 px: a quadrilateral is mirrored nearly
+    assert np.max(off[LIMBS]) < 25.0  # for a person of 300 px: a quadrilateral is mirrored only approximately
     if heading in (0.0, np.pi):
         assert np.max(np.linalg.norm(after[LEGS] - before[LEGS], axis=1)) < 0.06
     assert trunk_readings(BODY, np.array([q, other]), FRONT).tolist() == (
@@ -96,7 +96,8 @@ def test_interpretations_have_the_other_reading() -> None:
 
 
 def test_rest_positions_count_by_their_share_between_readings_alone() -> None:
-    """Within a reading nothing moves; the gap between the best of both is that of the evidence; one alone is left."""
+    """Within a reading nothing shifts; the gap between the best of both follows the evidence; a single one is
+    unchanged."""
     readings = np.array([TOWARDS, AWAY, AWAY, ACROSS, TOWARDS])
     energy, rest = np.array([10.0, 14.0, 15.0, 12.0, 11.0]), np.array([2.0, 9.0, 7.0, 1.0, 4.0])
     shifts = reading_shifts(readings, energy, rest, 0.1)
@@ -115,7 +116,8 @@ def test_rest_positions_count_by_their_share_between_readings_alone() -> None:
 
 
 def test_room_is_kept_for_the_other_reading_however_little_it_weighs() -> None:
-    """The last of the best gives way; not with two cameras, nor where the best trunk is upright, nor if unwanted."""
+    """The last of the best is replaced; not with two cameras, nor where the best trunk is upright, nor if switched
+    off."""
     model, jumps = CostModel(BODY), KinematicJumps(BODY)
     q = leaning(0.6)
     other = jumps.trunk_turned(q, FRONT)
@@ -136,12 +138,13 @@ def test_room_is_kept_for_the_other_reading_however_little_it_weighs() -> None:
 
 
 def candidate(q: np.ndarray, energy: float) -> Candidate:
-    """One that was searched to an energy."""
+    """A candidate with a given energy."""
     return Candidate(Hypothesis(q, 0), q, BODY.landmarks(BODY.at(q)), float(energy))
 
 
 def test_a_frame_without_the_other_reading_is_searched_for_it() -> None:
-    """Tracked from one reading, the mixture has both after the next frame, and weights that count rest by its share."""
+    """Tracked from one reading, the mixture has both after the next frame, and weights that count the rest position by
+    its share."""
     tracker, q = make_tracker("css", BODY, settings_for("css")), leaning(0.6)
     seen = [
         observe(BODY, q, (FRONT,), noise=1.0, rng=np.random.default_rng(t), index=t, time=t / 30.0) for t in range(3)
@@ -165,7 +168,7 @@ def test_weights_of_readings_are_those_of_the_frame_and_within_one_those_of_the_
 
 
 def test_a_path_has_the_better_reading_of_each_stretch() -> None:
-    """Over all of the stretch: one frame that says otherwise, or lacks one, changes nothing."""
+    """Over the whole stretch: one frame that disagrees, or lacks a reading, changes nothing."""
     both, missing = np.array([TOWARDS, AWAY]), np.array([TOWARDS, ACROSS])
     readings = [missing, both, both, missing, both, missing, missing, missing, missing, missing, missing, both]
     gaps = [0.0, -3.0, 1.0, 0.0, -1.0, *[0.0] * 6, 2.0]
@@ -176,7 +179,7 @@ def test_a_path_has_the_better_reading_of_each_stretch() -> None:
 
 
 def test_a_leap_between_readings_becomes_a_movement() -> None:
-    """On its upright side; what is far from it stays as it is."""
+    """On its upright side; frames far from it are unchanged."""
     times = np.arange(30) / 30.0
     q = np.array([leaning(0.1) if t < 15 else leaning(-0.6) for t in range(30)])
     readings = trunk_readings(BODY, q, FRONT)

@@ -1,4 +1,4 @@
-"""Joints that nothing shows are not reported as seen: a note, wide intervals, gaps in exports."""
+"""Unobserved joints are not reported as seen: a note, wide intervals, gaps in exports."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEGS = ("hip_flexion", "hip_abduction", "hip_rotation", "knee_flexion", "ankle_d
 
 
 def all_but(*parts: str) -> np.ndarray:
-    """Which landmarks of human34 are none of these."""
+    """The landmarks of human34 other than these."""
     return np.array([not any(part in name for part in parts) for name in body_of("human34").landmark_names])
 
 
@@ -58,7 +58,7 @@ def test_a_guess_now_and_then_shows_nothing() -> None:
 
 @pytest.fixture(scope="module")
 def sitting(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, np.ndarray, list[str]]:
-    """Somebody who sits, behind a desk for three cameras; the true hip and knee, and what was warned of."""
+    """A person sitting behind a desk, in three cameras; the true hip and knee, and the warnings."""
     folder, body = tmp_path_factory.mktemp("desk"), body_of("human34")
     cameras = [camera_at(angle) for angle in (0.0, 60.0, 120.0)]
     q = authored_motion(body, 0.4 + np.arange(8) / 30.0)
@@ -83,7 +83,7 @@ def sitting(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, np.ndarray, 
     return run, q, [str(warning.message) for warning in caught]
 
 
-def test_legs_behind_a_desk_are_named_and_their_intervals_hold_who_sits(
+def test_legs_behind_a_desk_are_named_and_their_intervals_cover_sitting(
     sitting: tuple[Run, np.ndarray, list[str]],
 ) -> None:
     run, q, warned = sitting

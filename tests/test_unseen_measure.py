@@ -1,4 +1,4 @@
-"""The measure of people left out of learning measures right: known turns, known errors, and what a mean is of."""
+"""The measure of people left out of learning is right: known turns, known errors, and what means are taken over."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_steady_turn_has_its_rate_however_the_person_bends(rate: float) -> Non
         np.testing.assert_allclose(heading_rate(quaternion, FPS), abs(rate), atol=1e-8)
 
 
-def test_who_bends_or_stands_does_not_turn() -> None:
+def test_bending_or_standing_is_not_turning() -> None:
     bending = Rotation.from_rotvec(np.outer(math.radians(200.0) * np.arange(30) / FPS, LEFT)).as_quat()
     np.testing.assert_allclose(heading_rate(bending, FPS), 0.0, atol=1e-8)
     assert heading_rate(bending[:1], FPS).tolist() == [0.0]
@@ -61,12 +61,12 @@ def test_the_bins_of_turning() -> None:
 
 
 def test_actions_are_those_of_the_trials_in_either_folder() -> None:
-    said = {
+    figures = {
         "cmu_02_01": "walk", "cmu_02_03": "run", "run_02_03": "run", "punch_02_05": "punch", "cmu_02_06": "bend",
         "cmu_05_01": "walk", "arms_high_05_12": "dance", "jump_16_01": "jump", "cmu_35_16": "walk",
         "cmu_35_17": "run", "cmu_35_26": "run", "cmu_35_28": "walk", "cmu_49_08": "acrobatics", "swim_88_01": "swim",
     }  # fmt: skip
-    assert {name: action_of(name) for name in said} == said
+    assert {name: action_of(name) for name in figures} == figures
 
 
 def test_known_errors_come_out_as_they_are() -> None:
@@ -88,10 +88,10 @@ def test_known_errors_come_out_as_they_are() -> None:
     assert means["far"] == 0.5  # far off once, without a pose once
     assert (means["hips"], means["knees"], means["elbows"]) == pytest.approx((3.0, 6.0, 0.5))
     assert means["angles"] == pytest.approx(9.5 / 3.0)
-    assert means["spikes"] == 1.0  # in the second frame; that after the third has no pose
+    assert means["spikes"] == 1.0  # in the second frame; the one after the third has no pose
 
 
-def test_a_joint_that_leaves_for_a_frame_is_a_spike_and_a_fast_one_is_none() -> None:
+def test_a_joint_away_for_one_frame_is_a_spike_and_a_fast_one_is_not() -> None:
     truth = np.zeros((9, 3, 3)) + 0.05 * np.arange(9)[:, None, None]
     points = truth.copy()
     points[4, 2, 1] += 0.13
@@ -114,7 +114,7 @@ def figures(error: float, frames: int, rate: float) -> dict[str, object]:
     return {**arrays, **others, "tracks": {"smoothed": track}}
 
 
-def test_means_are_of_seeds_then_of_clips_and_of_frames_where_they_turn() -> None:
+def test_means_are_over_seeds_then_clips_and_turning_frames() -> None:
     clips = [("cmu_07_01", 0, 10.0, 4), ("cmu_07_01", 1, 30.0, 8), ("cmu_35_20", 0, 40.0, 2), ("cmu_07_02", 0, 60.0, 2)]
     done = [(run_of(name, seed), figures(e, count, 100.0 if e > 20.0 else 5.0)) for name, seed, e, count in clips]
     means = means_of(done)
@@ -134,7 +134,7 @@ def test_means_are_of_seeds_then_of_clips_and_of_frames_where_they_turn() -> Non
     assert paired_cell("aligned", means["by clip"], less) == "-2.0 ± 0.6"
 
 
-def test_what_is_kept_goes_by_all_that_decides_it_and_by_no_folder() -> None:
+def test_cached_results_depend_on_all_inputs_and_no_folder() -> None:
     assert run_of("cmu_07_01", 0).what == run_of("cmu_07_01", 0, "b").what
     run = run_of("cmu_07_01", 0)
     changes: list[dict[str, Any]] = [{"seconds": 3.0}, {"kind": "detector"}, {"changes": '{"cost": {"nu": 8}}'}]
@@ -151,7 +151,7 @@ def test_windows_lie_in_the_clip_and_do_not_overlap(whole: float) -> None:
         assert len(starts) == max(1, min(count, int(whole / 2.0)))
         assert starts[0] == 0.0
         assert starts[-1] + 2.0 <= max(whole, 2.0) + 1e-9
-        assert np.diff(starts).min(initial=np.inf) >= 2.0 - 0.011  # they are rounded
+        assert np.diff(starts).min(initial=np.inf) >= 2.0 - 0.011  # starts are rounded
 
 
 def test_a_cut_motion_is_the_rest_of_it(shared_data: Path, tmp_path: Path) -> None:
@@ -185,17 +185,17 @@ def test_the_joints_kind_is_the_twelve_limb_joints_with_their_noise(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("[cost]\npose_prior_file = 'mine.json'\n", "leave it out"),
         ("[cost]\nnuu = 8\n", "nuu"),
         ("[cost\n", "line 1"),
     ],
 )
-def test_settings_that_are_none_or_bring_a_prior_are_refused(tmp_path: Path, text: str, says: str) -> None:
+def test_unknown_settings_and_those_with_a_prior_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[cost]\nnu = 8.0\n")
     assert variant(path) == {"cost": {"nu": 8.0}}
     path.write_text(text)
-    with pytest.raises(InputError, match=rf"mine\.toml.*{says}"):
+    with pytest.raises(InputError, match=rf"mine\.toml.*{message}"):
         variant(path)

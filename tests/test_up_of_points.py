@@ -22,7 +22,7 @@ MARKERS = {  # of laboratories, by the landmark that is nearest
 
 
 def treadmill(belt: float = 1.2) -> tuple[tuple[str, ...], np.ndarray]:
-    """Landmarks of somebody whose head stands still while the feet slide with a belt [m/s], z up."""
+    """Landmarks of a person whose head stays still while the feet slide with a belt [m/s], z up."""
     body = body_of("human34")
     points = np.tile(body.landmarks(body.at(body.neutral)), (COUNT, 1, 1))
     slide = 0.3 * np.sin(2.0 * np.pi * np.arange(COUNT) / RATE * belt / 1.2)
@@ -60,7 +60,7 @@ def test_names_without_ends_show_nothing() -> None:
 
 
 @pytest.mark.parametrize(("screen", "up"), [("-Z", "z"), ("+Y", "z"), ("+Y", "y"), ("+Z", "-y"), ("", "y")])
-def test_the_axis_of_a_screen_is_no_evidence(screen: str, up: str, tmp_path: Path) -> None:
+def test_the_axis_of_a_screen_is_not_evidence(screen: str, up: str, tmp_path: Path) -> None:
     names, upright = treadmill()
     points = as_markers(upright, names)
     turned = 1e3 * points @ upright_world(up)
@@ -70,7 +70,7 @@ def test_the_axis_of_a_screen_is_no_evidence(screen: str, up: str, tmp_path: Pat
     assert any("--up" in note for note in track.notes) == (up not in ("z", screen.lower().lstrip("+")))
 
 
-def test_who_lies_is_not_put_upright_and_doubt_is_a_note(tmp_path: Path) -> None:
+def test_a_lying_person_is_not_put_upright_and_doubt_gives_a_note(tmp_path: Path) -> None:
     names, upright = treadmill()
     lying = upright @ upright_world("x")  # z up, the head along x
     write_trc(tmp_path / "a.trc", names, lying, np.arange(COUNT) / RATE)

@@ -63,7 +63,7 @@ def test_sliding_joints_are_keyed_in_metres_and_others_in_degrees(body: Body, na
 
 
 def test_hands_cross_each_other_and_the_face_and_come_towards_the_camera(body: Body) -> None:
-    """The camera looks along x at y (left) and z (up)."""
+    """The camera faces along x, with y left and z up."""
     features = skin_features(body, anatomy_of(body))
     for name, crosses in (("reach_out", False), ("cross_arms", True), ("talk", True)):
         motion = MOTIONS[name]

@@ -1,4 +1,4 @@
-"""Which way is up: found from a person who walks, taken from the user's or the file's word, else asked for."""
+"""The up direction: found from a walking person, taken from the user or the file, otherwise requested."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ CAMERAS = tuple(replace(camera_at(at, height=1.2, distance=6.0), name=f"c{at}") 
 
 
 def walker(*, lean: float = 0.0, rise: float = 0.0, bent: float = 0.0) -> np.ndarray:
-    """Points (T, L, 3) [m] of a stick figure that walks on along x, on a floor that rises; lean [rad] of the trunk,
-    with hips that go back to keep the balance; bent [rad]: of hips and knees, as of one who sits."""
+    """Points (T, L, 3) [m] of a stick figure walking along x, on a floor with a slope; lean [rad] of the trunk, with
+    hips that move back for balance; bent [rad]: of hips and knees, as in sitting."""
     speed, stride, frames = 1.2, 1.1, []
     for t in TIME:
         ahead, feet = speed * (t - TIME[-1] / 2.0), []
@@ -58,7 +58,7 @@ def off(direction: np.ndarray, up: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.3])
-def test_who_walks_tells_up_however_the_trunk_leans(lean: float) -> None:
+def test_walking_determines_up_however_the_trunk_leans(lean: float) -> None:
     rng = np.random.default_rng(0)
     points = walker(lean=lean) + 0.01 * rng.normal(size=(len(TIME), len(NAMES), 3))
     up = up_direction(NAMES, points, TIME)
@@ -69,7 +69,7 @@ def test_who_walks_tells_up_however_the_trunk_leans(lean: float) -> None:
 
 def test_the_floor_mends_a_lean_out_of_balance() -> None:
     points = walker()
-    points[:, NAMES.index("left_shoulder") :] += [0.12, 0.0, 0.0]  # some five degrees, as of one who runs
+    points[:, NAMES.index("left_shoulder") :] += [0.12, 0.0, 0.0]  # about five degrees, as in running
     up = up_direction(NAMES, points, TIME)
     assert up is not None
     assert off(up.direction, axis_of("z")) < 1.0
@@ -87,7 +87,7 @@ def test_up_turns_with_the_world_and_a_mistaken_frame_changes_little() -> None:
     assert off(mistaken.direction, plain.direction) < 1.0
 
 
-def test_a_ramp_is_not_taken_for_level_and_who_sits_tells_nothing() -> None:
+def test_a_ramp_is_not_level_and_sitting_is_not_evidence() -> None:
     ramp = up_direction(NAMES, walker(rise=0.3), TIME)
     assert ramp is not None
     assert not ramp.agree
@@ -97,7 +97,7 @@ def test_a_ramp_is_not_taken_for_level_and_who_sits_tells_nothing() -> None:
 
 
 def load(folder: Path, R_given_upright: np.ndarray, *, up: str | None = None, cameras: int = 3) -> Inputs:
-    """The walker as it is loaded with cameras of another world."""
+    """The walker as loaded with cameras of another world."""
     points, paths = walker(), []
     for camera in CAMERAS[:cameras]:
         pixels = np.array([camera.project(p) for p in points])
@@ -110,7 +110,7 @@ def load(folder: Path, R_given_upright: np.ndarray, *, up: str | None = None, ca
 
 
 def turn_left(inputs: Inputs) -> float:
-    """How far the world of the cameras is from one whose z points up [deg]."""
+    """Angle of the cameras' world to one whose z points up [deg]."""
     camera, true = inputs.observations[0].cameras[0], CAMERAS[0]
     return off(camera.R_camera_world[:, 2], true.R_camera_world[:, 2])
 
@@ -118,17 +118,17 @@ def turn_left(inputs: Inputs) -> float:
 @pytest.mark.parametrize("up", UPS)
 @pytest.mark.parametrize("word", [True, False])
 def test_a_world_of_another_axis_is_turned_upright(up: str, word: bool, tmp_path: Path) -> None:
-    """Exactly, told or not; of a world whose z points up no bit changes."""
+    """Exactly, given or found; a world whose z points up is unchanged to the bit."""
     inputs = load(tmp_path, world_with_up(axis_of(up)).T, up=up if word else None)
     assert turn_left(inputs) < 1e-5
-    assert any(f"taken for {up}" in note for note in inputs.notes) is (up != "z" and not word)
+    assert any(f"{up} is used as up" in note for note in inputs.notes) is (up != "z" and not word)
     if up == "z":
         assert inputs.R_upright_given is None
         np.testing.assert_array_equal(inputs.observations[0].cameras[0].R_camera_world, CAMERAS[0].R_camera_world)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_world_of_no_axis_is_turned_upright_and_said(seed: int, tmp_path: Path) -> None:
+def test_a_world_without_an_up_axis_is_turned_upright_with_a_note(seed: int, tmp_path: Path) -> None:
     R = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     inputs = load(tmp_path, R)
     assert turn_left(inputs) < 2.0
@@ -143,15 +143,15 @@ def test_one_camera_asks(tmp_path: Path) -> None:
     assert any("which way is up" in note for note in inputs.notes)
 
 
-def test_a_direction_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_direction_is_refused(tmp_path: Path) -> None:
     for wrong in ("w", "1,2", "0,0,0", "nan,1,0"):
-        with pytest.raises(InputError, match=r"--up: .* is no axis .one of x, y, z, -x, -y, -z"):
+        with pytest.raises(InputError, match=r"--up: .* is not an axis .one of x, y, z, -x, -y, -z"):
             load(tmp_path, np.eye(3), up=wrong)
     with pytest.raises(InputError, match="none is given"):
         load_inputs(BODY, FileOptions(None, keypoints=tmp_path / "c0.json", up="y"))
 
 
-def test_the_camera_files_word_is_taken(tmp_path: Path) -> None:
+def test_the_up_axis_of_the_camera_file_is_used(tmp_path: Path) -> None:
     path = tmp_path / "cameras.json"
     load(tmp_path, world_with_up(axis_of("-y")).T)
     assert declared_up(path) is None
@@ -161,14 +161,14 @@ def test_the_camera_files_word_is_taken(tmp_path: Path) -> None:
     keypoints = [tmp_path / f"{camera.name}.json" for camera in CAMERAS]
     inputs = load_inputs(BODY, FileOptions(None, keypoints=keypoints, cameras=path))
     assert turn_left(inputs) < 1e-5
-    assert not any("taken for" in note for note in inputs.notes)
+    assert not any("is used as up" in note for note in inputs.notes)
     path.write_text(json.dumps(content | {"up": "down"}))
     with pytest.raises(InputError, match=r"up: 'down' is not an axis"):
         declared_up(path)
 
 
 def test_references_are_of_the_given_world_and_trc_stands(tmp_path: Path) -> None:
-    """A trc of a laboratory with y up stands in the world that a rig with y up is turned into."""
+    """A laboratory's trc with y up lies in the world to which a rig with y up is turned."""
     R = world_with_up(axis_of("y"))
     turned = RunHeader.from_json(header(3, R_upright_given=R).to_json(), "a.run")
     assert turned.R_upright_given is not None

@@ -1,4 +1,4 @@
-"""A wrong URDF is told by file, element and remedy, whatever is wrong with it; nothing else ever comes out."""
+"""Any fault of a URDF is reported with file, element and remedy, and never otherwise."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GOOD = """<?xml version="1.0"?>
 </robot>
 """
 
-# what is replaced, by what, what the error has to tell
+# what is replaced, by what, and what the error must contain
 FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "malformed": ("</link>", "</lnk>", ("line 3, column", "mismatched tag")),
     "doctype": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', ("DOCTYPE", "line 2", "remove")),
@@ -127,14 +127,14 @@ FAULTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 
 
 def refused(path: Path, capfd: pytest.CaptureFixture[str], **options: object) -> str:
-    """What the error tells; nothing is printed beside it."""
+    """The error's text; nothing else is printed."""
     with pytest.raises(InputError) as caught:
         load_subject(path, **options)  # type: ignore[arg-type]
     assert capfd.readouterr() == ("", "")
-    told = str(caught.value)
-    assert str(path) in told or repr(str(path)) in told
-    assert "\n" not in told
-    return told
+    error_text = str(caught.value)
+    assert str(path) in error_text or repr(str(path)) in error_text
+    assert "\n" not in error_text
+    return error_text
 
 
 def test_the_good_file_loads(tmp_path: Path) -> None:
@@ -143,21 +143,21 @@ def test_the_good_file_loads(tmp_path: Path) -> None:
 
 
 def test_attributes_of_other_programs_are_passed_over(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Also where their prefix stands for nothing, of which yourdfpy would complain."""
+    """Also where their prefix is undeclared, which yourdfpy would reject."""
     (tmp_path / "arm.urdf").write_text(GOOD.replace('upper="2"', 'upper="2" drake:acceleration="3"'))
     assert load_subject(tmp_path / "arm.urdf").model.nv == 2
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_every_fault_is_told(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    old, new, tells = FAULTS[name]
+def test_every_fault_is_reported(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    old, new, message = FAULTS[name]
     assert old in GOOD
     count = -1 if name == "not a robot" else 1
     (tmp_path / "arm.urdf").write_text(GOOD.replace(old, new, count))
-    told = refused(tmp_path / "arm.urdf", capfd, meshes="require")
-    for part in tells:
-        assert part in told
+    error_text = refused(tmp_path / "arm.urdf", capfd, meshes="require")
+    for part in message:
+        assert part in error_text
 
 
 CONTENTS = {
@@ -173,13 +173,13 @@ CONTENTS = {
 
 
 @pytest.mark.parametrize("name", CONTENTS)
-def test_what_is_no_urdf_is_told(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    content, tells = CONTENTS[name]
+def test_files_that_are_not_urdf_are_refused(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    content, message = CONTENTS[name]
     (tmp_path / "x.urdf").write_bytes(content)
-    assert tells in refused(tmp_path / "x.urdf", capfd)
+    assert message in refused(tmp_path / "x.urdf", capfd)
 
 
-def test_what_is_no_file_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_missing_files_are_reported(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert "is a folder" in refused(tmp_path, capfd)
     assert "did you mean human34" in refused(Path("humn34"), capfd)
     assert "cannot be read" in refused(Path("a\0b"), capfd)
@@ -187,18 +187,18 @@ def test_what_is_no_file_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[st
 
 
 def test_options_are_checked(capfd: pytest.CaptureFixture[str]) -> None:
-    for options, told in [
+    for options, error_text in [
         ({"base": "flying"}, "auto, free, fixed"),
         ({"meshes": "some"}, "ignore, require"),
         ({"lock": ["left_elbow"]}, "left_elbow_flexion"),
         ({"landmarks": "nowhere.toml"}, "no such file"),
     ]:
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=error_text):
             load_subject("arm8", **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.skipif(share_folder() is None, reason="example-robot-data is not installed")
-def test_an_unknown_example_robot_is_told() -> None:
+def test_an_unknown_example_robot_is_refused() -> None:
     with pytest.raises(InputError, match="did you mean panda"):
         load_subject("example-robot-data:pand")
 
@@ -225,13 +225,13 @@ TOML_FAULTS = {
 
 
 @pytest.mark.parametrize("name", TOML_FAULTS)
-def test_a_wrong_landmark_file_is_told(name: str, tmp_path: Path) -> None:
-    text, tells = TOML_FAULTS[name]
+def test_a_wrong_landmark_file_is_refused(name: str, tmp_path: Path) -> None:
+    text, message = TOML_FAULTS[name]
     (tmp_path / "arm.urdf").write_text(GOOD)
     (tmp_path / "arm.toml").write_text(text)
     with pytest.raises(InputError) as caught:
         load_subject(tmp_path / "arm.urdf", landmarks=tmp_path / "arm.toml")
-    for part in (str(tmp_path / "arm.toml"), *tells):
+    for part in (str(tmp_path / "arm.toml"), *message):
         assert part in str(caught.value)
 
 

@@ -1,4 +1,4 @@
-"""Links of a URDF are where numpy's forward kinematics of its text has them, whatever the joints are and follow."""
+"""Links of a URDF are where forward kinematics in numpy places them, for all joint types and followers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def joint(rng: np.random.Generator, kind: str, parent: str, child: str, name: st
 
 
 def compared(tmp_path: Path, text: str, *, base: Base = "auto", expected: str = "") -> Deviation:
-    """The project's placements of a file beside numpy's of it, or of another text."""
+    """The project's placements of a file and numpy's, of the same or another text."""
     (tmp_path / "r.urdf").write_text(text)
     body = Body(load_subject(tmp_path / "r.urdf", base=base))
     links, worst = deviation(body, (expected or text).encode(), 4, np.random.default_rng(1))
@@ -95,5 +95,5 @@ def test_files_are_posed_refused_or_at_fault(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("options", [{"poses": 0}, {"folders": (Path("nowhere"),)}])
 def test_bad_options_are_refused(options: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=r"--poses: is 0|nowhere: is no folder"):
+    with pytest.raises(InputError, match=r"--poses: is 0|nowhere: is not a folder"):
         main(**options)  # type: ignore[arg-type]

@@ -40,7 +40,7 @@ CASES = [
 
 
 class View(NamedTuple):
-    """A posed surface and what is predicted of it; world (N, 3) [m] its nodes, owner (F,) the part of each face."""
+    """A posed surface and its prediction; world (N, 3) [m] its nodes, owner (F,) the part of each face."""
 
     name: str
     posed: PosedBody
@@ -78,7 +78,7 @@ def fine_surface(name: str) -> Surface:
 
 @cache
 def view(name: str, pose: str, distortion: tuple[float, ...] = BROWN) -> View:
-    """A subject in a pose, framed by a camera somewhere around it; in front of it for the arms before the trunk."""
+    """A subject in a pose, framed by a camera somewhere around it, in front for the arms before the trunk."""
     body, made = surface(name)
     if pose.startswith("random"):
         rng = np.random.default_rng(int(pose.split()[1]))
@@ -198,8 +198,8 @@ def test_outer_contours_lie_on_the_outline(name: str, pose: str) -> None:
     off = gaps.min(axis=1)
     assert np.median(off) < 0.6
     assert np.mean(off < 1.5) > 0.86
-    assert off.max() < 2.3 * cell  # where parts join, a contour so little within the outline still counts as part of it
-    assert np.quantile(gaps.min(axis=0), 0.95) < 8.0  # about half a mesh edge: no stretch of the outline goes without
+    assert off.max() < 2.3 * cell  # where parts join, a contour slightly inside the outline still counts as part of it
+    assert np.quantile(gaps.min(axis=0), 0.95) < 8.0  # about half a mesh edge: no part of the outline is left out
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-9)
 
     def covered(points: np.ndarray) -> np.ndarray:
@@ -207,7 +207,7 @@ def test_outer_contours_lie_on_the_outline(name: str, pose: str) -> None:
         return np.asarray(mask[y.clip(0, len(mask) - 1), x.clip(0, mask.shape[1] - 1)])
 
     assert np.mean(covered(pixels - 1.5 * cell * normals)) > 0.97
-    assert np.mean(covered(pixels + 1.5 * cell * normals)) < 0.2  # a crease between two parts has both behind it
+    assert np.mean(covered(pixels + 1.5 * cell * normals)) < 0.2  # a crease between two parts has both behind
 
 
 def contours_by_rays(v: View, reach: float) -> np.ndarray:
@@ -228,7 +228,7 @@ def contours_by_rays(v: View, reach: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "pose"), CASES[2:8])
 def test_states_of_contours_are_those_of_rays(name: str, pose: str) -> None:
-    """On the outline, before another part, hidden by one or within a joint's overlap: what rays beside them meet."""
+    """On the outline, before another part, hidden by one or within a joint's overlap, as found by rays beside them."""
     v = view(name, pose)
     state = v.seen.contours.state
     cells = [contours_by_rays(v, share * v.seen.frame[2]) for share in (0.8, 1.5)]
@@ -240,7 +240,7 @@ def test_states_of_contours_are_those_of_rays(name: str, pose: str) -> None:
 
 
 def unprojected(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Unit rays (N, 3), camera frame, of pixels (N, 2): what projects to them, by iteration."""
+    """Unit rays (N, 3), camera frame, of pixels (N, 2), by iterating the projection."""
     back = np.linalg.inv(camera.K).T
     at = np.column_stack([pixels, np.ones(len(pixels))]) @ back
     for _ in range(30):

@@ -1,4 +1,4 @@
-"""Foreign subjects in pictures: their own shapes and colours, and what happens to meshes that are gone or broken."""
+"""Foreign subjects in pictures: their own shapes and colours, and missing or broken meshes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def drawn(urdf: Path, *, coarse: bool = False) -> dict[str, list[DrawnMesh]]:
     return by_name
 
 
-def test_a_mesh_is_where_and_as_large_as_the_urdf_says(tmp_path: Path) -> None:
+def test_a_mesh_has_the_place_and_scale_of_the_urdf(tmp_path: Path) -> None:
     (upper,) = drawn(arm(tmp_path, mesh(box_stl(tmp_path / "a.stl"), scale="2 -1 1")))["left_upper"]
     low, high = upper.vertices.min(axis=0), upper.vertices.max(axis=0)
     np.testing.assert_allclose([low, high], [[-0.2, -0.2, -0.1], [0.2, 0.2, 0.5]], atol=1e-6)
@@ -92,7 +92,7 @@ def test_colours_are_the_urdfs_else_the_meshs_else_those_of_the_side(tmp_path: P
     coloured, plain = dae(tmp_path / "a.dae", "1 0 0", "0 0 0.8"), box_stl(tmp_path / "b.stl")
     own = drawn(arm(tmp_path, mesh(coloured)))
     assert {solid.colour for solid in own["left_upper"]} == {(255, 0, 0), (0, 0, 204)}
-    assert own["left_lower"][0].colour == SIDES["trunk"]  # no left and right in a body of its own colours
+    assert own["left_lower"][0].colour == SIDES["trunk"]  # a body with its own colours has no left and right
     (red,) = {s.colour for s in drawn(arm(tmp_path, mesh(coloured, '<material name="brick"/>')))["left_upper"]}
     assert red == (153, 51, 51)
     inline = '<material name="x"><color rgba="0 0.4 0 1"/></material>'
@@ -143,7 +143,7 @@ def test_a_mesh_that_cannot_be_read_is_named_with_its_link(
     assert capfd.readouterr() == ("", "")
 
 
-def test_where_a_mesh_is_gone_something_stands_for_it_and_is_said(tmp_path: Path) -> None:
+def test_a_missing_mesh_is_replaced_with_a_note(tmp_path: Path) -> None:
     moved = box_stl(tmp_path / "a.stl")
     collision = '<collision><geometry><box size="0.1 0.1 0.4"/></geometry></collision>'
     subjects = [
@@ -174,7 +174,7 @@ def test_a_leaf_without_its_mesh_is_a_ball(tmp_path: Path) -> None:
     assert np.linalg.norm(ball.vertices, axis=1).max() < 0.05
 
 
-def test_meshes_are_read_once_and_anew_when_they_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_meshes_are_read_once_and_again_after_a_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     load = trimesh.load
     monkeypatch.setattr(trimesh, "load", lambda path, **k: (read.append(path), load(path, **k))[1])
@@ -209,7 +209,7 @@ def test_a_robot_keeps_its_shape_and_colours_with_few_triangles() -> None:
 
 def sphere(fine: int = 5) -> Triangles:
     ball = trimesh.creation.icosphere(subdivisions=fine)
-    label = (ball.triangles_center[:, 2] > 0.0).astype(np.int64)  # two colours, parted at the equator
+    label = (ball.triangles_center[:, 2] > 0.0).astype(np.int64)  # two colours, divided at the equator
     return Triangles(np.asarray(ball.vertices), np.asarray(ball.faces), label)
 
 
@@ -273,7 +273,7 @@ def test_a_robot_is_painted_in_its_own_colours() -> None:
     assert (seen.max(axis=1) < 90).mean() > 0.02
 
 
-def test_the_command_says_which_meshes_are_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_names_missing_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gone = box_stl(tmp_path / "a.stl")
     body = Body(load_subject(arm(tmp_path, mesh(gone)), base="fixed"))
     scene = moving_scene(3)
@@ -287,8 +287,8 @@ def test_the_command_says_which_meshes_are_gone(tmp_path: Path, capsys: pytest.C
     assert "meshes" not in capsys.readouterr().err
     gone.unlink()
     assert front.main(["view", run, "--html", str(out)]) == 0
-    said = capsys.readouterr().err
-    assert f"drawn without their meshes, which are gone (the first is {gone}): left_upper" in " ".join(said.split())
+    printed = capsys.readouterr().err
+    assert f"drawn without their meshes, which are gone (the first is {gone}): left_upper" in " ".join(printed.split())
     gone.write_text("solid nothing")
     assert front.main(["overlay", run, "--out", str(tmp_path / "o.mp4")]) == front.BAD_INPUT
     assert capsys.readouterr().err.startswith(f"error: {gone}: link 'left_upper': the mesh ")

@@ -1,4 +1,4 @@
-"""Pictures: what is drawn lands where the camera says, and the files are whole."""
+"""Pictures: drawings lie where the camera projects them, and the files are complete."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from viz.solids.solid import merged, side_of
 
 
 def looking_camera(name: str, eye: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
-    """A camera of 640 x 480 px with some distortion, level, looking at a point."""
+    """A camera of 640 x 480 px with some distortion, level, facing a point."""
     forward = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -214,7 +214,7 @@ def test_long_runs_are_thinned() -> None:
 
 
 def test_preview_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor a server, as MeshCat's own viewer does."""
+    """And no server, unlike MeshCat's own viewer."""
 
     def never(*_: Any, **__: Any) -> None:
         pytest.fail("started something")
@@ -248,7 +248,7 @@ def saved(scene: Scene, folder: Path, instants: int) -> Path:
 
 
 def result(scene: Scene, t: int) -> FrameResult:
-    """A tracker's word on one instant of the scene; the fourth has no hypothesis at all."""
+    """A tracker's result for one instant of the scene; the fourth has no hypotheses."""
     k = 0 if t == 3 else int(np.isfinite(scene.mode_weight[t]).sum())
     nv = scene.body.nv
     return FrameResult(
@@ -309,12 +309,12 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
 
 
 def test_pixels_that_are_not_square_are_shown_square() -> None:
-    """A disc that faces the camera is round in the view, and keypoints lie where their points do."""
+    """A disc facing the camera is round in the view, and keypoints coincide with their points."""
     camera = guessed_camera("a", (720, 576), 64.0 / 45.0)
     view = camera_view(camera, 800)
     assert view.size == (800, 450)
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
-    disc = np.stack([np.full(60, 3.0), np.cos(angle), np.sin(angle)], axis=1)  # the camera looks along x
+    disc = np.stack([np.full(60, 3.0), np.cos(angle), np.sin(angle)], axis=1)  # the camera faces along x
     pixels = view.project(disc)[0]
     wide, high = np.ptp(pixels, axis=0)
     assert wide == pytest.approx(high, rel=2e-3)

@@ -27,7 +27,7 @@ JUSTIFIED: dict[str, str] = {
 
 
 def found_in(source: str) -> Iterator[tuple[str, str]]:
-    """(function, what is there): clocks, sleeps, and waits shorter than the deadline, also in programs in strings."""
+    """(function, finding): clocks, sleeps, and waits shorter than the deadline, also in programs in strings."""
     for function, node in _nodes(ast.parse(source), "module"):
         if isinstance(node, ast.ImportFrom) and node.module == "time":
             yield from ((function, f"from time import {a.name}") for a in node.names if a.name in CLOCKS)
@@ -40,7 +40,7 @@ def found_in(source: str) -> Iterator[tuple[str, str]]:
 
 
 def _nodes(tree: ast.AST, function: str) -> Iterator[tuple[str, ast.AST]]:
-    """Every node with the outermost function or class it is in; docstrings are no programs."""
+    """Every node with the outermost function or class it is in; docstrings are not programs."""
     for child in ast.iter_child_nodes(tree):
         if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
             continue
@@ -51,7 +51,7 @@ def _nodes(tree: ast.AST, function: str) -> Iterator[tuple[str, ast.AST]]:
 
 
 def _short_wait(call: ast.Call) -> float | None:
-    """Seconds that a call waits for, where they are written down and below the deadline."""
+    """Seconds that a call waits, if given as a number below the deadline."""
     given = [k.value for k in call.keywords if k.arg and k.arg.endswith("timeout")]
     if isinstance(call.func, ast.Attribute) and call.func.attr in WAITS:
         given += call.args[:1]
@@ -66,7 +66,7 @@ def test_no_test_depends_on_the_speed_of_the_machine() -> None:
             for function, what in found_in(path.read_text(encoding="utf-8")):
                 places.setdefault(f"{path.name} {function}", []).append(what)
     assert {place: what for place, what in places.items() if place not in JUSTIFIED} == {}
-    assert set(JUSTIFIED) <= set(places)  # no more than there are
+    assert set(JUSTIFIED) <= set(places)  # none is obsolete
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_what_depends_on_it_is_found(line: str) -> None:
 @pytest.mark.parametrize(
     "line", ["process.wait(DEADLINE)", "values.get('a', 3)", "', '.join(names)", "thread.join()", "run(timeout=900)"]
 )
-def test_what_does_not_is_none_of_it(line: str) -> None:
+def test_what_does_not_depend_on_it_is_not_found(line: str) -> None:
     assert list(found_in(f"def test():\n    {line}\n")) == []
 
 
@@ -99,13 +99,13 @@ def test_a_command_ends_by_ctrl_c_though_the_suite_ignores_it() -> None:
         finally:
             signal.signal(signal.SIGINT, before)
     status = Path(f"/proc/{process.pid}/status")
-    ignored = re.search(r"SigIgn:\s*(\w+)", status.read_text()) if status.exists() else None  # Linux alone tells
+    ignored = re.search(r"SigIgn:\s*(\w+)", status.read_text()) if status.exists() else None  # Linux only
     assert ignored is None or not int(ignored[1], 16) & 1 << (signal.SIGINT - 1)
     code, out, _ = ended(process)
     assert (code, "--html" in out) == (0, True)
 
 
-def test_waiting_ends_as_soon_as_what_is_waited_for_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waiting_ends_as_soon_as_the_condition_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     answers = iter([False, False, True])
     until(lambda: next(answers), "the third answer")
     monkeypatch.setattr(sys.modules["tests.waiting"], "DEADLINE", 0.0)

@@ -1,4 +1,4 @@
-"""The energies of many frames in one pass are those of each by itself, and of each tie by itself."""
+"""The energies of many frames in one pass equal those of each frame and tie alone."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def window_of(name: str, seed: int) -> tuple[Body, list[Cost], list[list[Standin
 def by_itself(
     body: Body, costs: list[Cost], ties: list[list[StandingTie]], q: np.ndarray, exact: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What a window adds: energies of the frames and of the ties, gradient and blocks."""
+    """The sums of a window: energies of the frames and of the ties, gradient and blocks."""
     nv = body.nv
     gradient, blocks = np.zeros((COUNT, nv)), np.zeros((2, COUNT, nv, nv))
     models = [cost.at(pose, exact) for cost, pose in zip(costs, q, strict=True)]
@@ -103,7 +103,7 @@ def test_a_chain_with_standing_points_has_its_gradient(name: str, seed: int) -> 
 
 
 def test_shared_terms_are_recorded_once() -> None:
-    """Twice as many frames have not twice the numbers."""
+    """Twice as many frames need fewer than twice the numbers."""
     body, costs, _, _ = window_of("human34", 4)
     none = [()] * 7
     sizes = [len(WindowEnergy(body, many, none[: len(many) - 1])._records.numbers) for many in (costs, costs * 2)]

@@ -9,8 +9,8 @@ import pytest
 
 
 def later(values: Iterable[Any], *long: Any) -> list[Any]:
-    """Values, or tuples of several, for `pytest.mark.parametrize`; those that are among `long` are long examples, which
-    quicker ones guard too. AssertionError for a long one that there is not."""
+    """Values, or tuples of several, for `pytest.mark.parametrize`; those in `long` are long examples, which quicker
+    ones cover too. AssertionError if a long one does not exist."""
     values = list(values)
     assert set(long) <= set(values)
     marks = [[pytest.mark.paper] if value in long else [] for value in values]

@@ -10,13 +10,13 @@ from estimator.synthesis.settings import DetectorSettings, ViewSettings
 from kinemode.shot import RenderedClip
 
 FEW_STARTS: dict[str, Any] = {"start_samples": 2}
-"""Changes to the settings of the search, which make a first frame short."""
+"""Changes to the settings of the search, which make a first frame fast."""
 QUICK: dict[str, Any] = {
     "css": {"samples": 2, "jumps": 0, "modes": 2},
     "search": FEW_STARTS,
     "cues": {"working_size": 160},
 }
-"""Changes to the settings that make a search short."""
+"""Changes to the settings that make a search fast."""
 QUICK_BY_KEYPOINTS: dict[str, Any] = {name: QUICK[name] for name in ("css", "search")}
 """Those where no pictures are used."""
 

@@ -19,7 +19,7 @@ def _varint(value: int) -> bytes:
 
 
 def field(number: int, value: int | str | bytes) -> bytes:
-    """A field of a protocol buffer."""
+    """A field of a protocol buffer message."""
     if isinstance(value, int):
         return _varint(number << 3) + _varint(value)
     content = value.encode() if isinstance(value, str) else value
@@ -41,7 +41,7 @@ def constant(name: str, values: np.ndarray) -> bytes:
     return field(5, dims + field(2, kind) + field(8, name) + field(9, values.tobytes()))
 
 
-def told(number: int, name: str, shape: Sequence[int], kind: int = FLOAT) -> bytes:
+def port(number: int, name: str, shape: Sequence[int], kind: int = FLOAT) -> bytes:
     """An input (11) or an output (12) of the graph."""
     dims = b"".join(field(1, field(1, length)) for length in shape)
     return field(number, field(1, name) + field(2, field(1, field(1, kind) + field(2, dims))))
@@ -63,8 +63,8 @@ def two_colours(path: Path, size: tuple[int, int]) -> Path:
         graph += node("ReduceMax", ["picture"], f"max_{name}", [axis])
         graph += node("MatMul", ["channels", f"max_{name}"], f"of_{name}")
         graph += node("MatMul", [f"of_{name}", f"b{name}"], f"simcc_{name}")
-    graph += told(11, "picture", (1, 3, height, width))
-    graph += told(12, "simcc_x", (1, 17, 2 * width)) + told(12, "simcc_y", (1, 17, 2 * height))
+    graph += port(11, "picture", (1, 3, height, width))
+    graph += port(12, "simcc_x", (1, 17, 2 * width)) + port(12, "simcc_y", (1, 17, 2 * height))
     return write(path, graph)
 
 
@@ -72,6 +72,6 @@ def constant_boxes(path: Path, size: tuple[int, int], boxes: np.ndarray, labels:
     """A model that finds the same boxes (N, 5) in every picture."""
     graph = constant("b", boxes[None].astype(np.float32)) + constant("l", np.array([labels], np.int64))
     graph += node("Identity", ["b"], "dets") + node("Identity", ["l"], "labels")
-    graph += told(11, "picture", (1, 3, size[1], size[0]))
-    graph += told(12, "dets", (1, len(boxes), 5)) + told(12, "labels", (1, len(boxes)), INT64)
+    graph += port(11, "picture", (1, 3, size[1], size[0]))
+    graph += port(12, "dets", (1, len(boxes), 5)) + port(12, "labels", (1, len(boxes)), INT64)
     return write(path, graph)

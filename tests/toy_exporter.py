@@ -1,4 +1,4 @@
-"""An export format of another package: how far the first landmark goes. Registered by being imported."""
+"""An export format of another package: the path length of the first landmark. Registered by being imported."""
 
 from __future__ import annotations
 

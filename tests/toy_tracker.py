@@ -12,7 +12,7 @@ from estimator.trackers.spec import Spec
 from estimator.tracking.registry import register
 from humanoid.kinematics.body import Body
 
-DEPTH, GAIN, NOISE = 4.0, 0.7, 1e-3  # m along the optical axis; share of what is new; of the dynamics
+DEPTH, GAIN, NOISE = 4.0, 0.7, 1e-3  # m along the optical axis; share of the innovation; of the dynamics
 
 
 class Middle(NamedTuple):
@@ -44,8 +44,8 @@ class ToyTracker:
         q[:3] = camera.R_camera_world.T @ (DEPTH * np.append(direction, 1.0) - camera.t_camera_world)
         status, covariance = "tracked" if mask.any() else "unobserved", 0.01 * np.eye(self.body.nv)
         head = observation.index, observation.time, status, q[None], unit, 0.0 * unit, covariance[None]
-        told = {"direction": direction, "widths": mask.sum(axis=1)[mask.any(axis=1)]}
-        result = FrameResult(*head, np.array([-1]), 0.0 * unit, 0.0 * unit, ("as_detected",), extra=told)
+        reported = {"direction": direction, "widths": mask.sum(axis=1)[mask.any(axis=1)]}
+        result = FrameResult(*head, np.array([-1]), 0.0 * unit, 0.0 * unit, ("as_detected",), extra=reported)
         return Middle(observation.time, direction), result
 
     def state_from(self, arrays: Any) -> Middle:

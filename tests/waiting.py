@@ -17,15 +17,15 @@ from typing import Any
 from benchmarks.support.common import ROOT
 
 DEADLINE = 600.0
-"""Seconds after which what a test waits for is taken to hang. It keeps a broken test from waiting for ever, and judges
-nothing: a machine a hundred times slower is within it."""
+"""Seconds after which a wait counts as hung. It keeps a broken test from waiting forever and does not measure speed: a
+machine a hundred times slower is within it."""
 
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def default_signals() -> Iterator[None]:
-    """The signals that end a program do what they do by default, here and in the processes started meanwhile.
+    """Signals that end a program have their default handlers, here and in the processes started meanwhile.
 
     A suite that was started in the background (`nohup`, `&` in a script) inherits some of them as ignored, and so would
     every command it starts.
@@ -41,8 +41,8 @@ def default_signals() -> Iterator[None]:
 
 
 def until(holds: Callable[[], Any], what: str) -> None:
-    """Return as soon as `holds()` is true, for what has no event to wait for: the state of another process, of a page.
-    AssertionError, saying what did not happen, after the deadline."""
+    """Return as soon as `holds()` is true, for conditions without an event: the state of another process, of a page.
+    AssertionError with the missing condition after the deadline."""
     end = time.monotonic() + DEADLINE
     while not holds():
         assert time.monotonic() < end, f"not within {DEADLINE:g} s: {what}"
@@ -50,8 +50,8 @@ def until(holds: Callable[[], Any], what: str) -> None:
 
 
 def kinemode_process(line: Sequence[object], **how: Any) -> subprocess.Popen[str]:
-    """`python -m kinemode LINE` in a process of its own, its output on pipes, with the signals' default handlers; `how`
-    goes to `subprocess.Popen`."""
+    """`python -m kinemode LINE` in a process of its own, its output on pipes, with default signal handlers; `how` is
+    passed to `subprocess.Popen`."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)} | how.pop("env", {})
     how = {"text": True, "stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **how}
     with default_signals():

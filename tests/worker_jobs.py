@@ -1,4 +1,4 @@
-"""What processes do in tests; they import it themselves, so it is light."""
+"""Jobs of worker processes in tests; workers import this module, so it is light."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import os
 
 
 def numbered(task: int) -> tuple[int, int]:
-    """A task, and the process that has done it."""
+    """A task, and the process that did it."""
     return task, os.getpid()

@@ -21,7 +21,7 @@ LEGEND = ("source: sticks", "subject: solid")
 """Which of the two is which, in words."""
 HEADS = ("head_top", "head", "nose")
 """Landmarks at which a head is drawn, the first of these that there is."""
-_STEP, _AROUND = 0.5, 1.0  # m: between the floor's lines, and how far they go on beyond the paths
+_STEP, _AROUND = 0.5, 1.0  # m: between the floor's lines, and how far they extend beyond the paths
 _PIECE = 0.25  # m: of a floor's line, so that what is behind an eye can be left out
 _MIDDLES = (("neck", "shoulder"), ("mid_hip", "hip"))  # what lies in the middle of both sides' landmarks
 _MORE = (("neck", "head"), ("head", "head_top"))
@@ -70,7 +70,7 @@ class SourceFigure:
         return pairs
 
     def standing_points(self, t: int, names: tuple[str, ...], points: np.ndarray) -> np.ndarray:
-        """Those of the landmarks (L, 3) [m] that are to stand at instant t, (N, 3) [m]."""
+        """The landmarks (L, 3) [m] that are to stand at instant t, (N, 3) [m]."""
         own = [i for k, i in self.feet_among(names) if self.standing[t, k] and np.isfinite(points[i]).all()]
         return points[np.array(own, dtype=np.int64)]
 

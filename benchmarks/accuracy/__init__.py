@@ -1,1 +1,1 @@
-"""Errors of tracks and of what they are made from, beside a reference or the truth."""
+"""Errors of tracks and of their inputs, against a reference or the truth."""

@@ -1,6 +1,6 @@
 """Errors on the real clip beam4cam: each camera alone and all four, proportions fitted from the clip itself; and what
 the pictures add to the keypoints of one camera. One track is luck: seeds of the tracker, and copies of the keypoints
-that differ by their rounding, tell the spread."""
+that differ by their rounding, give the spread."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ALONE, ALL = "keypoints alone", "all together"
 CUES = {ALONE: "off", "silhouette": "silhouette", "edges": "edges", "flow": "flow", ALL: "edges,flow,silhouette"}
 
 SPREAD = {"mpjpe": "MPJPE", "pa": "PA", "filtered_mpjpe": "filtered", "filtered_pa": "PA ", "best_pa": "best of K, PA"}
-NONE, SEEN_ALONE = "none", "silhouette"  # instead of keypoints, and the cue that is looked at then
+NONE, SEEN_ALONE = "none", "silhouette"  # instead of keypoints, and the cue that is used then
 ROUNDING_PX = 0.1  # of the copies
 Result = tuple[Scores, float]
 """Errors, and frames per second."""
@@ -151,7 +151,7 @@ def main(
     seeds
         Seeds of the tracker.
     copies
-        Copies of the keypoints: 0 as they are, others moved at random by at most 0.05 px and rounded to 0.1 px.
+        Copies of the keypoints: 0 unchanged, others moved at random by at most 0.05 px and rounded to 0.1 px.
     views
         Cameras to track from alone, several joined by "+" (cam01+cam03), and "four" for all together.
     cues
@@ -164,7 +164,7 @@ def main(
     subject
         A built-in name, fitted to the keypoints where there are any, or a URDF file that `kinemode fit` wrote.
     masks
-        A folder of the person's masks, cam01/00000.png and so on or cam01.mp4, where the silhouette is looked at;
+        A folder of the person's masks, cam01/00000.png and so on or cam01.mp4, where the silhouette is used;
         without it a background is learned from the clip.
     floor
         Its height in the cameras' world [m], where it is given.

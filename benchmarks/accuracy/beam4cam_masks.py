@@ -1,5 +1,5 @@
 """Masks of the person of beam4cam, for `python -m benchmarks beam4cam --masks`: GrabCut of every picture, begun with
-the body of a run that was tracked with keypoints. They are to be looked at: narrow slits and fringes of a few pixels
+the body of a run that was tracked with keypoints. Check them by eye: narrow slits and fringes of a few pixels
 are left."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""People of several builds who stand, walk, squat, rise and jump, as virtual rigs see them: the joint angles are those
+"""People of several builds who stand, walk, squat, rise and jump, as seen by virtual rigs: the joint angles are those
 of a laboratory's people, the keypoints have the three errors of a detector."""
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ LAYOUT = "mediapipe33"
 NAMES = (*COCO17, "left_heel", "right_heel", "left_big_toe", "right_big_toe")
 ON_BODY, OF_VIEW, LASTING, FRAME, LAST = 0.010, 0.011, 0.010, 0.006, 0.3
 """Standard deviations [m] of a keypoint's place on the body, of its place in one view, of what lasts so long [s], and
-of a frame: in the mean those of MediaPipe on two phone films, drawn anew for every person, and but for the first for
-every camera."""
+of a frame: in the mean those of MediaPipe on two phone films, drawn independently for every person, and but for the
+first for every camera."""
 JOINTS = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion", "elbow_flexion")
 STANDS = 12.0  # deg: of both knees
 _BUILD, _CONFIDENCE, _EVERY = 0.04, 0.9, 5

@@ -1,7 +1,8 @@
 """Who stands straight stands straight: joint angles of people of several builds by one to four virtual phones.
 
-Poses are a laboratory's, from its markers; lengths, the places of keypoints and their errors are drawn anew for every
-person and camera (`benchmarks.accuracy.bend_clips`). What is compared is the angle of the same joint of the same model.
+Poses are a laboratory's, from its markers; lengths, the places of keypoints and their errors are drawn independently
+for every person and camera (`benchmarks.accuracy.bend_clips`). What is compared is the angle of the same joint of the
+same model.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from kinemode.terminal import report
 
 ACTIONS = ("walk", "run")
 NOISE = 0.01  # m, along each axis
-LASTS = 0.3  # s, until the noise has a correlation of 1/e with what it was
+LASTS = 0.3  # s, correlation time of the noise
 _LONGEST = 10.0  # s of a clip
 _MORE_EDGE = 0.05  # s: noise may move events over the edge that gait keeps to
 _UP = np.array([0.0, 0.0, 1.0])
@@ -36,7 +36,7 @@ Errors = dict[tuple[str, str], EventErrors]
 
 
 def captured_errors(motion: Path, seeds: Sequence[int]) -> Errors:
-    """Of a clip retargeted to human34, by way and kind of event."""
+    """The errors of a clip retargeted to human34, by way and kind of event."""
     body, mocap = Body(load_subject("human34")), load_mocap(motion)
     time = np.arange(0.0, min(mocap.seconds, _LONGEST) - 1e-6, 1.0 / FPS)
     points = body.landmarks_of(body.placed(retarget(body, mocap, time).q))
@@ -67,7 +67,7 @@ def print_captured(data: Path | None, seeds: Sequence[int], figures: dict[str, d
     """A table of every action, kind and way; nothing where the captured motion is not here."""
     files = [path for path in captured_files(data) if action_of(path.stem) in ACTIONS]
     of_clip = {path.stem: captured_errors(path, seeds) for path in files}
-    table = report.table(f"events of {len(files)} captured clips", "action, kind, told by", *COLUMNS)
+    table = report.table(f"events of {len(files)} captured clips", "action, kind, source", *COLUMNS)
     for action in ACTIONS:
         clips = [errors for name, errors in of_clip.items() if action_of(name) == action]
         for kind in KINDS if clips else ():

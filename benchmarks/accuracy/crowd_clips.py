@@ -102,13 +102,13 @@ def made(folder: Path) -> Path:
 
 
 def motions_of(body: Body, clip: Clip) -> list[np.ndarray]:
-    """What the people do (T, nq), each in place."""
+    """The motions of the people (T, nq), each in place."""
     times = np.arange(clip.frames) / FPS
     return [authored_motion(body, times, m) for m in (REACH, PIVOT, TURN_REACH)]
 
 
 def scene(body: Body, task: Clip, rng: np.random.Generator) -> list[np.ndarray]:
-    """People who walk about and keep apart from each other."""
+    """People who walk about and keep their distance."""
     share = np.linspace(0.0, 1.0, task.frames)[:, None]
     while True:
         ends = rng.uniform(-ROOM, ROOM, (task.people, 2, 1, 2))
@@ -123,7 +123,7 @@ def scene(body: Body, task: Clip, rng: np.random.Generator) -> list[np.ndarray]:
 def owners(
     people: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], pixels: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Whose keypoints each camera shows in each frame (C, T), -1 for nobody's."""
+    """The person whose keypoints each camera shows in each frame (C, T), -1 for none."""
     whose = np.full((len(people), len(next(iter(people.values())))), -1)
     for c, (name, frames) in enumerate(people.items()):
         for t, frame in enumerate(frames[: len(pixels[name])]):

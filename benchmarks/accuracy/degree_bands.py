@@ -25,7 +25,7 @@ COORDINATES = {f"{side}_{ours}": f"{theirs}_{side[0]}" for side in ("left", "rig
                for ours, theirs in _OF_SIDE.items()} | {
     "lumbar_flexion": "lumbar_extension", "lumbar_lateral": "lumbar_bending", "lumbar_axial": "lumbar_rotation",
 }  # fmt: skip
-"""human34's joints, and the gait model's coordinates that tell the same."""
+"""human34's joints, and the corresponding coordinates of the gait model."""
 _STEP = 0.05  # rad
 
 

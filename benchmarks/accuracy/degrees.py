@@ -101,7 +101,7 @@ def at(motion: Motion, time: np.ndarray) -> Motion:
 
 
 def errors(method: Motion, truth: Motion, time: np.ndarray) -> dict[str, tuple[float, float]]:
-    """Mean absolute error by group, as it is and with each angle's own zero; PA [mm] twice."""
+    """Mean absolute error by group, unchanged and with each angle's own zero; PA [mm] twice."""
     ours, theirs = at(method, time), at(truth, time)
     a, b = (motion.points - motion.points[:, :2].mean(axis=1, keepdims=True) for motion in (ours, theirs))
     turn = R_OPENSIM_WORLD @ rotation_onto(a.reshape(-1, 3), b.reshape(-1, 3)) @ R_OPENSIM_WORLD.T
@@ -120,7 +120,7 @@ def errors(method: Motion, truth: Motion, time: np.ndarray) -> dict[str, tuple[f
 
 
 def bands(run: Run, truth: Motion) -> dict[str, float]:
-    """How well the run's intervals hold the truth, in every third frame, which are alike otherwise."""
+    """How often the run's intervals contain the truth, in every third frame, as neighbours are similar."""
     frames = np.flatnonzero((run.time >= truth.time[0]) & (run.time <= truth.time[-1]))[::3]
     known = at(truth, run.time[frames]).angles
     theirs = {_OF_MODEL.get(name, name): values for name, values in known.items()}
@@ -148,7 +148,7 @@ def main(
     end
         Only so much of each film [s].
     focal
-        What is said of the lens, as `kinemode track --focal` takes it; guessed unless given.
+        The lens, in the form of `kinemode track --focal`; guessed unless given.
     settings
         A TOML file of settings for the tracker.
     """
@@ -156,7 +156,7 @@ def main(
     if folder is None or not (folder / "opencap").is_dir():
         print("the data has no folder opencap: nothing is measured")
         return
-    made = report.table("mean absolute error [deg], as it is / own zero", "film", "method", *GROUPS, "PA [mm]")
+    made = report.table("mean absolute error [deg], unchanged / own zero", "film", "method", *GROUPS, "PA [mm]")
     held = report.table("truths in 90 % intervals", "film", "all joints", "fewest", "most", "calibration error")
     figures: dict[str, Any] = {}
     for film in films:

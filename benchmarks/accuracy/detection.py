@@ -56,7 +56,8 @@ def main(
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Detect in beam4cam's videos and track: each camera alone, beside a track from what is shipped, and all four.
+    """Detect in beam4cam's videos and track: each camera alone, next to a track from the shipped keypoints, and all
+    four.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def main(
 
 
 def show(rows: Mapping[str, tuple[Difference, Scores, Scores]], four: Scores | None) -> None:
-    """Print what was measured of single cameras, and of all together."""
+    """Print the figures of single cameras, and of all together."""
     made = report.table(
         "beam4cam, one camera: detected and shipped keypoints",
         "view", "median [px]", "95 %", "missing", "MPJPE [mm]", "shipped", "ratio", "PA [mm]", "shipped ", "ratio ",

@@ -1,5 +1,5 @@
-"""`--person all`: people who cross each other's way in front of four cameras. Is nobody swapped, and is each tracked
-as well as alone? Detections are simulated, in any order and without ids; nobody is detected where another hides most of
+"""`--person all`: people who cross each other's way in front of four cameras. Is no one swapped, and is each tracked as
+well as alone? Detections are simulated, in any order and without ids; no person is detected where another hides most of
 them. Each person is also tracked from the same detections without the others: the errors' ratio is the measure."""
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Task(Clip):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one clip: how many people were there and came out; the share of their detections that were taken for them,
-    and how many were somebody else's; MPJPE of each among the others and alone [mm], empty where not tracked."""
+    """Of one clip: the numbers of people present and found; the share of their detections that were assigned to them,
+    and how many belonged to others; MPJPE of each among the others and alone [mm], empty where not tracked."""
 
     people: int
     out: int
@@ -75,7 +75,7 @@ def crossing(body: Body, clip: Clip, rng: np.random.Generator) -> list[np.ndarra
 
 
 def unhidden(people: Detections, motions: Sequence[np.ndarray], cameras: Sequence[Camera]) -> Detections:
-    """Without the detections of those who are hidden, for the most part, by somebody nearer to the camera."""
+    """Without the detections of those who are hidden, for the most part, by a person nearer to the camera."""
     visible: dict[str, list[list[tuple[int, Person]]]] = {}
     for camera in cameras:
         frames = []
@@ -130,7 +130,7 @@ def _tracked(
     files: Mapping[str, Path],
     who: Sequence[int],
 ) -> tuple[list[float], list[float]]:
-    """MPJPE [mm] of everybody among the others, and alone, in the order of `who`."""
+    """MPJPE [mm] of each person among the others, and alone, in the order of `who`."""
     cameras = task.work / "cameras.json"
     runs = km.track(
         "human34", None, keypoints=files, cameras=cameras, person="all", seed=task.seed, out=task.work / "all.run"
@@ -155,7 +155,7 @@ def main(
     jobs: int = 1,
     json: Json = None,
 ) -> None:
-    """Print who was taken for whom, and the errors among others and alone.
+    """Print which people were confused, and the errors among others and alone.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ Films = dict[str, Path]
 
 @dataclass(frozen=True)
 class Seen:
-    """How the detector sees one person: share of each camera's pictures, and the median and 95th percentile of the limb
+    """The detections of one person: share of each camera's pictures, and the median and 95th percentile of the limb
     joints' distances [px]."""
 
     shares: tuple[float, ...]
@@ -58,7 +58,7 @@ def filmed(
     body: Body, motions: Sequence[np.ndarray], cameras: Sequence[Camera], seed: int, work: Path
 ) -> dict[str, Films]:
     """Films of both people together, and of each alone, by camera. Both are rendered in the same room; together each
-    pixel shows who is nearer, and beside them the darker one of the two pictures: the shadows of both."""
+    pixel shows the nearer person, and elsewhere the darker one of the two pictures: the shadows of both."""
     points = np.array([body.landmarks(body.at(pose)) for q in motions for pose in q])
     place, scene = place_of(points, 0.0), SceneSettings(background="room", noise=0.0)
     makers = [
@@ -79,7 +79,7 @@ def filmed(
 def _pictures(
     body: Body, motions: Sequence[np.ndarray], makers: Sequence[Renderer], c: int, rng: np.random.Generator
 ) -> Iterator[list[np.ndarray]]:
-    """Of each frame the picture of both, of the first and of the second alone, by one camera."""
+    """For each frame the picture of both, of the first and of the second alone, by one camera."""
     for poses in zip(*motions, strict=True):
         posed = [body.at(q) for q in poses]
         alone = [maker.frame(p, c, rng) for maker, p in zip(makers, posed, strict=True)]
@@ -95,7 +95,7 @@ def _pictures(
 
 
 def seen(files: Mapping[str, Path], body: Body, motions: Sequence[np.ndarray], cameras: Sequence[Camera]) -> list[Seen]:
-    """How each of the people is seen in keypoint files of MediaPipe's layout, by camera."""
+    """The detections of each of the people in keypoint files of MediaPipe's layout, by camera."""
     names = list(body.landmark_names)
     pairs = [(j, names.index(n)) for j, n in enumerate(FORMATS["mediapipe33"]) if n in names and n.endswith(LIMBS)]
     theirs, ours = (list(column) for column in zip(*pairs, strict=True))
@@ -118,14 +118,14 @@ def seen(files: Mapping[str, Path], body: Body, motions: Sequence[np.ndarray], c
 
 
 def detected(films: Films, folder: Path) -> Films:
-    """The keypoint files of those films in which somebody is seen; what is there is taken."""
+    """The keypoint files of those films in which a person is seen; existing ones are used."""
     files = {}
     for name, film in films.items():
         file = made_folder(folder) / f"{name}.json"
         with suppress(InputError):
             km.detect(film, out=file, overwrite=True)
             files[name] = file
-        tell(f"{folder.name}, {name}: {'done' if name in files else 'nobody is seen'}")
+        tell(f"{folder.name}, {name}: {'done' if name in files else 'no person is seen'}")
     return files
 
 

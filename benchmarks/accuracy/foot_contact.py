@@ -31,7 +31,7 @@ from kinemode.terminal import report
 TRIALS = ("walking1", "walkingTS1", "STS1", "squats1")
 MARKERS = {"left": ("L_calc", "L_toe", "L_5meta"), "right": ("r_calc", "r_toe", "r_5meta")}
 RUNNER_MARKERS = {"left": ("LCAL", "LTOE", "LMT5"), "right": ("RCAL", "RTOE", "RMT5")}
-"""Of who runs on a treadmill, forces/runner."""
+"""The trial of a treadmill runner, forces/runner."""
 PELVIS = ("L.ASIS", "L.PSIS", "r.ASIS", "r.PSIS")
 WALKS = TRIALS[:2]
 FLOOR_COLUMNS = ("film, seed", "frames below the floor", "deepest [mm]", "skating", "contact kept")
@@ -55,7 +55,7 @@ class PlateAgreement(NamedTuple):
 
 
 def agreements(folder: Path, trial: str, names: Mapping[str, tuple[str, ...]] = MARKERS) -> dict[str, PlateAgreement]:
-    """Of both feet of a trial, by side; names: of a foot's heel, toe and fifth metatarsal."""
+    """The agreement of both feet of a trial, by side; names: of a foot's heel, toe and fifth metatarsal."""
     markers = read_trc(folder / f"{trial}.trc")
     sides = {side: _points(markers, own) for side, own in names.items()}
     loaded = _loaded(folder / f"{trial}_grf.mot", markers.time, sides)
@@ -78,7 +78,7 @@ def gait_agreements(folder: Path, trial: str) -> dict[tuple[str, str], EventErro
 
 
 def _under_shoes(sides: dict[str, np.ndarray]) -> np.ndarray:
-    """The markers of both feet (T, 6, 3), each lowered by as much as it is above the floor at least."""
+    """The markers of both feet (T, 6, 3), each lowered by its least height above the floor."""
     points = np.concatenate(list(sides.values()), axis=1)
     points[..., 2] -= np.nanpercentile(points[..., 2], _LOWEST, axis=0)
     return points
@@ -125,7 +125,7 @@ class FilmAgreement(NamedTuple):
 
 
 def film_agreement(place: Path, seed: int) -> FilmAgreement:
-    """Of a film tracked by its one camera and smoothed."""
+    """The agreement of a film tracked by its one camera and smoothed."""
     column, parts = columns_of(place / "truth.csv.gz"), ("heel", "toe")
     marks = [[column[f"{side}_{part}_{axis}"] for axis in "xyz"] for side in SIDES for part in parts]
     names = [f"{side}_{part}" for side in SIDES for part in ("heel", "big_toe")]
@@ -171,7 +171,7 @@ def _print_films(folder: Path, seeds: Sequence[int], figures: dict[str, dict[str
 
 
 def _print_gait(folder: Path, figures: dict[str, dict[str, object]]) -> None:
-    table = report.table("events of walking by markers against force plates", "kind, told by", *COLUMNS)
+    table = report.table("events of walking by markers against force plates", "kind, source", *COLUMNS)
     several = [gait_agreements(folder, trial) for trial in WALKS]
     for kind, way in itertools.product(KINDS, WAYS):
         errors = EventErrors.joined([of[way, kind] for of in several])
@@ -195,7 +195,7 @@ def main(
     films
         Also track the phone films by their one camera, and compare with standing by markers.
     captured
-        Also tell the events of captured walks and runs from landmarks with noise, against those without.
+        Also detect the events of captured walks and runs from landmarks with noise, against those without.
     seeds
         Of the tracker, and of the noise.
     """

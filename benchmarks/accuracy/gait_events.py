@@ -21,7 +21,7 @@ _EDGE = 0.1  # s at either end of a clip, where events of the truth do not count
 
 
 def events_by(contact: Contact, pelvis: np.ndarray) -> dict[str, list[Event]]:
-    """Of each of `WAYS`; pelvis (T, 3) [m]: its middle, at the contact's times."""
+    """The events by each of `WAYS`; pelvis (T, 3) [m]: its middle, at the contact's times."""
     place = {name: contact.points[:, k] for k, name in enumerate(contact.names)}
     heel, toe = ({side: place[f"{side}_{part}"] for side in SIDES} for part in ("heel", "big_toe"))
     by_pelvis = gait_events(filtered(Feet(contact.time, pelvis, heel, toe)))
@@ -29,7 +29,7 @@ def events_by(contact: Contact, pelvis: np.ndarray) -> dict[str, list[Event]]:
 
 
 def loaded_events(time: np.ndarray, loaded: Mapping[str, np.ndarray]) -> list[Event]:
-    """When feet begin and cease to be loaded, (T,) bool by side."""
+    """Whether feet are loaded, (T,) bool by side."""
     standing = np.stack([loaded[side] for side in SIDES], axis=1).astype(float)
     names, nowhere = tuple(f"{side}_heel" for side in SIDES), np.full((*standing.shape, 3), np.nan)
     return Contact(time, names, nowhere, standing, None, np.ones(len(SIDES))).events
@@ -44,7 +44,7 @@ class EventErrors(NamedTuple):
 
     @staticmethod
     def of(ours: Sequence[Event], truth: Sequence[Event], kind: str, span: tuple[float, float]) -> EventErrors:
-        """Of one kind of event, both feet; span [s]: the clip's, at whose ends events do not count."""
+        """The errors of one kind of event, both feet; span [s]: the clip's, at whose ends events do not count."""
         off, extra = list[float](), 0
         for side in SIDES:
             here, there = (
@@ -58,11 +58,11 @@ class EventErrors(NamedTuple):
 
     @staticmethod
     def joined(several: Sequence[EventErrors]) -> EventErrors:
-        """Those of several clips."""
+        """The errors of several clips."""
         return EventErrors(np.concatenate([each.off for each in several]), sum(each.extra for each in several))
 
     def cells(self) -> tuple[str, ...]:
-        """How many events there are, the mean and the mean absolute error [ms], the share within `FRAMES`, how many are
+        """The number of events, the mean and the mean absolute error [ms], the share within `FRAMES`, how many are
         not there and how many are extra."""
         near = 1e3 * self.off[np.isfinite(self.off)]
         sizes = (f"{near.mean():+.0f}", f"{np.abs(near).mean():.0f}") if len(near) else ("-", "-")
@@ -76,11 +76,11 @@ class EventErrors(NamedTuple):
 
 
 COLUMNS = ("events", "off [ms]", "|off| [ms]", "within 67 ms", "none near", "extra")
-"""Of `EventErrors.cells`."""
+"""The columns of `EventErrors.cells`."""
 
 
 def _nearest(times: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Of times (N,) the difference of the nearest of others (M,), theirs minus ours, NaN where none is near."""
+    """For times (N,) the difference of the nearest of others (M,), theirs minus ours, NaN where none is near."""
     if not len(others):
         return np.full(len(times), np.nan)
     off = others - times[:, None]

@@ -44,7 +44,7 @@ from kinemode.terminal import report
 TARGET = 1e-5
 KKT_TARGET = 1e-6
 ROUNDING = 1e-14  # of the energy: its last digits are noise where the gradient decides
-STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
+STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras face, to the pelvis
 
 
 @dataclass
@@ -171,7 +171,7 @@ def image_errors(body: Body, frame: Frame, poses: int, rng: np.random.Generator)
 
 
 def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBody) -> dict[str, Term]:
-    """What each cue says around a pose, and all of them together."""
+    """The energy of each cue around a pose, and of all together."""
     prediction = likelihood.predictor.predict(posed)
     matches = likelihood.contours(prediction)
     made: dict[str, Term] = {m.label: likelihood.on_contours(prediction, [m.features]) for m in matches}
@@ -222,7 +222,7 @@ def proportion_errors(poses: int, rng: np.random.Generator) -> Errors:
 
 
 class Watch(StepSolver):
-    """A step solver that remembers where it was asked for a step: those are the accepted poses of a search."""
+    """A step solver that records where steps were requested: these are the accepted poses of a search."""
 
     seen: list[np.ndarray]
 
@@ -234,7 +234,7 @@ class Watch(StepSolver):
 
 @dataclass
 class Descents:
-    """What many searches did: rises are relative to the energy."""
+    """Statistics of many searches: rises are relative to the energy."""
 
     statuses: dict[str, int] = field(default_factory=dict)
     steps: int = 0
@@ -259,7 +259,7 @@ class Descents:
 
 
 def projected(body: Body, cost: Cost, q: np.ndarray) -> float:
-    """Largest entry of the gradient that no active limit holds, computed anew and apart from the search's own code."""
+    """Largest entry of the gradient that no active limit holds, recomputed independently of the search's code."""
     gradient = cost.at(q).gradient
     low, high = body.tangent_bounds(q)
     held = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))

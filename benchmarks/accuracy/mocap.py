@@ -126,7 +126,7 @@ def main(
     conditions
         Cues alone, keypoints alone, keypoints and cues.
     prior
-        Pose prior: learned from everybody but the person tracked; the one that is shipped, which knows these clips; or
+        Pose prior: learned from all people but the tracked one; the shipped one, which has seen these clips; or
         off.
     clip_seed
         Seed of the clips: room, clothes, noise and the errors of the keypoints.

@@ -1,7 +1,8 @@
 """Widths of the body's outline beside those of the real clip's silhouettes, across limbs, hips and head.
 
 The body stands where four cameras' keypoints put it, with its flesh as shipped: nothing of it was fitted to pictures. A
-section counts where body and silhouette are both told from what is beside them, which arms beside the trunk seldom let.
+section counts where body and silhouette are both separated from their surroundings, which arms beside the trunk seldom
+allow.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]] = {
         ("calf", "knee", "ankle", 0.3, 0.2),
     )
 }
-_STEP = 0.25  # px from one look at a mask to the next
-_SILHOUETTE = (0.6, 1.7)  # of the body's width: what a silhouette's may be, or it is of something else too
+_STEP = 0.25  # px between samples of a mask
+_SILHOUETTE = (0.6, 1.7)  # of the body's width: allowed range of a silhouette's, beyond it something else is included
 
 
 class Width(NamedTuple):
@@ -100,7 +101,7 @@ def mesh_mask(camera: Camera, world: np.ndarray, faces: np.ndarray) -> np.ndarra
 
 
 def _reach(mask: np.ndarray, x: np.ndarray, direction: np.ndarray) -> float:
-    """How far a mask goes on from x [px]; not at all from outside, without end where it leaves the picture."""
+    """How far a mask continues from x [px]; not at all from outside, without end where it leaves the picture."""
     steps = np.arange(0.0, max(mask.shape), _STEP)
     column, row = np.round(x + steps[:, None] * direction).astype(int).T
     inside = (column >= 0) & (column < mask.shape[1]) & (row >= 0) & (row < mask.shape[0])

@@ -47,7 +47,7 @@ class RigClip:
         return self.body.landmarks_of(self.body.placed(self.q))
 
     def begun_later(self, lags: np.ndarray) -> RigClip:
-        """The clip of cameras that began so many frames (C,) int later, or earlier, than they do."""
+        """The clip with cameras that start so many frames (C,) int later, or earlier."""
         left_out = (lags - lags.min()).tolist()
         tracks = tuple(_without_first(track, n) for track, n in zip(self.tracks, left_out, strict=True))
         return replace(self, tracks=tracks, late=self.late + lags / FPS)
@@ -73,7 +73,7 @@ def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, lat
 
 
 def detector_errors(cameras: Sequence[Camera], points: np.ndarray) -> DetectorSettings:
-    """Of a detector that is as exact as on beam4cam beside how large a person of points (T, N, 3) [m] is seen."""
+    """Errors of a detector as exact as on beam4cam, relative to the size at which points (T, N, 3) [m] are seen."""
     tall = np.mean([np.median(np.ptp(camera.project(points)[..., 1], axis=1)) for camera in cameras])
     return DetectorSettings(_NOISE * float(tall), 0.01, 0.02, **LASTING)
 
@@ -90,7 +90,7 @@ def _motion(body: Body, files: Sequence[Path], seconds: float) -> np.ndarray:
 
 
 def _without_first(track: KeypointTrack, frames: int) -> KeypointTrack:
-    """The track of a camera that began so many frames later."""
+    """The track of a camera that starts so many frames later."""
     return replace(track, pixels=track.pixels[frames:], confidence=track.confidence[frames:])
 
 

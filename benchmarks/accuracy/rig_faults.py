@@ -33,7 +33,7 @@ STILL, STRANGER, HOLDS = "all stand still", "one sees another motion", "all hold
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """rig: its name. kind: what is wrong. named: the cameras that are said to be; right: those that are, of two cameras
+    """rig: its name. kind: what is wrong. named: the cameras reported; right: those truly at fault, of two cameras
     both. refused: whether nothing was calibrated."""
 
     rig: str
@@ -67,7 +67,7 @@ def with_turn(track: KeypointTrack, camera: Camera, turned: Camera, begin: int) 
 
 
 def backwards(track: KeypointTrack) -> KeypointTrack:
-    """Somebody who moves otherwise: the track from its end to its begin."""
+    """Another person's motion: the track reversed in time."""
     return replace(track, pixels=track.pixels[::-1].copy(), confidence=track.confidence[::-1].copy())
 
 
@@ -128,7 +128,7 @@ def show(title: str, outcomes: Iterable[FaultOutcome]) -> None:
 
 
 def main(*, count: int = RIGS, data: Data = None, jobs: int = 1, json: Json = None) -> None:
-    """Print how often a camera that was moved, or that sees somebody else, is named.
+    """Print how often a camera that was moved, or that sees another person, is named.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""People who move in controlled ways before two phones."""
+"""People moving in controlled ways before two phones."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class FilmedMotion:
 
 
 def motion_of(body: Body, kind: MotionKind, seconds: float, rng: np.random.Generator) -> np.ndarray:
-    """(T, nq) of a motion, x along the bisector; nobody does it like a clock."""
+    """(T, nq) of a motion, x along the bisector; with human irregularity."""
     times = np.arange(round(FPS * seconds)) / FPS
     place, yaw = _path(kind, times, rng)
     hop = _bumps(times, (0.0, 0.0), _HOPS, rng) if kind.hops else np.zeros(len(times))

@@ -1,4 +1,4 @@
-"""What a person has to do before two phones for their cameras to be found: by the angle between them, the motion, and
+"""Motions before two phones from which their cameras can be found: by the angle between them, the motion, and
 how long it is filmed.
 
 Errors are those of `rigs`: of the second camera's rotation against the first, and of its place, after the scale that
@@ -24,7 +24,7 @@ from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
 SEEDS = 5
-LATE = (0.2, 1.0)  # s: by how much the second camera begins later where clocks are found
+LATE = (0.2, 1.0)  # s: delay of the second camera where clocks are found
 PARTS: dict[str, dict[str, FilmedMotion]] = {
     "angle between the cameras [deg]": {f"{a}": FilmedMotion(angle=a) for a in (10, 20, 40, 60, 90, 120, 150, 170)},
     "motion, 90 degrees apart": {kind.name: FilmedMotion(motion=kind) for kind in MOTIONS},
@@ -35,15 +35,15 @@ ANGLES, MOTION, SECONDS = PARTS
 
 @dataclass(frozen=True)
 class MotionTrial:
-    """Of one setting and seed. known: with clocks that are known. late: with a camera that began later, which nobody
-    says; None where that is not tried."""
+    """A trial of one setting and seed. known: with clocks that are known. late: with an undeclared delay of a camera;
+    None where that is not tried."""
 
     known: RigOutcome
     late: RigOutcome | None
 
     @property
     def clock(self) -> str:
-        """What became of the clocks."""
+        """The outcome for the clocks."""
         if self.late is None:
             return ""
         if self.late.refusal:
@@ -52,7 +52,7 @@ class MotionTrial:
 
 
 def trial_of(task: tuple[FilmedMotion, bool, int]) -> MotionTrial:
-    """Of a setting, whether clocks are found as well, and a seed."""
+    """The trial of a setting, whether clocks are found as well, and a seed."""
     filmed, both, seed = task
     clip, late = filmed.clip(seed), None
     known = RigTrial.of(clip, clip.name, clocks_known=True).outcome()
@@ -64,14 +64,14 @@ def trial_of(task: tuple[FilmedMotion, bool, int]) -> MotionTrial:
 
 
 def column_of(label: str, trials: Sequence[MotionTrial]) -> TrialColumn:
-    """What a picture shows of a setting."""
+    """The column of a setting in the picture."""
     placed = [trial.known for trial in trials if not trial.known.refusal]
     turns, stds = ([value for o in placed for value in of(o)] for of in (lambda o: o.turns, lambda o: o.turn_stds))
     return TrialColumn(label, tuple(turns), tuple(stds), len(trials) - len(placed))
 
 
 def cells(label: str, trials: Sequence[MotionTrial]) -> list[str]:
-    """Of a setting, as a table has them."""
+    """The table cells of a setting."""
     placed = [trial.known for trial in trials if not trial.known.refusal]
     columns = [[float(*getattr(o, name)) for o in placed] for name in ("turns", "turn_stds", "places", "place_stds")]
     clocks = [trial.clock for trial in trials]
@@ -110,7 +110,7 @@ def main(
     picture: Path | None = None,
     json: Json = None,
 ) -> None:
-    """Print errors of two phones that are placed by a person, and how sure they are said to be; all three parts unless
+    """Print errors of two phones that are placed by a person, and their reported uncertainty; all three parts unless
     some are chosen.
 
     Parameters

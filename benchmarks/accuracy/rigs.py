@@ -1,4 +1,4 @@
-"""Cameras placed by a person who moves before them: errors of beam4cam's cameras, whose placements are hidden, and of
+"""Cameras placed by a moving person: errors of beam4cam's cameras, whose placements are hidden, and of
 random rigs around captured people; clocks that are wrong; and time.
 
 Errors are of each camera against the first: its rotation, and its place, after the scale that suits all best, in % of
@@ -36,7 +36,12 @@ LIMITS = {"K given": (1.5, 4.0), "K guessed": (3.0, 8.0), "random": (2.0, 4.0)} 
 SHIFTS = (0.1, 1.5)  # [s]
 FRAME = 1.0 / 60.0  # of beam4cam [s]
 RIGS, TRIALS, LONG, LONG_SEED = 40, 10, 60.0, 9  # a seed of two cameras and a person of so many seconds
-TARGETS = {"beam4cam": "5 of 6 pairs and all four", "clocks": "9 of 10", "random": "90 %, all others said", "time": 30}
+TARGETS = {
+    "beam4cam": "5 of 6 pairs and all four",
+    "clocks": "9 of 10",
+    "random": "90 %, all others reported",
+    "time": 30,
+}
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class RigTrial:
 
     @classmethod
     def of(cls, clip: RigClip, name: str, *, clocks_known: bool) -> RigTrial:
-        """Of a clip whose lenses are known."""
+        """The trial of a clip with known lenses."""
         times = [frame_times(track, FPS) for track in clip.tracks]
         return cls(name, clip.cameras, clip.cameras, clip.tracks, times, clip.points, clip.late, clocks_known)
 
@@ -95,13 +100,13 @@ class RigTrial:
         return dict(zip(names, self.tracks, strict=True)), dict(zip(names, self.times, strict=True))
 
     def calibrated(self, body: Body) -> PersonCalibration:
-        """What `calibrate_by_person` makes of it; raises InputError as that does."""
+        """The result of `calibrate_by_person`; raises InputError as that does."""
         tracks, times = self.by_camera
         lenses = dict(zip(tracks, map(hidden, self.lenses), strict=True))
         return calibrate_by_person(body, tracks, lenses, times, clocks_known=self.clocks_known, size=1.0)
 
     def outcome(self) -> RigOutcome:
-        """What becomes of it, for a person of the default body's proportions."""
+        """The outcome, for a person of the default body's proportions."""
         body, names = Body(load_subject("human34")), [camera.name for camera in self.cameras]
         begin = process_time()
         try:
@@ -116,7 +121,7 @@ class RigTrial:
         return RigOutcome(self.name, seconds, turns, places, turn_stds, place_stds, float(clock), rig.sure)
 
     def _errors(self, rig: PersonCalibration) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Of rotations [deg] and places [%]."""
+        """Errors of rotations [deg] and places [%]."""
         R, centres = seen_from_first([rig.cameras[camera.name] for camera in self.cameras])
         true_R, true_centres = seen_from_first(self.cameras)
         scale = np.sum(centres * true_centres) / np.sum(centres * centres)
@@ -139,12 +144,12 @@ def seen_from_first(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frame_times(track: KeypointTrack, rate: float) -> np.ndarray:
-    """Of its frames by its own clock [s]; rate: where the track does not tell it."""
+    """The times of its frames on its own clock [s]; rate: where the track has none."""
     return np.arange(track.frame_count) / (track.fps or rate)
 
 
 def of_beam(folder: Path, names: Sequence[str], *, guess: bool = False, shifts: np.ndarray | None = None) -> RigTrial:
-    """Some cameras of beam4cam. guess: whether lenses are guessed. shifts (C,) [s]: what is wrong with told times;
+    """Some cameras of beam4cam. guess: whether lenses are guessed. shifts (C,) [s]: errors of the given times;
     clocks are known without."""
     known = load_cameras(folder / "calibration.json")
     cameras = [known[name] for name in names]
@@ -185,7 +190,7 @@ def show(title: str, rows: Sequence[RigOutcome], limits: tuple[float, float]) ->
 
 
 def wrong_clocks(folder: Path) -> list[dict[str, Any]]:
-    """Two to four cameras of beam4cam whose told times are wrong, but the first one's."""
+    """Two to four cameras of beam4cam whose given times are wrong, except the first one's."""
     rows, counts = [], {"within a frame": 0, "refused": 0, "wrong": 0}
     table = report.table(f"beam4cam, times wrong by {SHIFTS[0]:g} to {SHIFTS[1]:g} s", "cameras", "error [frames]", "")
     for seed in range(TRIALS):
@@ -204,7 +209,7 @@ def wrong_clocks(folder: Path) -> list[dict[str, Any]]:
 
 
 def random_rigs(files: Sequence[Path], count: int, late: float, jobs: int) -> list[dict[str, Any]]:
-    """Random rigs of the seeds below `count`, K given, and whether those that are wrong are said to be unsure."""
+    """Random rigs of the seeds below `count`, K given, and whether wrong ones are reported as uncertain."""
     rows = in_processes(partial(of_seed, files, late, SECONDS), range(count), jobs)
     limits = LIMITS["random"]
     clocks = f"clocks off by up to {late:g} s" if late else "clocks known"
@@ -214,9 +219,9 @@ def random_rigs(files: Sequence[Path], count: int, late: float, jobs: int) -> li
     z = [t / max(std, 1e-3) for outcome in rows for t, std in zip(outcome.turns, outcome.turn_stds, strict=True)]
     doubts = sum(not outcome.sure and outcome.within(limits) for outcome in rows)
     lines = [
-        f"{count - len(others)} of {count} within; of the {len(others)} others {unsure} are said,"
+        f"{count - len(others)} of {count} within; of the {len(others)} others {unsure} are reported,"
         f" {sum(bool(outcome.refusal) for outcome in others)} of them refused; target {TARGETS['random']}",
-        f"{doubts} of those within are said to be unsure; rotation error over predicted deviation, root mean square:"
+        f"{doubts} of those within are reported as uncertain; RMS rotation error over predicted deviation:"
         f" {np.sqrt(np.mean(np.square(z))) if z else np.nan:.2f}",
     ]
     if late:
@@ -246,18 +251,18 @@ def main(
     jobs: int = 1,
     json: Json = None,
 ) -> None:
-    """Print errors of cameras that a person places, and how sure they are said to be; beam4cam unless a part is chosen.
+    """Print errors of cameras that a person places, and their reported uncertainty; beam4cam unless a part is chosen.
 
     Parameters
     ----------
     beam4cam
         Its six pairs and all four cameras, placements hidden: K given, and K guessed.
     clocks
-        Two to four cameras of beam4cam whose told times are wrong, but the first one's: ten trials.
+        Two to four cameras of beam4cam whose given times are wrong, except the first one's: ten trials.
     count
         So many random rigs around captured people, K given; 40 with --late unless given.
     late
-        Of random rigs: their clocks are off by up to 1.5 s, and nobody knows them.
+        Of random rigs: their clocks are off by up to 1.5 s, unknown.
     time
         Processor time of a clip of 60 s of two cameras.
     jobs

@@ -40,7 +40,7 @@ Known = Literal["nothing", "height", "floor"]
 
 
 class Outcome(NamedTuple):
-    """Mean error of the joint angles [deg], fitted over true height, whether lengths on their bounds were said."""
+    """Mean error of the joint angles [deg], fitted over true height, whether lengths on their bounds were reported."""
 
     height: float
     error: float
@@ -62,7 +62,7 @@ def person_of(adult: Subject, height: float, rng: np.random.Generator) -> Subjec
 
 
 def cameras_for(height: float) -> tuple[Camera, ...]:
-    """Cameras around somebody, at distances in proportion."""
+    """Cameras around a person, at distances in proportion."""
     away, middle = 2.1 * height, np.array([0.0, 0.0, 0.56 * height])
     cameras = []
     for k, angle in enumerate(np.radians(AROUND)):
@@ -144,6 +144,6 @@ def main(
             f"{np.mean(ratios <= ALLOWED):.0%}", f"{off.max():.1%}",
         )  # fmt: skip
         figures[f"{noise:g}"] = {"adult": average, "people": [o._asdict() for o in all_]}
-        print(f"noise {noise:g} px: of {sum(o.bound for o in all_)} it is said that lengths rest on a bound")
+        print(f"noise {noise:g} px: of {sum(o.bound for o in all_)} lengths on a bound are reported")
     report.console().print(made)
     save(out, figures)

@@ -1,7 +1,7 @@
-"""`--sync auto`: clocks of cameras found from their keypoints, and how sure they are, where the truth is known.
+"""`--sync auto`: clocks of cameras found from their keypoints, and their uncertainty, where the truth is known.
 
 The clip beam4cam with cameras that start, and end, too late; and motion capture that two cameras see as a detector
-does, with frame rates of their own; then clips in which nothing can be told: nobody moves, or no moment is in common.
+does, with frame rates of their own; then clips without information: no one moves, or no time is in common.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ RATE = 60.0
 
 @dataclass(frozen=True)
 class Clock:
-    """One camera's clock as it was found: error in frames of the slowest camera, NaN where nothing could be told."""
+    """One camera's clock as it was found: error in frames of the slowest camera, NaN where it could not be
+    determined."""
 
     error: float
     sure: bool
@@ -56,7 +57,7 @@ class Views:
     begins: np.ndarray
 
     def clocks(self) -> list[Clock]:
-        """The clocks of all but the first camera, as they are found."""
+        """The estimated clocks of all but the first camera."""
         estimate = synchronised(self.cameras, self.pixels, self.times)
         frame = max(float(np.median(np.diff(of))) for of in self.times)
         truth = self.begins - self.begins[0]
@@ -74,7 +75,7 @@ class Views:
 
 
 def shifts(rng: np.random.Generator, count: int) -> np.ndarray:
-    """When each of some cameras began [s]: 0.1 to 1.5 s earlier, or later, than the others, one at least."""
+    """The start of each of some cameras [s]: 0.1 to 1.5 s earlier, or later, than the others, one at least."""
     late = rng.choice(count, rng.integers(1, count), replace=False) if count > 1 else np.zeros(1, dtype=int)
     begins = np.zeros(count)
     begins[late] = rng.uniform(*SHIFTS, len(late)) * rng.choice([-1.0, 1.0])
@@ -82,7 +83,7 @@ def shifts(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def of_beam(rng: np.random.Generator, data: Path, detector: str, count: int, shortest: float) -> Views:
-    """Some cameras of the clip, each from where it began to where it ended: a part of 1.67 s, `shortest` at least."""
+    """Some cameras of the clip, each from its start to its end: a part of 1.67 s, `shortest` at least."""
     folder = beam_folder(data)
     names = sorted(rng.choice(NAMES, count, replace=False).tolist())
     known = load_cameras(folder / "calibration.json")
@@ -134,7 +135,7 @@ KINDS: dict[str, Callable[[np.random.Generator, Path], Views]] = {
     "beam4cam, two cameras": lambda rng, data: of_beam(rng, data, "keypoints", 2, 0.6),
     "capture, two cameras": lambda rng, data: of_capture(rng, data, ""),
     "the same, 30 and 60 frames/s": lambda rng, data: of_capture(rng, data, "rates"),
-    "nobody moves": lambda rng, data: of_capture(rng, data, "still"),
+    "no one moves": lambda rng, data: of_capture(rng, data, "still"),
     "no moment in common": lambda rng, data: of_capture(rng, data, "apart"),
 }
 
@@ -162,7 +163,7 @@ def main(
     jobs: int = 1,
     json: Json = None,
 ) -> None:
-    """Print how many clocks are within one frame, and how many of the others are said to be unsure.
+    """Print how many clocks are within one frame, and how many of the others are reported as uncertain.
 
     Parameters
     ----------

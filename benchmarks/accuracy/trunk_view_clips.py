@@ -1,4 +1,4 @@
-"""People who bend as a virtual phone sees them: joint centres of a laboratory or of motion capture, projected exactly,
+"""Bending people as seen by a virtual phone: joint centres of a laboratory or of motion capture, projected exactly,
 with white noise, or with a detector's errors; tracked, and how the trunk was read."""
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.landmarks import without_side
 
 EXACT, NOISE, DETECTOR = KINDS = ("exact", "noise", "detector")
-"""Of keypoints: exact, with 3 px of white noise, or with errors as large as MediaPipe's on two phone films: a place
-on the body that is constant for a person, an error that lasts 0.3 s, and a frame's."""
+"""Noise of keypoints: exact, with 3 px of white noise, or with errors as large as MediaPipe's on two phone films: a
+place on the body that is constant for a person, an error that lasts 0.3 s, and a frame's."""
 FPS = 30.0
 DISTANCE, HEIGHT, FOCAL = 3.5, 1.2, 0.7  # m, m, of the longer side
 SIZE = (720, 1280)
@@ -75,8 +75,8 @@ class Seen(NamedTuple):
 
 
 def seen_person(path: Path) -> Seen:
-    """Of a BVH file, of SMPL's joints in an npz file, whose person is made as large as an adult, or of a folder with
-    OpenCap's truth."""
+    """The person of a BVH file, of SMPL's joints in an npz file, whose person is made as large as an adult, or of a
+    folder with OpenCap's truth."""
     if path.is_dir():
         column = columns_of(path / "truth.csv.gz")
         names = {f"{s}_{j}": f"{s}_{j}" for s in ("left", "right") for j in (*_LIMBS, "heel")}
@@ -98,7 +98,7 @@ def seen_person(path: Path) -> Seen:
 
 @dataclass(frozen=True)
 class ViewRun:
-    """A piece of work: somebody seen from one side.
+    """A piece of work: a person seen from one side.
 
     source: see `seen_person`. start, seconds [s]: of it. azimuth [deg]: of the phone, 0 before the person, 90 at the
     left. kind: one of `KINDS`. changes: to the settings, as JSON.
@@ -146,18 +146,18 @@ class ViewRun:
 
 
 def phone(seen: Seen, azimuth: float) -> Camera:
-    """A level phone that looks at where the person is in the middle of the clip."""
+    """A level phone facing the person's place in the middle of the clip."""
     return phone_before(seen.of("hip")[:, :2], seen.forward.mean(axis=0), azimuth)
 
 
 def phone_before(path: np.ndarray, forward: np.ndarray, azimuth: float) -> Camera:
-    """A level phone that looks at the middle of a path (T, 2) [m], from an azimuth [deg] about forward (3,)."""
+    """A level phone facing the middle of a path (T, 2) [m], from an azimuth [deg] about forward (3,)."""
     away = float(np.arctan2(forward[1], forward[0])) + np.radians(azimuth)
     return level_phone(path.mean(axis=0), DISTANCE + 0.5 * float(np.ptp(path, axis=0).max()), away)
 
 
 def level_phone(place: np.ndarray, distance: float, azimuth: float) -> Camera:
-    """One that looks at a place (2,) [m] from so far [m], from a direction [rad] counted from x to y."""
+    """One facing a place (2,) [m] from a distance [m], from a direction [rad] counted from x to y."""
     away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     x = np.cross(-away, [0.0, 0.0, 1.0])
     R = np.stack([x, np.cross(-away, x), -away])
@@ -186,7 +186,7 @@ def seen_by(seen: Seen, camera: Camera, kind: str, seed: int) -> KeypointTrack:
 
 
 def reading_errors(run: Run, truth: Seen, camera: Camera) -> Figures:
-    """Of the smoothed trajectory, with frames' means but for `wrong`.
+    """The errors of the smoothed trajectory, with frames' means but for `wrong`.
 
     lean: absolute error of the trunk's lean forwards [deg]. trunk: of its direction [deg]. hips, knees: of the angles
     that joint centres have there [deg]. wrong: longest time for which it leans over 15 degrees to the wrong side [s].
@@ -220,12 +220,12 @@ def reading_errors(run: Run, truth: Seen, camera: Camera) -> Figures:
 
 
 def lean_of(seen: Seen) -> np.ndarray:
-    """How far the trunk leans forwards [deg], (T,)."""
+    """The forward lean of the trunk [deg], (T,)."""
     return _lean(seen.trunk, seen.forward)
 
 
 def _lean(trunk: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """How far a trunk (T, 3) leans forwards [deg], (T,)."""
+    """The forward lean of a trunk (T, 3) [deg], (T,)."""
     return np.asarray(np.degrees(np.arctan2(np.sum(trunk * forward, axis=1), trunk[:, 2])))
 
 

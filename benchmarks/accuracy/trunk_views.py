@@ -1,4 +1,4 @@
-"""Which way a trunk leans that one phone sees: people who bend, from all sides.
+"""Which way a trunk leans in one phone's view: people bending, from all sides.
 
 From the front and from behind a trunk that leans towards the camera and one that leans away look alike. The people
 are the joint centres of two films by markers (OpenCap) or captured motion (CMU, ASAP); the views are virtual
@@ -48,7 +48,7 @@ _LEANS, _APART, _EACH, _CLIPS = 20.0, 3.0, 5, 20  # deg, s, windows of a person,
 
 
 class Window(NamedTuple):
-    """Where somebody bends: a source, and where in it a window of so many seconds begins."""
+    """A bend: a source, and where in it a window of so many seconds starts."""
 
     source: Path
     start: float
@@ -67,7 +67,7 @@ def main(
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Track people who bend as a virtual phone sees them, and print how their trunks were read.
+    """Track bending people as seen by a virtual phone, and print how their trunks were read.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def captured_windows(data: Path | None) -> list[Window]:
 
 
 def person_of(path: Path) -> str:
-    """Who is captured: the films of SMPL's joints are of people who are not known."""
+    """The captured person: those in the films of SMPL's joints are unknown."""
     return subject_of(path.stem) if path.suffix == ".bvh" else path.stem
 
 

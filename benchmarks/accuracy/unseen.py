@@ -1,7 +1,7 @@
-"""Captured people left out of learning, seen by one camera: what the prior is worth to somebody it does not know.
+"""Captured people left out of learning, seen by one camera: the value of the prior for unseen people.
 
 Clips and keypoints are those of `python -m benchmarks pose_prior --track`; a second kind of keypoints has the twelve
-limb joints alone. The prior is learned from everybody but the person tracked.
+limb joints alone. The prior is learned from all people but the tracked one.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ COLUMNS = {
 LEGEND = (
     "smoothed trajectories. hips aligned, PA: mean error of the limb joints; over 250 mm: share of frames with the hips"
     " aligned, those without a pose among them.",
-    f"angles: mean absolute error of {', '.join(ANGLES)}; the captured skeleton does not tell other joints' angles.",
+    f"angles: mean absolute error of {', '.join(ANGLES)}; the captured skeleton has no other joints' angles.",
     "spikes: joints that leave for a frame, over 12 cm off the mean of the frames beside it, the truth under 4 cm.",
     "turning: of the true pelvis' heading, deg/s. Clips and actions are means of clips, turning is of frames.",
 )
@@ -82,7 +82,7 @@ def main(
     clips
         So many of each person.
     windows
-        At most so many parts of each clip, as long as `seconds` says, spread over it without overlapping.
+        At most so many parts of each clip, `seconds` long, spread over it without overlapping.
     seconds
         At most so much of each.
     seeds
@@ -144,11 +144,11 @@ def spikes_in(tracks: Sequence[Figures]) -> str:
 
 
 def variant(path: Path) -> dict[str, Any]:
-    """The changes to css's settings in a file; raises InputError where they are none, or name a prior of their own."""
+    """The changes to css's settings in a file; raises InputError where there are none, or where they name a prior."""
     choose("css", path)
     changes = load_settings(path)
     if "pose_prior_file" in changes.get("cost", {}):
-        problem = "the prior is that of everybody but the person tracked"
+        problem = "the prior is that of all people but the tracked one"
         raise InputError(path, problem, place="cost.pose_prior_file", remedy="leave it out")
     return changes
 

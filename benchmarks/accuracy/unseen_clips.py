@@ -40,13 +40,13 @@ GROUPS = {
     "knees": ("left_knee_flexion", "right_knee_flexion"),
     "elbows": ("left_elbow_flexion", "right_elbow_flexion"),
 }
-"""Joints whose angle the captured skeleton tells: it has the ends of the limbs and no turns about them, so that knees
-and elbows are told by themselves, and a hip's flexion with hips and shoulders, which place the pelvis."""
+"""Joints whose angle the captured skeleton determines: it has the ends of the limbs and no turns about them, so that
+knees and elbows are determined alone, and a hip's flexion with hips and shoulders, which place the pelvis."""
 ANGLES = tuple(name for names in GROUPS.values() for name in names)
 TURNS = ("0 to 30", "30 to 90", "over 90")
 _TURN_EDGES = (30.0, 90.0)  # [deg/s]
 
-# what is done in the trials of the CMU database that file names do not tell
+# what is done in the trials of the CMU database that file names do not give
 _OF_TRIAL = {"02_03": "run", "02_05": "punch", "02_06": "bend", "02_08": "swordplay", "05_01": "walk"}
 _OF_TRIAL |= {f"35_{trial}": "run" for trial in range(17, 27)}
 _OF_SUBJECT = {"05": "dance", "16": "jump", "49": "acrobatics"}
@@ -54,13 +54,13 @@ _OF_SUBJECT |= dict.fromkeys(("02", "06", "07", "08", "10", "12", "26", "35"), "
 
 
 def action_of(name: str) -> str:
-    """What is done in a clip, by the numbers that its name ends with, else by its first word."""
+    """The action in a clip, by the numbers that its name ends with, else by its first word."""
     known = _OF_TRIAL.get(trial_of(name)) or _OF_SUBJECT.get(subject_of(name))
     return known or name.split("_")[0]
 
 
 def heading_rate(quaternion: np.ndarray, fps: float) -> np.ndarray:
-    """How fast the pelvis turns about the vertical [deg/s], (T,), without a sign: central differences of the heading of
+    """The rate of the pelvis about the vertical [deg/s], (T,), without a sign: central differences of the heading of
     its left side, which stays level when a person bends. quaternion (T, 4): xyzw, world with z up."""
     if len(quaternion) < 2:
         return np.zeros(len(quaternion))
@@ -75,9 +75,9 @@ def turn_bins(rate: np.ndarray) -> np.ndarray:
 
 
 def spikes_of(points: np.ndarray, truth: np.ndarray, root: Sequence[int] | None) -> np.ndarray:
-    """How many joints of points (T, J, 3) [m] leave for a frame, (T,): over 12 cm off the mean of the frames before and
-    after, with the hips aligned where they are known (`root`), where the truth's is under 4 cm off. None in the first
-    and last frame, nor beside one without a pose."""
+    """The number of joints of points (T, J, 3) [m] leave for a frame, (T,): over 12 cm off the mean of the frames
+    before and after, with the hips aligned where they are known (`root`), where the truth's is under 4 cm off. None in
+    the first and last frame, nor beside one without a pose."""
     left = [np.zeros(points.shape[:2]) for _ in range(2)]
     for off, track in zip(left, (points, truth), strict=True):
         aligned = track if root is None else track - track[:, list(root)].mean(axis=1, keepdims=True)
@@ -101,7 +101,7 @@ class FrameErrors(NamedTuple):
 
     @staticmethod
     def of(run: Run, truth: Reference) -> FrameErrors:
-        """Of a run of the body that the truth, a rendered clip's, is of but for its lengths."""
+        """The errors of a run whose body is that of the truth, a rendered clip's, up to its lengths."""
         assert truth.coordinates is not None  # a clip's truth has them
         pairs = paired(run.body.landmark_names, run.time, truth)
         points = pairs.of(run.landmarks)
@@ -118,11 +118,11 @@ class FrameErrors(NamedTuple):
 
     @staticmethod
     def joined(several: Sequence[FrameErrors]) -> FrameErrors:
-        """Those of several clips, one after the other."""
+        """The errors of several clips, one after the other."""
         return FrameErrors(*(np.concatenate(arrays) for arrays in zip(*several, strict=True)))
 
     def at(self, frames: np.ndarray) -> FrameErrors:
-        """Those of some frames, (T,) bool."""
+        """The errors of some frames, (T,) bool."""
         return FrameErrors(*(array[frames] for array in self))
 
     def means(self) -> dict[str, float]:
@@ -159,7 +159,7 @@ class UnseenRun:
 
     @property
     def clip(self) -> str:
-        """What the clip is called: its file, and where it begins unless at the beginning."""
+        """The clip's name: its file, and its start unless at the beginning."""
         return f"{self.motion.stem}{f' from {self.start:g} s' if self.start else ''}"
 
     @property

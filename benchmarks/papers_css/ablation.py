@@ -1,4 +1,4 @@
-"""What carries: CSS without one of its parts at a time, at an equal number of searches, beside the whole."""
+"""Ablation: CSS without one of its parts at a time, at an equal number of searches, beside the whole."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "no transition": {"css": {"transition": False}},
 }
 """Changes to the settings. What a source of proposals leaves of the budget goes to the others, so that all rows have as
-many searches: a row tells what a part is worth beside what its searches would do elsewhere."""
+many searches: a row shows what a part is worth against what its searches would do elsewhere."""
 PICTURES_ALONE = ("no momentum", "no limb searches", "no flow in the covariance")
 """These act on pictures; without them the row would be the whole to the last bit."""
 RIVALS = ("no samples", "spherical samples")
@@ -92,9 +92,9 @@ def main(
     json: Json = None,
 ) -> None:
     """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion
-    capture and beam4cam from keypoints. Captured motions without the pose prior, which knows these people.
+    capture and beam4cam from keypoints. Captured motions without the pose prior, which has seen these people.
 
-    All of it is 540 runs, about six hours of one core. An interrupted measure goes on if its --work is given again;
+    All of it is 540 runs, about six hours of one core. An interrupted measure resumes if its --work is given again;
     runs of css on the stand-ins are shared with `benchmarks.papers_css.failures` in the same folder.
 
     Parameters
@@ -194,7 +194,7 @@ def show(table: Sequence[Row]) -> None:
     out = report.console()
     for suite in dict.fromkeys(row.suite for row in table):
         of = {row.name: row for row in table if row.suite == suite}
-        made = report.table(f"{SUITES[suite].said}: {of[WHOLE].filtered.runs} runs", "without", *COLUMNS)
+        made = report.table(f"{SUITES[suite].title}: {of[WHOLE].filtered.runs} runs", "without", *COLUMNS)
         for name in ROWS:
             if name in of:
                 made.add_row(name, *_cells(of[name]))
@@ -219,7 +219,7 @@ def verdicts(done: Sequence[Measured]) -> list[str]:
     """Whether samples by the covariance beat spherical ones and none, with pictures alone: in the mean error or in runs
     lost, filtered, over all runs of these suites together."""
     suites = [name for name, suite in SUITES.items() if suite.pictures]
-    said = []
+    verdicts_found = []
     for rival in RIVALS:
         whole, other = (_values(done, suites, row, "filtered", False) for row in (WHOLE, rival))
         if not other:
@@ -229,18 +229,18 @@ def verdicts(done: Sequence[Measured]) -> list[str]:
         lost_there, lost_here = (_values(done, suites, row, "filtered", True) for row in (rival, WHOLE))
         lost = paired(lost_there, lost_here, clips)
         good = errors.shown(LEAST) or (lost.mean >= LEAST and lost.mean > 2.0 * lost.error)
-        said.append(
+        verdicts_found.append(
             f"pictures alone, {len(other)} runs, samples by the covariance beside {rival}: error {errors}; lost in"
             f" {lost.mean:+.0%} ± {lost.error:.0%} fewer of the runs; target {LEAST:.0%} and two standard errors in"
             f" either: {'reached' if good else 'not reached'}"
         )
-    return said
+    return verdicts_found
 
 
 def differences(table: Sequence[Row]) -> dict[str, dict[str, Difference]]:
     """For the picture: by suite, what each row has more than the whole."""
     return {
-        SUITES[suite].said: {row.name: row.more for row in table if row.suite == suite and row.name != WHOLE}
+        SUITES[suite].title: {row.name: row.more for row in table if row.suite == suite and row.name != WHOLE}
         for suite in dict.fromkeys(row.suite for row in table)
     }
 
@@ -248,7 +248,7 @@ def differences(table: Sequence[Row]) -> dict[str, dict[str, Difference]]:
 def in_markdown(table: Sequence[Row]) -> str:
     """The table of the documents: a line for each row, filtered and smoothed of each suite."""
     suites = list(dict.fromkeys(row.suite for row in table))
-    head = ["without", *(f"{SUITES[s].said}: {kind}" for s in suites for kind in ("filtered", "smoothed"))]
+    head = ["without", *(f"{SUITES[s].title}: {kind}" for s in suites for kind in ("filtered", "smoothed"))]
     lines = [head, ["---"] * len(head)]
     for name in dict.fromkeys(row.name for row in table):
         of = {row.suite: row for row in table if row.name == name}

@@ -30,11 +30,11 @@ MOCAP_CLIP_SEED = 2  # as `benchmarks.accuracy.mocap`
 
 class Suite(NamedTuple):
     """A set of clips tracked in one way. pictures: from the first frame's joints and pictures, else from keypoints.
-    measure: which field of `TrackErrors` is the error. said: in a line."""
+    measure: which field of `TrackErrors` is the error. title: in a line."""
 
     pictures: bool
     measure: str
-    said: str
+    title: str
 
 
 STAND_INS, MOCAP_PICTURES, MOCAP_KEYPOINTS, BEAM = "stand-ins", "mocap-pictures", "mocap-keypoints", "beam4cam"
@@ -65,7 +65,7 @@ class Part:
     piece: Prepared
 
     def read(self, figures: Figures) -> Measured:
-        """What came out of its piece."""
+        """The result of its piece."""
         errors = {name: TrackErrors(**e) for name, e in figures["outcome"]["errors"].items()}
         return Measured(self.suite, self.row, self.clip, self.seed, figures["frames"], figures["cpu"], errors)
 
@@ -84,7 +84,7 @@ class Measured:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """What a run of another row must share to be compared with it."""
+        """The key that a run of another row must share to be compared with it."""
         return self.suite, self.clip, self.seed
 
 
@@ -186,8 +186,8 @@ def _all_settings(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Wanted(NamedTuple):
-    """What all rows have in common: where clips are, where the data is, which of the clips (all if empty), their seeds
-    where they have several, those of the tracker, how much of each clip, and changes to the settings."""
+    """The common choices of all rows: where clips are, where the data is, which of the clips (all if empty), their
+    seeds where they have several, those of the tracker, how much of each clip, and changes to the settings."""
 
     clips: Path
     data: Path | None

@@ -1,4 +1,5 @@
-"""Sequences that are begun by an index of examples, and in which the person may be hidden: who is found, and when."""
+"""Sequences started by an index of examples, and in which the person may be hidden: whether they are found, and
+when."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ _BASELINE = 0.12  # m
 
 @dataclass(frozen=True)
 class Beginning:
-    """How a track begins that is given no pose. index: of human34. hidden [s]: from when until when a screen hides the
+    """How a track without an initial pose starts. index: of human34. hidden [s]: intervals in which a screen hides the
     person."""
 
     index: Path
@@ -27,7 +28,7 @@ class Beginning:
 
     @property
     def name(self) -> str:
-        """Of the clip, beside its motion's."""
+        """The name of the clip, after its motion's."""
         return "_pair" + "".join(f"_{begin:g}-{end:g}" for begin, end in self.hidden)
 
     @property

@@ -46,7 +46,7 @@ class Place:
 
 class Valley(NamedTuple):
     """One basin's minimiser as the place moves: t (T,) rising, cost (T,) and q (T, nq) there. folded: whether it ends
-    before the first and before the last place asked for because there is no minimum any more, so that a search falls
+    before the first and before the last requested place because there is no longer a minimum, so that a search falls
     into another basin; otherwise limits end it or the range does. The cost is NaN where a valley before this has the
     same minimiser."""
 
@@ -86,7 +86,7 @@ def valleys(problem: Problem, k: int, reach: float, points: int) -> list[Valley]
 
 
 def _unlike(problem: Problem, before: list[Valley], valley: Valley) -> Valley:
-    """A valley without what it shares with those before it."""
+    """A valley without its common part with earlier ones."""
     cost = valley.cost.copy()
     for i, (t, q) in enumerate(zip(valley.t, valley.q, strict=True)):
         for other in before:

@@ -123,7 +123,7 @@ class _Jumps:
 
 def hunted(task: HuntTask, clock: Callable[[], float] = time.process_time) -> Hunt:
     """Searches from samples, and with jumps from every other start, about minima drawn evenly from those known. clock:
-    tells the time that they take [s]."""
+    gives the time that they take [s]."""
     problem, rng = known_problem(task.pose, task.seen), np.random.default_rng([task.seed, task.pose, 1])
     seeker, pool = Seeker(problem.body, SEARCH), Pool(problem, task.scale)
     next(

@@ -35,7 +35,7 @@ PROPOSALS: dict[str, Callable[[Problem, float], Proposal]] = {
 
 
 class Starts(Protocol):
-    """What searches start from: a proposal, or what has no density."""
+    """The source of starts: a proposal, or one without a density."""
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
         """One configuration (nq,), within the joint limits."""
@@ -44,7 +44,7 @@ class Starts(Protocol):
 
 @runtime_checkable
 class Learns(Protocol):
-    """Starts that are told where each search from them has ended."""
+    """Starts that receive where each search from them has ended."""
 
     def offer(self, solution: Solution) -> None:
         """The end of the search from the last sample."""
@@ -65,7 +65,7 @@ class RowTask(NamedTuple):
 
 @dataclass(frozen=True)
 class Searches:
-    """What the searches of a row start from and end in.
+    """The starts and ends of a row's searches.
 
     raw_q (N, nq), raw_energy (N,): samples. q (N, nq), energy (N,), landmarks (N, L, 3) [m]: where searches ended.
     residual (N,): the projected gradient there, recomputed. curvature (N,): least eigenvalue of the exact Hessian on
@@ -129,7 +129,7 @@ def searched_from(
 def search_results(
     problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, solutions: list[Solution], cpu: float
 ) -> Searches:
-    """Ends of searches with everything that the rules of counting ask for, computed anew from the energy."""
+    """Ends of searches with everything that the rules of counting need, recomputed from the energy."""
     body = problem.body
     ends = [problem.cost.at(f.q, exact=True) for f in solutions]
     least = []

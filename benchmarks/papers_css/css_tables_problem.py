@@ -37,7 +37,7 @@ reach as far to either side, and its minima lie within the limits."""
 
 
 class Regime(NamedTuple):
-    """How well joints are seen and how strongly they are drawn to rest; by default as in Table 1.
+    """Settings of the observation noise and the pull to rest; by default as in Table 1.
 
     noise [px]: standard deviation of the image's joints. stabilisers [rad]: of every joint about its rest, Gaussian;
     0 takes the subject's own rests and deviations, long-tailed, as the tracker has them. potential: of the image's

@@ -82,7 +82,7 @@ class Reflected:
 
 class Curved:
     """A covariance scaled step in pieces, along the valley of the image's least change: at the end of each piece the
-    covariance is that of the place reached, and the step goes on in the direction that is as many deviations away.
+    covariance is that of the place reached, and the step continues in the direction that is as many deviations away.
 
     Straight steps leave the curved valley; this costs an evaluation a piece.
     """
@@ -226,4 +226,4 @@ TRIED: dict[str, Callable[[Problem], Starts]] = {
     "CSS 4 and jumps about known minima": partial(AboutKnown, scale=4.0, jumps=0.5),
     "SS 8 and jumps about known minima": partial(AboutKnown, scale=8.0, spherical=True, jumps=0.5),
 }
-"""What is compared, by name; the number is the scale."""
+"""The compared proposals, by name; the number is the scale."""

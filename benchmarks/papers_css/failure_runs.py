@@ -27,7 +27,7 @@ SIZES = {
     "condensation": "condensation.particles",
     "annealed": "annealed.particles",
 }
-"""By group of settings, the one that says how much a tracker does in a frame: time grows with it in a straight line."""
+"""By group of settings, the one that sets the work of a tracker per frame: time grows linearly with it."""
 TRIAL = (0.1, 0.4)
 """The sizes that are tried, as shares of a tracker's own."""
 EQUAL = 1.15  # times that differ by less count as equal
@@ -39,7 +39,7 @@ class Attempt:
     """One tracker on one clip.
 
     size: its setting of `SIZES`, None where that was left to it. cpu: seconds of processor time a frame, of tracking
-    alone. frames: of the clip. smooths: whether its hypotheses have energies that smoothing can go by; where not, the
+    alone. frames: of the clip. smooths: whether its hypotheses have energies that smoothing can use; where not, the
     smoothed trajectory is the filtered path.
     """
 
@@ -67,7 +67,7 @@ class Attempt:
 
     @property
     def key(self) -> tuple[str, int, int]:
-        """What another tracker's run must share to be compared with it."""
+        """The key that another tracker's run must share to be compared with it."""
         return self.motion, self.clip_seed, self.seed
 
 
@@ -133,7 +133,7 @@ class Tracking:
 
     @property
     def _modes(self) -> int | None:
-        """They are asked for of CSS alone, the others keep their own number."""
+        """They are set for CSS alone, the others keep their own number."""
         return self.task.how["modes"] if TRACKERS[self.tracker].group == TRACKERS[CSS].group else None
 
     @property
@@ -184,10 +184,10 @@ class Sizing:
 
 
 def mean_time(attempts: Sequence[Attempt]) -> float:
-    """Processor time a frame [s]. Raises InputError where the clips are too short to tell."""
+    """Processor time a frame [s]. Raises InputError where the clips are too short to measure."""
     mean = float(np.mean([attempt.cpu for attempt in attempts]))
     if not np.isfinite(mean):
-        raise InputError("--seconds", "leaves too few frames to tell what a frame takes", remedy="5 frames or more")
+        raise InputError("--seconds", "leaves too few frames to measure the time per frame", remedy="5 frames or more")
     return mean
 
 
@@ -216,7 +216,7 @@ def size_for(budget: float, sizes: list[int], times: list[float]) -> int:
     """The size that takes `budget` on the straight line through two that took these times; at least 1."""
     (small, large), (quick, slow) = sizes, times
     proportional = large * budget / max(slow, 1e-9)
-    if (slow - quick) * (large - small) <= 0.0:  # too quick to tell
+    if (slow - quick) * (large - small) <= 0.0:  # too fast to measure
         return max(1, round(proportional))
     on_line = small + (budget - quick) * (large - small) / (slow - quick)
     return max(1, round(min(on_line, FARTHEST * proportional)))

@@ -1,4 +1,4 @@
-"""What the failure table says of all its runs: a row for each tracker and sequence, and the paper's order."""
+"""The failure table of all runs: a row for each tracker and sequence, and the paper's order."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PAPER = {
     ("turn_reach", "gaussian-single-mode"): "0.5 s",
     ("turn_reach", "robust-single-mode"): "about 1 s",
 }
-"""When the trackers lost the paper's own sequences, where section 6 says so."""
+"""When the trackers lost the paper's own sequences, where section 6 states it."""
 
 COLUMNS = (
     "size", "ms a frame", "of css's", "filtered [mm]", "lost", "of limits", "smoothed [mm]", "lost ", "of limits ",
@@ -136,13 +136,14 @@ def _error_cells(j: TrackStatistics, motion: str) -> list[str]:
 
 
 def lost_cell(j: TrackStatistics, motion: str) -> str:
-    """How many runs were lost, and when."""
+    """The number of lost runs, and the times."""
     when = f", {j.lost_at / FPS[motion]:.1f} s" if j.lost and motion in FPS else ""
     return f"{j.lost} of {j.runs}{when}"
 
 
 def order(attempts: Sequence[Attempt], rows: Sequence[Row]) -> list[str]:
-    """Whether the paper's order is there, filtered: who is lost how often, and whether CSS has the lowest error."""
+    """Whether the paper's order holds, filtered: which tracker is lost how often, and whether CSS has the lowest
+    error."""
     of = by_tracker(attempts)
     said = []
     for name, runs in of.items():
@@ -162,7 +163,7 @@ def order(attempts: Sequence[Attempt], rows: Sequence[Row]) -> list[str]:
 
 
 def _ahead(motion: str, of: Mapping[str, Sequence[Attempt]]) -> str:
-    """CSS beside the next tracker that is none of its variations."""
+    """CSS against the next tracker that is not one of its variations."""
     errors = {name: {a.key: a.outcome.errors["filtered"].mean for a in runs} for name, runs in of.items()}
     others = {n: float(np.mean(list(e.values()))) for n, e in errors.items() if not _variation(n)}
     if not others:

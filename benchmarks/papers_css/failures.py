@@ -1,5 +1,5 @@
 """The failures of CSS section 6 on the stand-ins of its sequences: which tracker loses which of them when, all trackers
-having as much processor time a frame as CSS and being judged alike, as they tracked and smoothed."""
+having as much processor time a frame as CSS and judged by the same criteria, as they tracked and smoothed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from kinemode.terminal import report
 BY_ONE_CAMERA = tuple(
     name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed", "dual_chain", "markers")
 )
-"""ELMO and its parts go by depth, which these clips do not have, loose-limbed people by several cameras, dual chains by
+"""ELMO and its parts use depth, which these clips do not have, loose-limbed people by several cameras, dual chains by
 two arms, markers by points in space."""
 
 
@@ -52,7 +52,7 @@ def main(
 
     The pose prior is off, as only css has it.
 
-    All of it is 270 runs, four to six hours of one core. An interrupted measure goes on if its --work is given again.
+    All of it is 270 runs, four to six hours of one core. An interrupted measure resumes if its --work is given again.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Known(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What was found of one pose.
+    """The result for one pose.
 
     reachable: its interpretations. early, in_time, ever: how many of them are among the first 40, among those made and
     searched from in a frame's time, and among all. made: how many configurations that time allows. seconds: of making
@@ -85,7 +85,8 @@ def limbs_of(body: Body) -> list[list[int]]:
 
 
 def plausible_pose(body: Body, rng: np.random.Generator) -> np.ndarray:
-    """Joints as far from rest as the stabilisers say they go, within limits; a free root upright but for 0.2 rad."""
+    """Joints at deviations from rest as the stabilisers have them, within limits; a free root upright but for 0.2
+    rad."""
     q = body.neutral.copy()
     for s in body.subject.stabilisers:
         i = body.model.idx_qs[body.model.getJointId(s.joint)]
@@ -98,7 +99,7 @@ def plausible_pose(body: Body, rng: np.random.Generator) -> np.ndarray:
 
 
 def camera_for(body: Body, q: np.ndarray, rng: np.random.Generator) -> Camera:
-    """A 640 x 480 camera anywhere around the body, up to 0.6 m above or below it, looking at its middle."""
+    """A 640 x 480 camera anywhere around the body, up to 0.6 m above or below it, facing its middle."""
     middle = body.landmarks(body.at(q)).mean(axis=0)
     angle = rng.uniform(-np.pi, np.pi)
     eye = middle + DISTANCE * np.array([np.cos(angle), np.sin(angle), 0.0]) + [0.0, 0.0, rng.uniform(-0.6, 0.6)]
@@ -185,7 +186,7 @@ def measured(task: Task) -> dict[str, Outcome]:
 def found_by(
     body: Body, q: np.ndarray, camera: Camera, truth: np.ndarray, limbs: list[list[int]], solutions: list[list[Known]]
 ) -> tuple[int, ...] | None:
-    """Which interpretation a configuration is, by the solution of every limb; None if it is none."""
+    """The interpretation of a configuration, by the solution of every limb; None without one."""
     points, true = body.landmarks(body.at(q)), body.landmarks(body.at(truth))
     outer = [k for limb in limbs for k in limb[1:]]
     if np.abs(camera.project(points[outer]) - camera.project(true[outer])).max() > NEARLY:
@@ -200,7 +201,7 @@ def found_by(
 
 
 def searched_in_time(body: Body, q: np.ndarray, camera: Camera, jumps: KinematicJumps) -> int:
-    """How many interpretations are made and explored, as a frame's hypotheses are, in the time of a frame."""
+    """The number of interpretations made and explored, as a frame's hypotheses are, in the time of a frame."""
     model = CostModel(body)
     search = ModeSearch(model)
     pixels = camera.project(body.landmarks(body.at(q)))[None]

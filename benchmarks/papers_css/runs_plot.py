@@ -50,7 +50,7 @@ def _row_of_runs(axes: Axes, row: float, runs: Sequence[Attempt], trajectory: st
 
 
 class Difference(NamedTuple):
-    """Of a row from the first row, in a panel of the picture: filtered and smoothed."""
+    """The difference of a row from the first row, in a panel of the picture: filtered and smoothed."""
 
     filtered: Spread
     smoothed: Spread

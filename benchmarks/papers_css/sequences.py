@@ -41,7 +41,7 @@ class Task:
 
     seconds: only so much of the motion. plate: whether the empty scene is given. folder: of all clips, which are kept
     there, a folder each. how: arguments of `timed_track`. detected: track from a detector's keypoints in every frame
-    instead of the first frame's and the pictures. begins: by an index instead, before a stereo pair.
+    instead of the first frame's and the pictures. begins: with an index instead, before a stereo pair.
     """
 
     motion: str

@@ -1,4 +1,4 @@
-"""What many runs say together: means with their errors, shares, differences of pairs."""
+"""Figures over many runs: means with their errors, shares, differences of pairs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class Spread(NamedTuple):
-    """Of numbers that came in groups, such as the runs of several clips.
+    """The mean of numbers that came in groups, such as the runs of several clips.
 
     mean. deviation: standard deviation of the numbers. error: standard error of the mean, that of independent numbers
     (deviation over the root of their count), or that of independent groups (the same of the groups' means) where it is
@@ -46,7 +46,7 @@ def _error(x: np.ndarray) -> float:
 
 
 def paired(values: Mapping[Key, float], others: Mapping[Key, float], groups: Mapping[Key, Hashable]) -> Spread:
-    """Of values minus others, of the runs that both have."""
+    """The mean of values minus others, over the runs that both have."""
     both = [key for key in values if key in others]
     return spread_of([values[key] - others[key] for key in both], [groups[key] for key in both])
 
@@ -70,7 +70,7 @@ class Gain(NamedTuple):
 
 
 def gain(ours: Mapping[Key, float], theirs: Mapping[Key, float], groups: Mapping[Key, Hashable]) -> Gain:
-    """Of ours over theirs, over the runs that both have."""
+    """The gain of ours over theirs, over the runs that both have."""
     both = [key for key in ours if key in theirs]
     other = float(np.mean([theirs[key] for key in both])) if both else float("nan")
     difference = paired(theirs, ours, groups)
@@ -96,7 +96,7 @@ class TrackStatistics(NamedTuple):
 
     @property
     def mean_and_error(self) -> str:
-        """With the deviation, in millimetres."""
+        """The mean with its deviation, in millimetres."""
         e = self.error
         if not np.isfinite(e.error):
             return f"{e.mean:.1f}"

@@ -171,7 +171,7 @@ def texts(row: dict[str, Any]) -> list[str]:
 
 
 def scored(case: Case) -> dict[str, Score]:
-    """What is found in one clip, by what is known of the foreground."""
+    """The scores of one clip, by what is known of the foreground."""
     tell(f"{case.motion}, {case.scene}, seed {case.seed}")
     with tempfile.TemporaryDirectory(prefix="kinemode-blobs-") as folder:
         scene = km.SceneSettings(sleeves="long", boards=BOARDS, swinging=SCENES[case.scene])
@@ -218,7 +218,7 @@ def _learned(keypoints: Path, picture: np.ndarray, mask: np.ndarray | None) -> S
 
 
 def truths(camera: Camera, q: np.ndarray) -> list[Truth]:
-    """Of every frame of q (T, nq), by the renderer's own map of parts."""
+    """The truth of every frame of q (T, nq), by the renderer's own map of parts."""
     body = Body(load_subject("upper13"))
     renderer = Renderer(body, [camera], np.random.default_rng(0), km.SceneSettings(background="black"))
     surface = surface_of(body, nodes=3000)
@@ -245,7 +245,7 @@ def _truth(renderer: Renderer, body: Body, surface: Surface, q: np.ndarray) -> T
 
 
 def _count(score: Score, true: Truth, blobs: Blobs) -> None:
-    """Add what one frame tells."""
+    """Add the figures of one frame."""
     for hand in range(len(HANDS)):
         if true.seen[hand].sum() < VISIBLE * true.areas[hand]:
             continue

@@ -3,7 +3,7 @@
     python -m benchmarks chains [--walks 400] [--particles 1000] [--json FILE]
 
 Taycher, Fisher and Darrell 2004, section 3. Where the truth is one walk of variance q a frame, and the point r beside
-it, both chains model the same thing: a product of experts is then narrower than either. How sure they are after 15
+it, both chains model the same thing: a product of experts is then narrower than either. Their certainty after 15
 frames without an observation is counted over walks: the share of 90 % regions (of both coordinates) with the truth
 inside.
 """
@@ -48,12 +48,12 @@ class Check:
 
 
 def main(*, walks: int = 400, particles: int = 1000, seed: int = 0, json: Json = None) -> None:
-    """Compare with exact inference, and count how often the truth is where the chains say.
+    """Compare with exact inference, and count how often the truth is in the chains' regions.
 
     Parameters
     ----------
     walks
-        Whose last place is looked for after frames in the dark.
+        The clips whose last place is searched for after frames without detections.
     particles
         Of the chain of samples.
     seed
@@ -95,7 +95,7 @@ def exactness(seed: int, frames: int = 6) -> list[Check]:
         Check("first frame: from eq. 4 in closed form", f"{gap[0]:.1e}", "1e-6"),
         Check(f"{frames - 1} later frames: from eq. 5 on the grid", f"{max(off[1:]):.1e}", "1e-6"),
         Check("the same: from eq. 4, exact (largest gap of mean or variance)", f"{max(gap[1:]):.3f}", ""),
-        Check("beside a chain that knows nothing: from Kalman's filter", f"{kalman:.1e}", "1e-9"),
+        Check("beside an uninformative chain: from the Kalman filter", f"{kalman:.1e}", "1e-9"),
         Check("what is impossible in one chain: density in the other", f"{impossible():.1e}", "0"),
     ]
 
@@ -108,7 +108,8 @@ def impossible() -> float:
 
 
 def samples(seed: int, particles: int, repeats: int = 200) -> list[Check]:
-    """How many standard errors the mean and variance of samples are from the closed form, over repeats."""
+    """The number of standard errors between the mean and variance of samples and the closed form, over
+    repeats."""
     truth: list[Belief] = [Belief(np.zeros(2), 1.0), Belief(np.zeros(2), 1.0)]
     points = np.random.default_rng(seed).normal(size=(3, 2))
     for point in points:

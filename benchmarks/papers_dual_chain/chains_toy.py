@@ -1,6 +1,6 @@
 """Two random walks that see the same point: chains whose exact inference is known, by formula and on a grid.
 
-S_i goes on by N(0, Q), F is S_i + N(0, R) under each chain, and O is F + N(0, NOISE). Both coordinates of the point are
+S_i moves by N(0, Q), F is S_i + N(0, R) under each chain, and O is F + N(0, NOISE). Both coordinates of the point are
 alike and independent, so that a grid of one coordinate is enough.
 """
 
@@ -72,7 +72,7 @@ class WeightedStates:
 
     @property
     def variance(self) -> np.ndarray:
-        """Of each coordinate, (2,)."""
+        """The variance of each coordinate, (2,)."""
         return np.asarray(self.weights @ np.square(self.states - self.mean))
 
 

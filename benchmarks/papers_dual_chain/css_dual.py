@@ -1,4 +1,4 @@
-"""What a chain of keypoints beside css keeps where keypoints are missing, on the real clip beam4cam.
+"""The effect of a chain of keypoints beside css where keypoints are missing, on the real clip beam4cam.
 
     python -m benchmarks css_dual [--data DIR] [--views cam01 ...] [--seeds 0 1 2 3 4] [--jobs 2] [--work FOLDER]
 

@@ -2,12 +2,12 @@
 
     python -m benchmarks dual_chain [--seeds 0 1 2 3 4] [--jobs 2] [--work FOLDER] [--recover] [--json FILE]
 
-All weigh poses by the same blobs, outlines and silhouette, begin by the same keypoints of the first frame, and differ
+All weigh poses by the same blobs, outlines and silhouette, start from the same keypoints of the first frame, and differ
 in where poses come from: dual-chain(1000), and (2000) as it is set, likelihood sampling(1000) without points and past,
 CONDENSATION with 5,000 and 15,000 whole poses from the past; then all in the time of the first. Two more ways are the
-first without points, and with limbs that are neither drawn from the image nor led to it. A seed is one of the clip
-(clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face; one
-clip is of 10 s.
+first without points, and with limbs that are neither drawn from the image nor updated towards it. A seed is one of the
+clip (clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face;
+one clip is of 10 s.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def main(
     equal_time
         The others also with as many samples as take the time of the first.
     recover
-        Instead put poses wrong by 1 rad in every joint of the arms, and look for how long.
+        Instead set poses wrong by 1 rad in every joint of the arms, and measure the time to recover.
     jobs
         So many runs at a time.
     """
@@ -136,8 +136,9 @@ def in_equal_time(store: ResultStore, clip: UpperClip, ways: Sequence[str]) -> d
 
 @dataclass(frozen=True)
 class EqualTime:
-    """How many samples take the time of dual-chain(1000) on the first frames of a clip: time goes up with the number on
-    a straight line, through two numbers. Measured once for a folder, so that what goes on compares the same."""
+    """The number of samples that take the time of dual-chain(1000) on the first frames of a clip: time goes up with the
+    number on a straight line, through two numbers. Measured once for a folder, so that a resumed measure compares the
+    same."""
 
     clip: UpperClip
 
@@ -173,7 +174,7 @@ def _count(target: float, film: Film, low: int, high: int, settings: Any) -> int
 
 
 def _seconds(film: Film, settings: dict[str, Any]) -> float:
-    """Of processor time a frame, median."""
+    """Processor time per frame, median."""
     return float(np.median([s for _, r, s in tracked(film, settings, _TIMED, 0) if r.index > 1]))
 
 
@@ -183,14 +184,14 @@ def _in_new_process(work: Any, *arguments: Any) -> Any:
 
 
 def _peak_memory(clip: UpperClip, folder: Path) -> float:
-    """Of CONDENSATION with 15,000 poses [MB], a few frames in a process of its own."""
+    """Peak memory of CONDENSATION with 15,000 poses [MB], a few frames in a process of its own."""
     for _ in tracked(Film(clip.files(folder)), condensation(15000), 5, 0):
         pass
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def figures(results: Sequence[Figures]) -> dict[str, float]:
-    """Of several runs: means over frames, and counts of frames."""
+    """The figures of several runs: means over frames, and counts of frames."""
 
     def all_of(name: str) -> np.ndarray:
         return np.concatenate([np.asarray(r[name], dtype=float) for r in results])

@@ -75,7 +75,7 @@ def hands_of(q: np.ndarray) -> np.ndarray:
 
 def event_motion(event: str, rng: np.random.Generator) -> np.ndarray:
     """q (T, nq) of the frames up to the last of `KEYS`: from a pose with the hands apart into the event and out of it
-    by ways of least jerk, on which no parts overlap and hands are no faster than 2 m/s; another is drawn where not."""
+    by ways of least jerk, on which no parts overlap and hands are no faster than 2 m/s; otherwise another is drawn."""
     collision = SelfCollision(upper_body())
     for _ in range(_TRIES):
         apart, after = (_random_pose(rng, _are_apart) for _ in range(2))

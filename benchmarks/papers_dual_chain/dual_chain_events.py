@@ -92,7 +92,7 @@ class EventRun:
 
 @dataclass(frozen=True)
 class _Missing:
-    """What is seen, without the blob of a hand in the frames of `GONE`."""
+    """The observations without the blob of a hand in the frames of `GONE`."""
 
     inner: SeenFeatures
     film: Film
@@ -121,7 +121,7 @@ def parted(q: np.ndarray, on: np.ndarray) -> int:
 
 
 def exchanged(state: DualState) -> DualState:
-    """With the hands of the chain of points exchanged."""
+    """The state with the hands of the chain of points exchanged."""
     order = [0, RIGHT, LEFT]
     entries = np.concatenate([4 * k + np.arange(4) for k in order])
     points = replace(
@@ -131,7 +131,7 @@ def exchanged(state: DualState) -> DualState:
 
 
 def frame_figures(state: DualState, true: np.ndarray, seen: Observation, rng: np.random.Generator) -> dict[str, Any]:
-    """Of one frame, see `EventRun.work`; true (3, 3) [m]: head and hands."""
+    """The figures of one frame, see `EventRun.work`; true (3, 3) [m]: head and hands."""
     camera, places = seen.cameras[0], hands_of(state.q)
     pixels, true_pixels = camera.project(places), camera.project(true)
     middle = pixels.mean(axis=0)
@@ -143,7 +143,7 @@ def frame_figures(state: DualState, true: np.ndarray, seen: Observation, rng: np
 
 
 def level(samples: np.ndarray, point: np.ndarray, rng: np.random.Generator) -> float:
-    """Probability of the smallest region that contains a point (d,), of a density that equal samples (N, d) tell by
+    """Probability of the smallest region that contains a point (d,), of a density given by equal samples (N, d) through
     kernels as wide as Silverman's rule has it (B. Silverman, Density Estimation, 1986, section 4.3)."""
     count, dimension = samples.shape
     width = (4.0 / (count * (dimension + 2.0))) ** (1.0 / (dimension + 4.0))
@@ -195,8 +195,8 @@ def _render(task: tuple[EventClip, Any]) -> None:
 
 
 def figures(result: Figures) -> dict[str, float]:
-    """Of one run: error before and in the event, shares of truths within the 90 % regions in it, whether the hands are
-    right some frames after it."""
+    """The figures of one run: error before and in the event, shares of truths within the 90 % regions in it, whether
+    the hands are right some frames after it."""
     on, error = np.array(result["on"]), np.array(result["error"])
     frames = np.flatnonzero(on)
     after = min(frames[-1] + LATER, len(on) - 1)

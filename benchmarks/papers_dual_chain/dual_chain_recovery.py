@@ -1,4 +1,4 @@
-"""How soon a pose that was put wrong is found again."""
+"""The time of recovery from a pose that was set wrong."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _error(film: Film, state: DualState, true: np.ndarray) -> float:
 
 
 def back_after(wrong: Sequence[float], right: Sequence[float]) -> int:
-    """The number of frames after which the error is about that without, from 1; one more than there are if never."""
+    """The number of frames after which the error is about that without, from 1; one more than the total if never."""
     near = np.asarray(wrong) <= NEAR * np.asarray(right) + BESIDE
     return int(np.argmax(near)) + 1 if near.any() else len(near) + 1
 

@@ -65,7 +65,7 @@ class Film:
         return np.asarray(np.load(self.files.truth, allow_pickle=False)["q"])
 
     def observations(self, frames: int) -> Iterator[tuple[Observation, float]]:
-        """Of the first frames, with the processor time [s] that reading took."""
+        """Observations of the first frames, with the processor time [s] that reading took."""
         ((name, video),) = self.files.videos.items()
         camera = load_cameras(self.files.cameras)[name]
         track = load_keypoints(self.files.first_frame[name])
@@ -115,8 +115,8 @@ class ChainRun:
         return asdict(self)
 
     def work(self, store: ResultStore) -> Figures:
-        """Of every frame but the first: see `frame_figures`, and `seconds` of processor time, with reading the
-        picture."""
+        """The figures of every frame but the first: see `frame_figures`, and `seconds` of processor time, with reading
+        the picture."""
         film = Film(self.clip.files(store.folder))
         true, rows = film.arms(film.q), []
         for state, result, seconds in tracked(film, json.loads(self.settings), self.frames, self.seed):
@@ -158,8 +158,8 @@ def frame_figures(
 
 
 def apart_count(places: np.ndarray, distance: float) -> int:
-    """How many of places (N, J, 3) are kept if each in turn is left out that is, on average over J, within a distance
-    of one before it that was kept."""
+    """The number of places (N, J, 3) that remain if each in turn is left out that is, on average over J, within a
+    distance of one kept before it."""
     distinct: list[np.ndarray] = []
     for place in places:
         if all(np.linalg.norm(place - other, axis=1).mean() > distance for other in distinct):

@@ -55,7 +55,7 @@ class Row:
 
 
 class Fit(NamedTuple):
-    """Of a chi-square test: p, how many bins it has, and by how many equal samples its weights count."""
+    """The result of a chi-square test: p, the number of bins, and the effective number of samples."""
 
     p: float
     bins: int
@@ -89,7 +89,7 @@ def main(*, arms: int = 200_000, seed: int = 0, json: Json = None) -> None:
 
 
 def cameras() -> dict[str, Camera]:
-    """In front of a person who looks at it, 3 m away, and at the same scale without perspective."""
+    """A camera in front of a person facing it, 3 m away, and at the same scale without perspective."""
     guessed = guessed_camera("k", SIZE)
     R = guessed.R_camera_world @ np.diag([-1.0, -1.0, 1.0])
     near = replace(guessed, R_camera_world=R, t_camera_world=-R @ np.array([3.0, 0.0, 0.3]))
@@ -159,7 +159,7 @@ def p_value(proposal: ImageProposal, arms: Arms, log_density: np.ndarray, body: 
     counts = np.bincount(_bin(ik, even[of_even > least]), minlength=size).astype(float)
     some = (counts >= FEWEST) & (sums**2 >= FEWEST * squares)
     if some.sum() < 2:
-        return Fit(np.nan, int(some.sum()), 0)  # too few arms to tell
+        return Fit(np.nan, int(some.sum()), 0)  # too few arms to measure
     sums, squares, counts = sums[some], squares[some], counts[some]
     ratio = sums.sum() / counts.sum()
     for _ in range(5):

@@ -124,7 +124,7 @@ def rate(body: Body, cues: ImageCues, q: np.ndarray, settings: OutlineSettings) 
 
 
 def rates_of_placing(body: Body, q: np.ndarray) -> float:
-    """Poses a second without looking at a picture: the floor."""
+    """Poses per second without using a picture: the lower bound."""
     poses = _around(body, q)
     body.placed(poses[:10])
     began = time.process_time()

@@ -106,7 +106,7 @@ def tracked(task: Task) -> Result:
 
 
 def fitted(clip: RenderedClip) -> Subject:
-    """The built-in body with the lengths that the first frame's keypoints say, which the track is then not given."""
+    """The built-in body with the lengths from the first frame's keypoints, which the track is then not given."""
     return km.fit("human34", clip.videos, cameras=clip.cameras, keypoints=clip.first_frame, cues="off").subject
 
 
@@ -240,7 +240,7 @@ def show(results: list[Result], trackers: tuple[str, ...]) -> None:
 
 
 def _means(results: Sequence[Result]) -> tuple[str, str]:
-    """Of legs and time."""
+    """Means of legs and of time."""
     legs = np.concatenate([result.legs for result in results])
     return f"{np.nanmean(legs):.1f}", f"{np.mean([result.seconds for result in results]):.2f}"
 

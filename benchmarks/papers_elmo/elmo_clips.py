@@ -25,7 +25,7 @@ from kinemode.shot import FilmedMotion, RandomSources, RenderedClip, WantedFiles
 JOINTS = (
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "neck", "head_top",
 )  # fmt: skip
-"""What errors are means over: shoulders, elbows, wrists, neck and head top."""
+"""The joints over which errors are averaged: shoulders, elbows, wrists, neck and head top."""
 LEGS = ("left_knee", "right_knee", "left_ankle", "right_ankle")
 FPS = 30.0
 DRIFT = 40.0  # degrees to either side that the heading drifts
@@ -57,7 +57,7 @@ SEQUENCES = {
 
 @dataclass(frozen=True)
 class Filmed:
-    """A sequence as it is rendered: frames at `fps`, the distance between the cameras [m], the size of the pictures,
+    """A rendered sequence: frames at `fps`, the distance between the cameras [m], the size of the pictures,
     where clips are kept, from when until when [s] a screen hides the person, which clip of it: 0, or another with
     another room, clothes and noise, and whether there is exact depth beside it."""
 

@@ -1,4 +1,4 @@
-"""First frames, and first frames after full occlusions: who is found (again), by ELMO and its rivals."""
+"""First frames, and first frames after full occlusions: whether the person is found (again), by ELMO and its rivals."""
 
 from __future__ import annotations
 

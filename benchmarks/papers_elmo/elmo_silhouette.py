@@ -70,7 +70,7 @@ def main(
     trackers
         Which; icp is given the first pose.
     cues
-        What is looked at.
+        The cues to use.
     plate
         Give a picture of the empty scene; otherwise the background is learned from the clip.
     frames

@@ -98,7 +98,7 @@ def main(
 
 
 def check(changed: dict[str, list[Made]], queries: int, bits: int) -> None:
-    """Raise InputError where something that is asked for cannot be made."""
+    """Raise InputError where a request cannot be met."""
     if queries < 1:
         raise InputError("--queries", f"is {queries}", remedy="1 or more")
     longest = min(bits, _LONGEST_KEY)
@@ -108,7 +108,7 @@ def check(changed: dict[str, list[Made]], queries: int, bits: int) -> None:
             if min(made) < 1:
                 raise InputError(option, f"has {min(made)}", remedy="1 or more")
             if made.neighbours > made.examples:
-                raise InputError(option, f"asks {made.examples} examples for {made.neighbours} neighbours")
+                raise InputError(option, f"has {made.neighbours} neighbours of {made.examples} examples")
             if made.key_bits > longest:
                 raise InputError(option, f"has keys of {made.key_bits} bits", remedy=f"at most {longest}")
 
@@ -125,7 +125,7 @@ def show(index: ExampleIndex, curves: dict[str, list[Row]], histogram_ms: float)
         table = report.table(
             "mean over shoulders, elbows, wrists, neck and head of the best neighbour [mm]",
             TITLES[name], "nearest of all", "all compared", "hashed", "chance", "hashed / nearest", "/ all compared",
-            "/ chance", "looked at", "too few", "query [ms]",
+            "/ chance", "compared", "too few", "query [ms]",
         )  # fmt: skip
         for r in rows:
             errors = (f"{x:.0f}" for x in (r.nearest, r.exact, r.hashed, r.chance))

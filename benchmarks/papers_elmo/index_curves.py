@@ -1,4 +1,4 @@
-"""How good the neighbours of an index are by what it is made of: examples, bits of a key, tables, neighbours."""
+"""The quality of an index's neighbours by its make: examples, bits of a key, tables, neighbours."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from benchmarks.papers_elmo.index_pictures import Asked
 from estimator.search.examples.hashing import HashTables, random_keys
 from estimator.search.examples.index import ExampleIndex
 
-_KEYS = 54321  # of the keys that are drawn anew
+_KEYS = 54321  # of the keys that are drawn again
 
 
 class Made(NamedTuple):
-    """What is looked up: how many of the examples, bits of a key, tables, and how many neighbours are asked for."""
+    """A lookup: numbers of examples, bits of a key, tables, and neighbours."""
 
     examples: int
     key_bits: int
@@ -26,8 +26,8 @@ class Made(NamedTuple):
 
 @dataclass(frozen=True)
 class Row:
-    """Of one make: mean error of the best of the neighbours [mm] over all queries, by who chose them, the index by its
-    buckets (`hashed`), exact search by all bits, or chance; `nearest`: of all examples; looked_at: share of the
+    """A row for one make: mean error of the best of the neighbours [mm] over all queries, by who chose them, the index
+    by its buckets (`hashed`), exact search by all bits, or chance; `nearest`: of all examples; looked_at: share of the
     examples that a query was compared with; fell_back: share of the queries whose buckets had too few; milliseconds of
     a query, median."""
 
@@ -49,7 +49,7 @@ class Curves:
         self._exact: dict[int, np.ndarray] = {}
 
     def row(self, made: Made) -> Row:
-        """Of an index made so, the chosen examples being its first; made.neighbours at most `most`."""
+        """The row of an index made so, the chosen examples being its first; made.neighbours at most `most`."""
         tables = self._made(made)
         rng = np.random.default_rng(tuple(made))
         seconds, neighbours, drawn = [], [], []
@@ -74,7 +74,7 @@ class Curves:
         return float(np.mean([away[numbers].min() for away, numbers in zip(self._asked.away, chosen, strict=True)]))
 
     def _made(self, made: Made) -> HashTables:
-        """With the keys of the index, where it has as many, otherwise with others drawn anew."""
+        """Tables with the keys of the index, where it has as many, otherwise with newly drawn ones."""
         codes, chosen = self._index.tables.codes[: made.examples], self._index.tables.chosen
         if chosen.shape != (made.tables, made.key_bits):
             chosen = random_keys(len(self._index.bits), np.random.default_rng(_KEYS), made.tables, made.key_bits)

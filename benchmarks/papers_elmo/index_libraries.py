@@ -28,7 +28,7 @@ def missing() -> list[str]:
 def library_searches(
     codes: np.ndarray, count: int, modules: Collection[str] = tuple(_PACKAGES)
 ) -> dict[str, Callable[[], Search]]:
-    """What makes each search of `count` neighbours among codes (N, W) uint64, by its name; of the modules that are
+    """The makers of each search of `count` neighbours among codes (N, W) uint64, by its name; of the modules that are
     installed."""
     known = np.ascontiguousarray(codes).view(np.uint8)
     made: dict[str, Callable[[], Search]] = {}

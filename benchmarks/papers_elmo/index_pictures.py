@@ -1,4 +1,5 @@
-"""What the measure of an index asks it: pictures of poses that are not in it, and how far each example is from each."""
+"""The queries of the measure of an index: pictures of poses that are not in it, and how far each example is from
+each."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def painted(body: Body, index: ExampleIndex, count: int, rng: np.random.Generato
 
 
 def asked(body: Body, index: ExampleIndex, made: list[Example], *, aligned: bool) -> Asked:
-    """What pictures ask. aligned: distances about the mean of the joints; without, as the poses are put before the
+    """Queries by pictures. aligned: distances about the mean of the joints; without, as the poses are put before the
     camera."""
     joints = [body.landmark_names.index(name) for name in JOINTS if name in body.landmark_names]
 

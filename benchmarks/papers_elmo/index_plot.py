@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 TITLES = {"examples": "examples N", "key_bits": "bits of a key k", "tables": "tables l", "neighbours": "neighbours K"}
 _LINES = {
     "chance": ("as many at random", "0.6"), "hashed": ("hashed", "#c44e52"), "exact": ("all compared", "#1f4e79"),
-    "nearest": ("nearest example there is", "black"),
+    "nearest": ("nearest of all examples", "black"),
 }  # fmt: skip
 _LOOKED_AT = "#55a868"
 
@@ -35,7 +35,7 @@ def write_curves(path: Path, curves: Mapping[str, Sequence[Row]]) -> None:
         axes.minorticks_off()
     panels[0].set_ylim(bottom=0.0)
     panels[0].set_ylabel("error of the best [mm]")
-    panels[0].plot([], [], "--", color=_LOOKED_AT, label="share looked at (right)")
+    panels[0].plot([], [], "--", color=_LOOKED_AT, label="share compared (right)")
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False
     )
@@ -47,4 +47,4 @@ def _shares(axes: Axes, at: Sequence[int], percent: Sequence[float]) -> None:
     beside.plot(at, percent, "--", color=_LOOKED_AT, linewidth=1.0)
     beside.set_ylim(bottom=0.0)
     beside.tick_params(labelsize=7, labelcolor=_LOOKED_AT)
-    beside.set_ylabel("looked at [%]", color=_LOOKED_AT, fontsize=8)
+    beside.set_ylabel("compared [%]", color=_LOOKED_AT, fontsize=8)

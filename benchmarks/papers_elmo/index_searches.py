@@ -39,7 +39,7 @@ def searched(index: ExampleIndex, queries: Asked, count: int) -> Iterator[Row]:
         search = build()
         build_s = time.perf_counter() - begin
         numbers, query_ms = _timed(search, queries.values)
-        near = [n[n >= 0] for n in numbers]  # faiss says -1 where it knows no more
+        near = [n[n >= 0] for n in numbers]  # faiss returns -1 where it has no more
         codes = packed(queries.values)
         hits = [
             np.count_nonzero(np.bitwise_count(tables.codes[n] ^ code).sum(axis=1) <= farthest)
@@ -50,7 +50,7 @@ def searched(index: ExampleIndex, queries: Asked, count: int) -> Iterator[Row]:
 
 
 def _searches(tables: HashTables, count: int) -> dict[str, Callable[[], Search]]:
-    """What makes each search, by its name."""
+    """The makers of the searches, by name."""
 
     def all_compared() -> Search:
         return lambda value: tables.nearest_of_all(value, count).numbers
@@ -67,7 +67,8 @@ def _searches(tables: HashTables, count: int) -> dict[str, Callable[[], Search]]
 def _by_values(examples: int, features: int, count: int, queries: int) -> Row:
     """Exact search by L2 over the values of the kept features: a product of a matrix (examples, features) with a query.
 
-    An index keeps bits alone, so the values are drawn: the time is that of the true ones, the neighbours are none.
+    An index keeps bits alone, so the values are drawn: the time is that of the true ones, the neighbours are
+    meaningless.
     """
     rng = np.random.default_rng(0)
     known = np.empty((examples, features), np.float32)
@@ -87,7 +88,7 @@ def _by_values(examples: int, features: int, count: int, queries: int) -> Row:
 
 
 def _timed(search: Search, queries: np.ndarray) -> tuple[list[np.ndarray], float]:
-    """What comes out for each query, and the median time of one [ms]."""
+    """The result of each query, and the median time of one [ms]."""
     search(queries[0])  # whatever is compiled is compiled now
     numbers, seconds = [], []
     for query in queries:

@@ -1,9 +1,9 @@
-"""Limbs put together: beliefs of single limbs, off by themselves, and the poses that are made of them.
+"""Limbs put together: beliefs of single limbs, off by themselves, and the poses assembled from them.
 
 Captured poses, rendered in four views. In the first case each limb is believed 30 mm and 0.2 rad (standard deviation of
 each coordinate) from where it is, and as uncertain, and nothing is seen. In the second, 40 mm and 0.25 rad, and 100
-places about there are weighed by the root of the limb's likelihood ratio; poses are made of them without looking at the
-pictures again, and with.
+places about there are weighed by the root of the limb's likelihood ratio; poses are assembled from them without using
+the pictures again, and with.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ ROOT = 0.5  # power of the likelihood ratio
 
 
 class Put(NamedTuple):
-    """Of one instant: errors [m] of limbs' ends as believed and as put together, of the landmarks, deepest overlap [m]
-    and farthest beyond a limit [rad] of all modes, and time [s]."""
+    """Figures of one instant: errors [m] of limbs' ends as believed and as put together, of the landmarks, deepest
+    overlap [m] and farthest beyond a limit [rad] of all modes, and time [s]."""
 
     believed: float
     ends: float
@@ -59,7 +59,7 @@ def main(
     seed: int = 0,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Measure how near assembled poses are to those whose limbs were believed, and what they cost.
+    """Measure how near assembled poses are to the true ones of the believed limbs, and what they cost.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def main(
 
 
 def instant(rng: np.random.Generator, search: ModeSearch, graph: LimbGraph, shown: Shown) -> dict[str, Put]:
-    """What is put together of each kind of belief."""
+    """The assembled poses for each kind of belief."""
     likelihood = LimbLikelihood(graph.limbs, shown.views)
     blind = beliefs(rng, graph, shown, *BLIND, None)
     seen = beliefs(rng, graph, shown, *SEEN, likelihood)

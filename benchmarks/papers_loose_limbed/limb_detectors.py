@@ -1,4 +1,4 @@
-"""How often detectors of limbs, which know no pose, have each limb among their candidates, and how many of those are
+"""How often detectors of limbs, which use no pose, have each limb among their candidates, and how many of those are
 right; on rendered people, rooms and clips that the limbs' likelihood was not learned from.
 
 A candidate is right if its proximal joint is within 100 mm of the true one, and its axis within 30 degrees. Recall is
@@ -35,8 +35,8 @@ RATES = ("recall", "recall, either side", "precision", "precision, by weight", "
 
 
 class Instant(NamedTuple):
-    """What detectors are given of an instant: its views and their likelihood, the graph, and the truth of the limbs
-    that the pictures show, which is no detector's to look at."""
+    """The input of detectors at an instant: its views and their likelihood, the graph, and the truth of the limbs
+    that the pictures show, which no detector may use."""
 
     shown: Shown
     graph: LimbGraph
@@ -44,7 +44,7 @@ class Instant(NamedTuple):
 
 
 def hull(rng: np.random.Generator, instant: Instant) -> AllPartProposals:
-    """`hull_proposals` as it is set."""
+    """`hull_proposals` with its default settings."""
     return hull_proposals(rng, instant.graph, instant.likelihood, instant.shown.views)
 
 
@@ -120,7 +120,7 @@ class Rated(NamedTuple):
 
 
 def clip_rates(clip: Clip) -> dict[str, Rated]:
-    """What each detector makes of a clip."""
+    """The rates of each detector on a clip."""
     tell(f"{clip.path.stem}, seed {clip.seed}")
     graph = limb_graph(person())
     rates: dict[str, list[np.ndarray]] = {name: [] for name in clip.detectors}
@@ -173,7 +173,7 @@ def by_kind(graph: LimbGraph, rates: np.ndarray) -> dict[str, Any]:
 
 
 def kind_of(graph: LimbGraph, limb: int) -> str:
-    """What the names of a limb and its mirror image have in common."""
+    """The common part of the names of a limb and its mirror image."""
     other = graph.names[graph.mirror[limb]].split("_")
     return "_".join(word for word in graph.names[limb].split("_") if word in other) or graph.names[limb]
 

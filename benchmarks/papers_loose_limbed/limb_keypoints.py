@@ -1,5 +1,5 @@
-"""Keypoints as detectors of limbs on the real clip beam4cam: recall and precision of what pairs of views say, and of
-what one view says, against the reference's joints; with the body that the clip was fitted with."""
+"""Keypoints as detectors of limbs on the real clip beam4cam: recall and precision of pairs of views, and of
+single views, against the reference's joints; with the body that the clip was fitted with."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def main(
 
 
 def measured(run: Run, reference: Reference, views: Sequence[str]) -> dict[str, dict[str, list[float]]]:
-    """What `show` gives of each of the views."""
+    """The figures for `show` in each of the views."""
     body, graph = run.body, limb_graph(run.body)
     landmarks, truth, figures = landmarks_of_limbs(body, graph), joints(run, reference), {}
     for view in views:
@@ -89,7 +89,7 @@ def joints(run: Run, reference: Reference) -> np.ndarray:
 
 
 def of_cameras(observation: Observation, names: Sequence[str]) -> Observation:
-    """What some of its cameras show."""
+    """The observation of some of its cameras."""
     rows = [k for k, camera in enumerate(observation.cameras) if camera.name in names]
     cameras = tuple(observation.cameras[k] for k in rows)
     return replace(
@@ -130,8 +130,8 @@ def shares(
     points: np.ndarray,
     names: tuple[str, ...],
 ) -> np.ndarray:
-    """Of a limb's candidates (6,), as `_COLUMNS` has them: whether one is right, the share of the right ones, and that
-    of their weight; NaN where the reference does not have the limb or there is no candidate to be right."""
+    """Shares of a limb's candidates (6,), as `_COLUMNS` has them: whether one is right, the share of the right ones,
+    and that of their weight; NaN where the reference does not have the limb or there is no candidate to be right."""
     mirror = mirror_index(names)
     truth = [ends(graph, landmarks, i, points, mirror) for i in (k, graph.mirror[k])]
     if truth[0] is None or truth[1] is None:

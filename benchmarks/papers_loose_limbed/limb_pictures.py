@@ -31,8 +31,8 @@ _SEED = 1404  # of rooms and clothes; no clip of another measure has them
 
 
 class Shown(NamedTuple):
-    """An instant: its views, the limbs (L) of who is in them, their true poses t (L, 3), R (L, 3, 3), the body and its
-    pose q (nq,), and the pictures (H, W, 3) uint8 BGR of the views."""
+    """An instant: its views, the limbs (L) of the people in them, their true poses t (L, 3), R (L, 3, 3), the body and
+    its pose q (nq,), and the pictures (H, W, 3) uint8 BGR of the views."""
 
     views: list[LimbView]
     limbs: tuple[Limb, ...]
@@ -56,7 +56,7 @@ def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: in
     """Some frames of a captured motion, spread evenly, of a person of random lengths and girth, in a room, light and
     clothes drawn from `seed`.
 
-    Half of the clips have a post or a box before their first camera, and limbs hide each other; the foreground is told
+    Half of the clips have a post or a box before their first camera, and limbs hide each other; the foreground is given
     from a picture of the empty scene.
     """
     rng = np.random.default_rng((_SEED, seed))
@@ -115,7 +115,7 @@ def nowhere(
     rng: np.random.Generator, shown: Shown, count: int, near: float, far: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which limb (N,), at which poses t (N, 3), R (N, 3, 3) where it is not: a third by other limbs' places about the
-    person as they lie, a third turned at random, a third anywhere in the cameras' common volume."""
+    person in place, a third turned at random, a third anywhere in the cameras' common volume."""
     limb = rng.integers(len(shown.t), size=count)
     t = np.array([moved_away(rng, shown.t[i], 1, near, far)[0] for i in limb])
     R = shown.R[limb]

@@ -29,7 +29,7 @@ from kinemode.terminal.report import console, table
 
 NEAR, TURNED = 0.1, 30.0  # m of the proximal joint, degrees between the axes: what counts as found
 TRIED = ("02_03", "02_05", "02_06", "05_10", "05_12", "16_01", "26_01")
-"""Motions that the measures look at; poses of the training are drawn, no captured one among them."""
+"""Motions that the measures use; poses of the training are drawn, no captured one among them."""
 SEED = 7000  # of the clips' people, rooms and clothes
 
 
@@ -44,7 +44,7 @@ def main(
     cameras: int = 4,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Train templates for the cameras of some rendered clips, and look for the limbs of the people in them.
+    """Train templates for the cameras of some rendered clips, and search for the limbs of the people in them.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def main(
 def template_detector(
     subject: Subject, cameras: Sequence[Camera], settings: TemplateSettings, poses: int = 1500
 ) -> tuple[Callable[[Shown], AllPartProposals], LimbTemplates]:
-    """What looks for the limbs of a subject's graph in instants that these cameras show, and its templates."""
+    """The search for the limbs of a subject's graph in instants that these cameras show, and its templates."""
     graph, templates = limb_graph(subject), train_templates(subject, cameras, poses=poses)
     return lambda shown: template_proposals(templates, graph, views_of(shown), settings), templates
 
@@ -106,7 +106,7 @@ def views_of(shown: Shown) -> list[PatchView]:
 
 
 def found(graph: LimbGraph, part_proposals: AllPartProposals, shown: Shown) -> np.ndarray:
-    """Of each limb (L, 4): whether a proposal of its own is at it or the other side's; at it; at it and not turned
+    """For each limb (L, 4): whether a proposal of its own is at it or the other side's; at it; at it and not turned
     about its axis either; and the share of its proposals that are at it or the other side's."""
     values = np.zeros((len(graph.limbs), 4))
     for k, proposals in enumerate(part_proposals):

@@ -32,14 +32,14 @@ ALONE: dict[str, Any] = {"part_detectors": {"by_hull": False}, **NOTHING_LEFT}
 AS_PRINTED: dict[str, Any] = {"propagation": {"product": {"image_weighted": False}}, "tied": 0.0, **ALONE}
 WALKS: dict[str, dict[str, Any]] = {
     "part detectors": {},
-    "nothing looked for in what is left over": NOTHING_LEFT,
+    "no search in what is left over": NOTHING_LEFT,
     "no part detectors": ALONE,
     "no part detectors, smoothing": ALONE | {"smoothing": True},
     "as printed, past fixed": AS_PRINTED,
     "as printed, smoothing": AS_PRINTED | {"smoothing": True},
 }
 STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
-FEW = 3  # seeds of what is only looked at beside
+FEW = 3  # seeds of secondary figures
 BESIDE = ("as printed", "smoothing")
 BLANK = (20, 21, 22, 23, 24)
 RECOVERY_END = 35
@@ -59,7 +59,7 @@ def main(
     json: Json = None,
     figure: Path | None = None,
 ) -> None:
-    """Measure what is asked for.
+    """Run the requested measures.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun
 
 
 def starts(files: Mapping[str, str]) -> dict[str, list[LimbRun]]:
-    """A first frame each, of two frames that are looked at; with keypoints, too."""
+    """A first frame each, using two frames; with keypoints, too."""
     return {
         label: [
             LimbRun(files[name], frame, frame, 0, label, start="nothing", detected=detected)
@@ -147,7 +147,7 @@ def starts(files: Mapping[str, str]) -> dict[str, list[LimbRun]]:
 
 
 def recoveries(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
-    """With and without part detectors, and the annealed filter."""
+    """Recoveries with and without part detectors, and of the annealed filter."""
     runs = {
         label: [
             LimbRun(path, BEGIN, RECOVERY_END, s, label, blank=BLANK, settings=json_module.dumps(changes))
@@ -194,7 +194,7 @@ def show_tracks(title: str, figures: Mapping[str, Sequence[Figures]]) -> None:
 
 
 def mean_and_std(errors: np.ndarray) -> str:
-    """Of the seeds' means, errors (seeds, frames)."""
+    """Mean and deviation of the seeds' means, errors (seeds, frames)."""
     means = np.nanmean(errors, axis=1)
     return f"{means.mean():.1f} +- {means.std(ddof=1) if len(means) > 1 else 0.0:.1f}"
 
@@ -214,7 +214,7 @@ def show_starts(figures: Mapping[str, Sequence[Figures]]) -> None:
 
 
 def show_recovery(figures: Mapping[str, Sequence[Figures]]) -> None:
-    """How long until the error is what it was before the blank frames."""
+    """Print the time until the error returns to that before the blank frames."""
     made = report.table("five blank frames", "tracker", "before [mm]", "first after [mm]", "back in 5 frames", "frames")
     for label, runs in figures.items():
         key = "assembled" if "beliefs" in runs[0] else "expected"

@@ -34,7 +34,7 @@ _CLOTHED = ("pelvis", "thigh", "shank", "torso", "upper_arm", "forearm", "")
 
 @dataclass(frozen=True)
 class LimbClip:
-    """human34 in a captured motion, rendered as it is asked for.
+    """human34 in a captured motion, rendered as requested.
 
     motion: BVH file; None for a person who reaches and turns. seed: of room, clothes and noise. low_contrast: shirt
     and trousers are of the wall's colour. count: of cameras, all around. begin, end: frames that are used, of those at
@@ -106,7 +106,7 @@ class LimbClip:
         return arrays
 
     def observation(self, frame: int, *, blank: bool = False, detected: bool = False) -> Observation:
-        """A frame with its pictures. blank: nobody is in them. detected: with keypoints."""
+        """A frame with its pictures. blank: without the person. detected: with keypoints."""
         cues = tuple(self._cues(frame, c, blank) for c in range(self.count))
         pixels = np.full((self.count, len(self.body.landmark_names), 2), np.nan)
         if detected and not blank:
@@ -138,7 +138,7 @@ class Markers:
 
     @staticmethod
     def of(graph: LimbGraph) -> Markers:
-        """Of a graph."""
+        """The markers of a graph."""
         size = len(graph.limbs)
         ends = [k for k in range(size) if sum(k in edge for edge in graph.edges) == 1]
         along = [0.0] * size + [graph.limbs[k].length for k in ends]

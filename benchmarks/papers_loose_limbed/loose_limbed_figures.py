@@ -102,7 +102,7 @@ class Stage:
 
     @cached_property
     def tracker(self) -> LooseLimbed:
-        """With its usual settings, by pictures alone."""
+        """The tracker with default settings, by pictures alone."""
         made: Any = make_tracker(LOOSE, self.clip.body, settings_for(LOOSE))
         return made
 
@@ -111,7 +111,7 @@ class Stage:
         return self.clip.observation(frame)
 
     def beginning(self, seed: int) -> Beginning:
-        """The first two frames, as the tracker begins with them, looked into."""
+        """Internals of the tracker in the first two frames."""
         tracker, rng = self.tracker, np.random.default_rng(seed)
         instants = [tracker.instants.instant(rng, self.seen(FIRST + k), anew=True) for k in range(2)]
         graph = window(tracker.potentials, tracker.settings.outlier, instants)
@@ -181,7 +181,7 @@ def draw_samples(image: np.ndarray, view: CameraProjection, graph: LimbGraph, po
 
 
 def write_messages(path: Path, stage: Stage, beginning: Beginning) -> None:
-    """Figure 4: what its neighbours say of the limb that has most of them, and what is believed of it."""
+    """Figure 4: the messages to the limb with most neighbours, and its belief."""
     graph, result = stage.clip.graph, beginning.result
     limb = max(range(len(graph.limbs)), key=lambda k: sum(k in edge for edge in graph.edges))
     rng = np.random.default_rng(0)
@@ -200,7 +200,7 @@ def write_messages(path: Path, stage: Stage, beginning: Beginning) -> None:
 
 
 def write_start(path: Path, stage: Stage, beginning: Beginning) -> None:
-    """Figure 6: what is proposed, Q with limbs of which nothing is, beliefs, likeliest limbs, in two views."""
+    """Figure 6: proposals, Q with limbs without proposals, beliefs, likeliest limbs, in two views."""
     beliefs = beginning.result.beliefs[: len(stage.clip.graph.limbs)]
     points, weights = np.array([b.points for b in beliefs]), np.array([b.weights for b in beliefs])
     rows = []
@@ -220,7 +220,7 @@ def write_tracking(path: Path, stage: Stage, seed: int) -> None:
     """Figure 7: some of the frames after the start from nothing, in two views."""
     frames = FrameByFrame(stage.tracker, seed)
     rows: list[list[Tile]] = [[], []]
-    for frame in range(FIRST, LAST + 2):  # the last is only looked ahead to
+    for frame in range(FIRST, LAST + 2):  # the last is only used as a frame ahead
         result = frames.push(stage.seen(frame))
         if result is None or (result.index - FIRST) % STEP or "limb_points" not in result.extra:
             continue

@@ -38,7 +38,7 @@ class AnnealedOnLimbs:
         self.likely = self.particles.weights
 
     def step(self, rng: np.random.Generator, likelihood: LimbLikelihood | None) -> Particles:
-        """The particles of the next frame; None where nobody is seen."""
+        """The particles of the next frame; None where no person is seen."""
 
         def disperse(q: np.ndarray, scale: np.ndarray | float) -> np.ndarray:
             return self._body.integrated(q, scale * self._noise * rng.standard_normal((len(q), self._body.nv)))

@@ -33,14 +33,14 @@ from humanoid.limbs.limb import limb_placements
 
 LOOSE = "loose-limbed"
 _SURE = 0.005, 0.02  # m, rad: how well the first pose is known
-_NEVER = -1e6  # log likelihood of what cannot be
+_NEVER = -1e6  # log likelihood of the impossible
 
 
 @dataclass(frozen=True)
 class LimbRun:
     """A tracker through frames begin to end of a clip.
 
-    start: "pose", the true one of the frame before, or "nothing". blank: frames in which nobody is in the pictures.
+    start: "pose", the true one of the frame before, or "nothing". blank: frames without the person in the pictures.
     detected: with keypoints. settings: of the group `loose_limbed`. noise: file of `learned_noise` for the annealed
     filter, "" for the loose-limbed tracker; particles: of it.
     """
@@ -95,7 +95,7 @@ def _loose(run: LimbRun) -> Figures:
     frames = FrameByFrame(tracker, run.seed, state=state)
     rows: dict[str, list[Any]] = {}
     shown: dict[int, Observation] = {}
-    for frame in range(run.begin, run.end + 2):  # the last is only looked ahead to
+    for frame in range(run.begin, run.end + 2):  # the last is only used as a frame ahead
         shown[frame] = _observation(run, clip, frame)
         began = time.process_time()
         result = frames.push(shown[frame])
@@ -141,7 +141,7 @@ def _append_row(
 
 
 def _beyond_limits(clip: LimbClip, q: np.ndarray) -> float:
-    """How far hypotheses (K, nq) are beyond joint limits at most [rad]."""
+    """The largest excess of hypotheses (K, nq) over joint limits [rad]."""
     index = clip.body.bounded_q
     return float(np.maximum(clip.body.lower[index] - q[:, index], q[:, index] - clip.body.upper[index]).max())
 

@@ -77,12 +77,12 @@ def trial_scores(trial: CapturedTrial, stem: Path, seed: int) -> tuple[dict[str,
 
 
 def angle_errors(q: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Of the joints (T, J), without the root, at q (T, nq) [deg]."""
+    """Errors of the joints (T, J), without the root, at q (T, nq) [deg]."""
     return np.degrees((q - truth)[:, ROOT_Q.stop :])
 
 
 def length_errors(body: Body, truth: Body) -> np.ndarray:
-    """Of the distances from each joint to the one that carries it (N,) [mm]; joints at one place have none."""
+    """Errors of the distances from each joint to the one that carries it (N,) [mm]; joints at one place have none."""
     ours, theirs = (
         np.array([np.linalg.norm(place.translation) for place in b.model.jointPlacements[2:]]) for b in (body, truth)
     )
@@ -99,13 +99,14 @@ def inside_covariance(run: Run, errors: np.ndarray) -> np.ndarray:
 
 
 def inside_fit(fit: Fit, truth: np.ndarray) -> np.ndarray:
-    """The same of the fit's own frames (F, J), lengths and places unsure; truth (T, nq): poses of all frames."""
+    """The same for the fit's own frames (F, J), with uncertain lengths and places; truth (T, nq): poses of all
+    frames."""
     errors = angle_errors(fit.poses, truth[[o.index for o in fit.observations]])
     return np.abs(errors) <= _DEVIATIONS * deviations(fit.pose_covariance)
 
 
 def deviations(covariance: np.ndarray) -> np.ndarray:
-    """Of the joints (T, J) [deg], by covariances (T, nv, nv) [rad^2]."""
+    """Deviations of the joints (T, J) [deg], by covariances (T, nv, nv) [rad^2]."""
     return np.degrees(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, ROOT_V.stop :]))
 
 

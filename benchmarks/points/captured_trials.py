@@ -25,7 +25,7 @@ _SURE = 1e-4  # m: of places that are known
 
 @dataclass(frozen=True)
 class MarkerFaults:
-    """What is wrong with measured markers. noise [m]: standard deviation along each axis. outliers: share of the
+    """Faults of measured markers. noise [m]: standard deviation along each axis. outliers: share of the
     measurements that lie `far` [m], RMS, along each axis elsewhere. gaps: share that is missing, in bursts of 1 to
     `longest` frames. places [m]: RMS length of how far the markers sit from where the set has them. standing [deg]:
     standard deviation of the joints from upright standing in a static trial, None where there is none."""
@@ -66,7 +66,7 @@ class CapturedTrial:
 
 
 def captured_trial(clip: Path, seed: int, faults: MarkerFaults, seconds: float, fps: float) -> CapturedTrial:
-    """The first seconds of a captured motion; every clip and seed has a person of its own, whatever the faults."""
+    """The first seconds of a captured motion; every clip and seed has its own person, independent of the faults."""
     rng = np.random.default_rng((seed, *clip.stem.encode()))
     person = random_person(rng, faults.places)
     body, mocap = Body(person), load_mocap(clip)
@@ -78,7 +78,7 @@ def captured_trial(clip: Path, seed: int, faults: MarkerFaults, seconds: float, 
 
 
 def standing_points(body: Body, rng: np.random.Generator, faults: MarkerFaults) -> np.ndarray | None:
-    """Points (S, M, 3) [m] of somebody who stands still, as they are measured; None where nobody does."""
+    """Measured points (S, M, 3) [m] of a person standing still; None without a static trial."""
     if faults.standing is None:
         return None
     away = np.radians(faults.standing) * rng.normal(size=body.nv)
@@ -103,7 +103,7 @@ def _moved(marker: Marker, by: np.ndarray) -> Marker:
 
 
 def spoilt(points: np.ndarray, rng: np.random.Generator, faults: MarkerFaults) -> np.ndarray:
-    """Points (T, M, 3) [m] as they are measured."""
+    """Measured points (T, M, 3) [m]."""
     T, M = points.shape[:2]
     seen = points + faults.noise * rng.normal(size=points.shape)
     wrong = rng.random((T, M)) < faults.outliers

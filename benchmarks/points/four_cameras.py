@@ -38,7 +38,7 @@ LEGEND = (
 
 
 def measure_cameras(folder: Path, work: Path, seed: int) -> dict[str, Any]:
-    """Of the clip beam4cam; the person is fitted in every way."""
+    """The figures of the clip beam4cam; the person is fitted in every way."""
     files = {name: folder / "keypoints" / f"{name}.json" for name in CAMERAS}
     reference = Reference.load(folder / "reference3d.npz")
     body = Body(load_subject("human34"))

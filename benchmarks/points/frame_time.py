@@ -58,7 +58,7 @@ def seconds_of_frames(run: Run, seed: int = 0) -> np.ndarray:
 
 
 def measure_frame_time(body: Body, observations: Sequence[Observation], seed: int) -> dict[str, Any]:
-    """Of a trial: time of a step, of its parts, and of one look at kinematics and Jacobians."""
+    """Times of a trial: of a step, of its parts, and of one evaluation of kinematics and Jacobians."""
     list(stepped(body, observations[: _WARM_UP + 1], seed))  # what is compiled is loaded
     times = 1e3 * np.array([list(stepped(body, observations, seed)) for _ in range(_REPEATS)])
     middle = np.median(times, axis=0)
@@ -71,7 +71,7 @@ def measure_frame_time(body: Body, observations: Sequence[Observation], seed: in
 
 
 def _floor(body: Body, count: int = 2000) -> float:
-    """Of one pose with its Jacobians [ms]."""
+    """The time of one pose with its Jacobians [ms]."""
     begin = process_time()
     for _ in range(count):
         body.at(body.neutral)

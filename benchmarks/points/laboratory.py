@@ -23,12 +23,12 @@ from kinemode.terminal import report
 
 LABORATORY = "opencap/subject4"
 TRIALS = ("squats1", "STS1", "walking1", "walkingTS1")
-"""Of `LABORATORY`, which the person may be fitted on."""
+"""Trials of `LABORATORY` for the person's fit."""
 OWN = "own"
 _BAND = 0.9
 JOINTS = {"hip": ("hip_flexion", "hip_flexion"), "knee": ("knee_flexion", "knee_angle"),
           "ankle": ("ankle_dorsiflexion", "ankle_angle")}  # fmt: skip
-"""Of a leg: our joint, and the gait model's coordinate."""
+"""Joints of a leg: ours, and the gait model's coordinate."""
 KINDS = ("gait coordinates", "joints")
 LEGEND = (
     "RMS [degrees] to the laboratory's inverse kinematics, the constant offset of each side (in brackets: left, right)"
@@ -48,7 +48,7 @@ class Offset(NamedTuple):
 
 
 def offset(ours: np.ndarray, theirs: np.ndarray) -> Offset:
-    """Of two series of angles (T,) [deg], frames without either left out; whole turns do not count."""
+    """The offset of two series of angles (T,) [deg], frames without either left out; whole turns do not count."""
     apart = wrapped_degrees(ours - theirs)
     apart = apart[np.isfinite(apart)]
     return Offset(float(apart.mean()), float(apart.std()))
@@ -134,7 +134,7 @@ def _show(figures: dict[str, Any]) -> None:
 
 
 def _banded(coordinate: str, trials: Sequence[dict[str, list[float]]]) -> str:
-    """Of both sides of all trials, the offsets and the share inside bands."""
+    """For both sides of all trials, the offsets and the share inside bands."""
     offsets = np.array([of[f"{coordinate}_{side}"] for of in trials for side in "lr"])
     return f"{root_mean_square(offsets[:, 0]):.1f}; {np.mean(offsets[:, 2]):.0%}"
 

@@ -1,5 +1,5 @@
 """OpenSim's inverse kinematics of a file of markers, as a program of a Python that has the module opensim: it imports
-nothing of ours.
+none of our code.
 
     PYTHON opensim_ik.py JOB.json RESULT.json
 

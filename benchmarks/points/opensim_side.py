@@ -43,8 +43,8 @@ LEGEND = (
 
 
 class Side(NamedTuple):
-    """What either made of a trial. coordinates (T, N) [deg, m] by `opensim_coordinates`; places (T, M, 3) [m] of the
-    markers; seconds: processor time of each frame."""
+    """The result of either on a trial. coordinates (T, N) [deg, m] by `opensim_coordinates`; places (T, M, 3) [m] of
+    the markers; seconds: processor time of each frame."""
 
     coordinates: np.ndarray
     places: np.ndarray
@@ -55,7 +55,7 @@ def python_with_opensim(given: Path | None) -> Path | None:
     """The Python that has OpenSim: the given one, or this; None where this has not."""
     if given is not None:
         if not given.is_file():
-            raise InputError("--opensim-python", f"{given} is no file")
+            raise InputError("--opensim-python", f"{given} is not a file")
         return given
     return Path(sys.executable) if find_spec("opensim") is not None else None
 
@@ -114,7 +114,7 @@ def _angles(differences: np.ndarray) -> float:
 
 
 def weighted_rms(apart: np.ndarray, weights: np.ndarray) -> float:
-    """Of distances (T, M), NaN where missing, by the weights (M,) of the markers."""
+    """The weighted RMS of distances (T, M), NaN where missing, by the weights (M,) of the markers."""
     known = np.isfinite(apart)
     return float(np.sqrt((np.nan_to_num(apart) ** 2 @ weights).sum() / (known @ weights).sum()))
 
@@ -150,7 +150,7 @@ def solved_by_opensim(run: Run, weights: np.ndarray, work: Path, python: Path, c
     program = str(Path(__file__).with_name("opensim_ik.py"))
     ended = subprocess.run([str(python), program, str(job), str(result)], capture_output=True, text=True, check=False)
     if ended.returncode:
-        last = (ended.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        last = (ended.stderr.strip().splitlines() or ["no output"])[-1]
         raise InputError("--opensim-python", f"OpenSim failed: {last}", remedy="give a Python that has opensim 4")
     said = json.loads(result.read_text(encoding="utf-8"))
     names = opensim_coordinates(run.body, run.q[:1])[0]

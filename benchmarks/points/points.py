@@ -107,7 +107,7 @@ def main(
 
 
 def measure_speed(mocap: Path, work: Path, seconds: float, seed: int) -> dict[str, Any]:
-    """Of a person fitted on the beginning of a captured walk."""
+    """The speed for a person fitted on the start of a captured walk."""
     trial = captured_trial(mocap / f"{CLIPS[0]}.bvh", seed, MarkerFaults(), seconds, FPS)
     path = trial.write(work / "speed.trc")
     fit = fit_of(load_subject("human34"), path, seed=seed, markers=SET)

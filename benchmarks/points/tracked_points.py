@@ -82,7 +82,7 @@ def observations_of(
 
 
 def residuals_of(run: Run) -> MarkerResiduals:
-    """How far the markers were measured from their places along the best trajectory."""
+    """The distances of measured markers from their places along the best trajectory."""
     residuals = marker_residuals(run, run_settings(run).cost.markers)
     assert residuals is not None
     return residuals

@@ -21,8 +21,8 @@ _LOWER = 0.1  # share of what stands that may be under a floor
 
 
 class FollowedMotion(NamedTuple):
-    """q (T, nq) at the source's frames. seconds: processor time of a frame, NaN where nobody knows. floor [m]: that the
-    method has the feet on, None where it does not say. scale: of the root's path, None for the ratio of the legs'
+    """q (T, nq) at the source's frames. seconds: processor time of a frame, NaN where unknown. floor [m]: that the
+    method has the feet on, None where not given. scale: of the root's path, None for the ratio of the legs'
     lengths. note: what went wrong."""
 
     q: np.ndarray

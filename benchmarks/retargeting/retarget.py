@@ -102,7 +102,7 @@ def main(
 def measured_ours(
     body: Body, trials: Sequence[RetargetTrial], *, independence: bool, speed: bool
 ) -> dict[str, dict[str, Any]]:
-    """Independence of the beginning, and speed, by clip, of what was asked for."""
+    """Independence of the beginning, and speed, by clip, of the requested measures."""
     figures = dict[str, dict[str, Any]]()
     if independence:
         figures["independence"] = measured_independence(body, trials)

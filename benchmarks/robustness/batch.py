@@ -62,7 +62,7 @@ def main(
     length
         Frames of --soak.
     window
-        Frames of --soak between two looks at memory.
+        Frames of --soak between two samples of memory.
     cues
         Of --soak.
     settings

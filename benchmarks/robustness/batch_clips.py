@@ -68,7 +68,7 @@ def batch_run(root: Path, name: str) -> Path:
 
 
 def unequal_runs(single: Mapping[str, Path], root: Path, names: Sequence[str] | None = None) -> list[str]:
-    """What a batch's runs of clips, all unless named, have else than the single runs, to the last bit."""
+    """Differences of a batch's runs of clips, all unless named, to the single runs, to the last bit."""
     wrong = []
     for name in single if names is None else names:
         file = batch_run(root, name)

@@ -37,7 +37,7 @@ _PATIENCE = 300.0  # s, until all workers are ready
 
 @dataclass(frozen=True)
 class BatchTimes:
-    """Of one batch.
+    """The times of one batch.
 
     whole [s]: the call of `kinemode.batch`. start [s]: of it, until every worker was ready. workers, leader: processor
     time [s] after that, of each worker and of the process that leads. unequal: what is not as in the single runs.
@@ -51,19 +51,19 @@ class BatchTimes:
 
     @property
     def clock(self) -> float:
-        """Without the start [s]."""
+        """The time without the start [s]."""
         return self.whole - self.start
 
     @property
     def bound(self) -> float:
-        """What the clock would say on free processors [s]: the busiest worker's processor time, or that of all and the
+        """The wall-clock time on free processors [s]: the busiest worker's processor time, or that of all and the
         leader over as many processors as there are, whichever is more."""
         return max(*self.workers, (sum(self.workers) + self.leader) / processors())
 
 
 @dataclass(frozen=True)
 class WarmUp:
-    """What a worker does to be ready. task: a clip to be tracked. folder: where it says so. count: of the workers, for
+    """The preparation of a worker. task: a clip to be tracked. folder: for its announcement. count: of the workers, for
     all of which it waits, so that each does it once."""
 
     task: BatchTask
@@ -183,7 +183,7 @@ RATIOS = {"two to one": (ONE, TWO), "dask to two": (TWO, DASK)}
 
 
 def ratio(times: Mapping[str, BatchTimes], slow: str, fast: str, kind: str) -> float | None:
-    """How many times as fast the second is as the first; None where one was not measured."""
+    """The speed of the second relative to the first; None where one was not measured."""
     if slow not in times or fast not in times:
         return None
     return float(getattr(times[slow], kind) / getattr(times[fast], kind))

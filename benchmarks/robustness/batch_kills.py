@@ -42,8 +42,8 @@ class BatchKill(NamedTuple):
 
 @dataclass(frozen=True)
 class KilledWorker:
-    """What became of a batch with one worker killed and one clip broken. finished: clips when it was killed. code: exit
-    code of the batch. error: what is said of the broken clip. faults: all that is not as it should be."""
+    """The outcome of a batch with one worker killed and one clip broken. finished: clips when it was killed. code: exit
+    code of the batch. error: message about the broken clip. faults: everything wrong."""
 
     finished: int
     code: int
@@ -65,7 +65,7 @@ def finished_clips(out: Path) -> dict[str, tuple[int, int]]:
 
 
 def begun_clips(out: Path) -> set[str]:
-    """The clips that somebody has begun."""
+    """The clips that were started."""
     return {file.parent.name for file in (out / "clips").glob(f"*/{BEGUN}")}
 
 
@@ -109,14 +109,14 @@ def killed_worker(rows: Mappings, single: Mapping[str, Path], folder: Path) -> K
         faults.append(f"{broken}: no readable error: {error!r}")
     wanted = f"{len(rows) - 1} of {len(rows)} clips tracked"
     if wanted not in printed or f"{broken}: " not in printed or "Traceback" in said:
-        faults.append(f"the command did not say {wanted!r} but: {printed.strip()} {said.strip()}")
+        faults.append(f"the command did not print {wanted!r} but: {printed.strip()} {said.strip()}")
     if process.returncode == 0:
-        faults.append("the command says by its exit code that nothing failed")
+        faults.append("the command's exit code reports success")
     return KilledWorker(finished, process.returncode, time.monotonic() - begin, error, tuple(faults))
 
 
 def message_of(out: Path, name: str) -> str:
-    """Why a clip failed; empty where it is not told."""
+    """The reason why a clip failed, empty where unknown."""
     file = out / "clips" / name / FILE
     return str(json.loads(file.read_text(encoding="utf-8"))["message"]) if file.is_file() else ""
 
@@ -208,7 +208,7 @@ def measure_kills(
         f"one of {WORKERS} workers killed when {broken.finished} of {clips} clips were finished, one clip broken:"
         f" {broken.seconds:.1f} s, exit code {broken.code}"
     )
-    out.print(f"  what is said of the broken clip: {broken.error}")
+    out.print(f"  error of the broken clip: {broken.error}")
     out.print(f"  {said_of(broken.faults, f'{clips - 1} runs equal to single calls to the last bit')}")
     made = report.table(
         f"the batch killed {len(done)} times", "due: finished", "+ s", "finished", "at hand", "gone [s]"
@@ -225,5 +225,5 @@ def measure_kills(
 
 
 def said_of(faults: Sequence[str], well: str) -> str:
-    """The faults, or what is well."""
+    """The faults, or a confirmation."""
     return "\n".join(faults) if faults else well

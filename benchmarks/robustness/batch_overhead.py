@@ -1,4 +1,4 @@
-"""What a batch costs beside its clips: time a clip and memory of the process that leads, with jobs that do nothing."""
+"""The overhead of a batch: time per clip and memory of the process that leads, with jobs that do nothing."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def measure_overhead(folder: Path, rows: int) -> dict[str, Any]:
 
 
 def more_ms(listed: Sequence[LeaderCost]) -> float:
-    """What each clip takes that the larger batch has more than the smaller [ms]: without the start."""
+    """Time per additional clip of the larger batch [ms], without the start."""
     few, many = listed
     return 1e3 * (many.clock - few.clock) / max(1, many.rows - few.rows)
 
 
 def in_own_process(work: Callable[..., LeaderCost], *given: Any) -> LeaderCost:
-    """What a function of a module gives in a process that does nothing else."""
+    """The result of a module's function in a process that does nothing else."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         return pool.submit(work, *given).result()
 

@@ -46,7 +46,7 @@ class SoakSample(NamedTuple):
 
 @dataclass(frozen=True)
 class LongClip:
-    """What is tracked, and how often memory is looked at [frames]."""
+    """The tracked clip, and how often memory is sampled [frames]."""
 
     given: dict[str, Any]
     out: Path
@@ -122,7 +122,7 @@ def measure_soak(folder: Path, frames: int, window: int, cues: str, settings: Pa
         "time of the slowest window": max(times) / times[0],
     }
     said = ", ".join(f"{name} {value:.3f}" for name, value in ratios.items())
-    out.print(f"beside the first {window} frames: {said} (target: at most {GROWTH:g})")
+    out.print(f"against the first {window} frames: {said} (target: at most {GROWTH:g})")
     listed = [sample._asdict() for sample in samples]
     return {"frames": frames, "cues": cues, "samples": listed, "ms": times, "ratios": ratios}
 
@@ -159,12 +159,12 @@ def measure_many(folder: Path, clips: int, frames: int, settings: Path | None) -
     out = report.console()
     out.print(made)
     said = ", ".join(f"{value:.3f}" for value in growth)
-    out.print(f"most memory of each worker beside that after {samples[0].clips} clips: {said} (target: no growth)")
+    out.print(f"peak memory of each worker against that after {samples[0].clips} clips: {said} (target: no growth)")
     out.print(f"clips that failed: {len(done.failed)}")
     return {"clips": clips, "samples": [asdict(s) for s in samples], "growth": growth, "failed": done.failed}
 
 
 def grown(samples: Sequence[WorkerSample]) -> list[float]:
-    """The most memory of each worker at the end in terms of what it was at first."""
+    """The peak memory of each worker at the end relative to that at the start."""
     first, last = samples[0].workers, samples[-1].workers
     return [last[pid].peak / first[pid].peak for pid in first if pid in last]

@@ -1,4 +1,4 @@
-"""Batches whose jobs do nothing, led by a process that loads no more than the command `kinemode batch` does: time and
+"""Batches whose jobs do nothing, led by a process that loads only what the command `kinemode batch` does: time and
 memory of what is done beside the clips."""
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ Stub = Callable[[BatchTask], TaskAnswer]
 
 @dataclass(frozen=True)
 class LeaderCost:
-    """Of a batch of stubs. rows: how many. clock, processor [s]: of all, and processor time of the leader. before,
-    after, peak [MB]: memory of the leader before and after it, and the most."""
+    """The cost of a batch of stubs. rows: their number. clock, processor [s]: of all, and processor time of the leader.
+    before, after, peak [MB]: memory of the leader before and after it, and the most."""
 
     rows: int
     clock: float
@@ -63,7 +63,7 @@ def written_outcome(task: BatchTask) -> TaskAnswer:
 
 
 def ready(_: None) -> None:
-    """What a process does first: it has loaded this module by then."""
+    """The first task of a process, which loads this module."""
     time.sleep(0.5)  # that another takes the next
 
 

@@ -24,7 +24,7 @@ from kinemode.target import made_folder
 from kinemode.terminal import report
 
 Record = dict[str, Any]
-"""What is kept of a case: "frames" it was asked for, "seed", and "arrays", their hashes by name."""
+"""The stored data of a case: its number of "frames", "seed", and "arrays", their hashes by name."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def main(
     compare
         Compare with the hashes in this file, with as many frames as it was written with.
     keep
-        Folder of the cases' arrays: written beside the hashes; when comparing, tells by how much arrays differ.
+        Folder of the cases' arrays: written next to the hashes; when comparing, used to measure differences.
     cases
         Only these.
     frames
@@ -118,7 +118,7 @@ def load(path: Path) -> dict[str, Record]:
 
 
 def chosen_cases(cases: Sequence[str], before: Mapping[str, Record] | None, data: Path | None) -> list[str]:
-    """The cases asked for, or all, that can be run here; says which cannot. Raises InputError for an unknown one."""
+    """The requested cases, or all, that can run here; prints which cannot. Raises InputError for an unknown one."""
     known = list(CASES if before is None else before)
     for case in cases:
         if case not in known:
@@ -126,7 +126,7 @@ def chosen_cases(cases: Sequence[str], before: Mapping[str, Record] | None, data
     able = []
     for case in dict.fromkeys(cases or known):
         if case not in CASES:
-            raise InputError("--compare", f"there is no case {case!r} any more", remedy="--cases picks others")
+            raise InputError("--compare", f"there is no case {case!r} now", remedy="--cases picks others")
         if reason := CASES[case].absent(data):
             tell(f"{case}: skipped, {reason}")
         else:
@@ -137,7 +137,7 @@ def chosen_cases(cases: Sequence[str], before: Mapping[str, Record] | None, data
 
 
 def count(case: str, frames: int | None, whole: bool) -> int | None:
-    """How many frames of a case are tracked; None for all of its clip."""
+    """The number of tracked frames of a case; None for all of its clip."""
     return frames if frames is not None else None if whole and case not in ENDLESS else CASES[case].frames
 
 

@@ -1,4 +1,4 @@
-"""The cases whose bits are compared: what each is given, with fixed seeds, and the arrays that come out."""
+"""The cases whose bits are compared: inputs with fixed seeds, and the resulting arrays."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Case:
     """One track.
 
     given: its arguments, from a folder for what is rendered, a number of frames (None: all there are), and the folder
-    of the evaluation data. frames: so many unless told otherwise. needs: "beam4cam", or an example robot; "" nothing.
+    of the evaluation data. frames: default number. needs: "beam4cam", or an example robot; "" nothing.
     """
 
     given: Callable[[Path, int | None, Path | None], Given]
@@ -130,7 +130,7 @@ ENDLESS = ("g1", "panda")
 
 
 def outcome(name: str, frames: int | None, seed: int, data: Path | None, folder: Path) -> Mapping[str, np.ndarray]:
-    """Run a case in a folder of its own: the arrays of `INPUT` and `RESULT`; no pictures where none are looked at."""
+    """Run a case in a folder of its own: the arrays of `INPUT` and `RESULT`; no pictures where none are used."""
     given = CASES[name].given(made_folder(folder), frames, data)
     run = km.track(**given, seed=seed, out=folder / "track.run", overwrite=True)
     arrays = {"keypoints": run.pixels, "confidence": run.confidence}

@@ -83,7 +83,7 @@ def draw_rig(rng: np.random.Generator, count: int) -> BoardRig:
 
 @dataclass(frozen=True)
 class PlacedRig:
-    """What placements of a rig's cameras are worth: errors to the first camera and of the world, and the notes."""
+    """The quality of placements of a rig's cameras: errors to the first camera and of the world, and the notes."""
 
     turn: float  # degrees, the worst camera to the first
     shift: float  # of the distance between the two, the same
@@ -98,7 +98,7 @@ class PlacedRig:
     @property
     def doubted(self) -> bool:
         """Whether the notes doubt it."""
-        return any("doubt" in note or "unsure" in note for note in self.notes)
+        return any("doubt" in note or "uncertain" in note for note in self.notes)
 
 
 def judge_rig(true: Mapping[str, Camera], placed: Mapping[str, Camera], notes: list[str]) -> PlacedRig:

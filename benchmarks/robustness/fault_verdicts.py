@@ -14,8 +14,8 @@ from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 
 VERDICTS = ("right", "hard", "refused", "noted", "silent")
-RIGHT, LEAST = 1.2, 0.2  # of the faultless run's error; degrees that are none
-_WORDS = 6  # of a warning, by which two are alike
+RIGHT, LEAST = 1.2, 0.2  # of the faultless run's error; degrees that do not count
+_WORDS = 6  # of a warning, by which two count as equal
 _OTHERWISE = (
     "rest on a limit",
     "may lean the other way",
@@ -24,12 +24,13 @@ _OTHERWISE = (
     "no floor was put",
     "on no floor",
 )
-"""What warnings have that speak of the body or its surroundings."""
+"""Marks of warnings about the body or its surroundings."""
 
 
 class Result(NamedTuple):
-    """What a run makes of a clip of T frames. errors (T, J) [degrees]: of joints or limbs, NaN without a pose. tracked
-    (T,) bool: frames that are called so. shown (J,) bool: joints or limbs that the file shows. notes: its warnings."""
+    """The result of a run on a clip of T frames. errors (T, J) [degrees]: of joints or limbs, NaN without a pose.
+    tracked (T,) bool: frames that are called so. shown (J,) bool: joints or limbs that the file shows. notes: its
+    warnings."""
 
     errors: np.ndarray
     tracked: np.ndarray
@@ -100,5 +101,5 @@ def outcome_of(trial: Trial, fault: str, scene: str, folder: Path) -> Outcome:
 
 
 def _wording(note: str) -> str:
-    """What is alike in two warnings of other numbers."""
+    """The common part of two warnings with different numbers."""
     return " ".join(re.findall(r"[a-z]{2,}", note)[:_WORDS])

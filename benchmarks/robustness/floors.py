@@ -117,12 +117,12 @@ def _keypoints(body: Body, points: np.ndarray, kind: Kind, folder: Path, rng: np
 
 
 def cameras_around() -> tuple[Camera, ...]:
-    """Three cameras around somebody at the origin."""
+    """Three cameras around a person at the origin."""
     return tuple(resized_camera(camera, SIZE) for camera in cameras_for(HEIGHT))
 
 
 def about_origin(points: np.ndarray) -> np.ndarray:
-    """Points (T, L, 3) of who is at the origin, as high as before."""
+    """Points (T, L, 3) of a person moved to the origin, at the same height."""
     return points - np.append(points[..., :2].reshape(-1, 2).mean(axis=0), 0.0)
 
 

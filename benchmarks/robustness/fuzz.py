@@ -1,4 +1,4 @@
-"""Damaged files through every reader, and through the commands: a result or one short line, whatever is in them."""
+"""Damaged files through every reader, and through the commands: a result or one short line, for any content."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def judge_case(
 
 
 class Tally:
-    """What came of all cases: outcomes by reader, the faults, the worst of time and memory."""
+    """The results of all cases: outcomes by reader, the faults, the worst of time and memory."""
 
     def __init__(self) -> None:
         self.outcomes: Counter[tuple[str, str]] = Counter()
@@ -62,13 +62,13 @@ class Tally:
             self.faults.append((case, verdict))
 
     def figures(self) -> dict[str, Any]:
-        """What is saved as JSON."""
+        """The figures to be saved as JSON."""
         return {
             "measure": "fuzz",
             "inputs": sum(self.outcomes.values()),
             "outcomes": [{"reader": r, "outcome": o, "count": n} for (r, o), n in sorted(self.outcomes.items())],
             "memory": self.memory,
-            "faults": [{"case": str(case), "outcome": v.outcome, "said": v.said} for case, v in self.faults],
+            "faults": [{"case": str(case), "outcome": v.outcome, "message": v.message} for case, v in self.faults],
         }
 
 
@@ -147,7 +147,7 @@ def keep_input(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], f
     else:
         write(fuzz_commands.damaged_files(case, files), place)
         main = place
-    (folder / f"{case}.txt").write_text(f"{main.name}\n{verdict.outcome}: {verdict.said}\n", encoding="utf-8")
+    (folder / f"{case}.txt").write_text(f"{main.name}\n{verdict.outcome}: {verdict.message}\n", encoding="utf-8")
 
 
 def show_replayed(folder: Path) -> None:
@@ -161,7 +161,7 @@ def show_replayed(folder: Path) -> None:
         return
     notes = folder.parent / f"{folder.name}.txt"
     if not notes.is_file():
-        raise InputError(folder, "is no input that was kept", remedy="--keep FOLDER keeps those that fail")
+        raise InputError(folder, "is not a kept input", remedy="--keep FOLDER keeps those that fail")
     tell(f"{folder}: {judge(case.reader, folder / notes.read_text(encoding='utf-8').splitlines()[0])}")
 
 
@@ -175,8 +175,8 @@ def show(tally: Tally, seconds: float) -> None:
         table.add_row(reader, *map(str, counts), str(total - sum(counts)), f"{mean:.1f}", f"{longest:.2f}")
     out = report.console()
     out.print(table)
-    kinds = Counter((c.reader, v.outcome, v.said[:90]) for c, v in tally.faults)
-    example = {(c.reader, v.outcome, v.said[:90]): c for c, v in tally.faults}
+    kinds = Counter((c.reader, v.outcome, v.message[:90]) for c, v in tally.faults)
+    example = {(c.reader, v.outcome, v.message[:90]): c for c, v in tally.faults}
     for kind, count in kinds.most_common(_SHOWN):
         print(f"{count:6d} x {' | '.join(kind)!r} as {example[kind]}")
     total = sum(tally.outcomes.values())

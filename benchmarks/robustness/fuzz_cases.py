@@ -35,10 +35,11 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """outcome: of `GOOD`, or what went wrong. said: the message or the fault. seconds; memory: of the process [B]."""
+    """outcome: of `GOOD`, or what went wrong. message: the message or the fault. seconds; memory: of the process
+    [B]."""
 
     outcome: str
-    said: str = ""
+    message: str = ""
     seconds: float = 0.0
     memory: int = 0
 
@@ -48,12 +49,12 @@ class Verdict:
 
 
 def already_held() -> int:
-    """What this process holds beyond a worker that has only loaded the readers [B]: not a damaged input's doing."""
+    """Memory of this process beyond a worker that has only loaded the readers [B], not due to a damaged input."""
     return max(0, (_process_size("VmRSS") or 0) - _OF_READERS)
 
 
 def forget_peak() -> None:
-    """Begin the count of `peak_memory` anew where the system can."""
+    """Reset the count of `peak_memory` where the system can."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 
@@ -68,7 +69,7 @@ def peak_memory() -> int:
 
 
 def _process_size(name: str) -> int | None:
-    """A size that the system tells of this process [B], None where it does not."""
+    """A size of this process from the system [B], None where not available."""
     with suppress(OSError):
         line = re.search(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())
         if line:

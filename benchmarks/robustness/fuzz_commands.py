@@ -1,4 +1,4 @@
-"""Damaged files through the commands: exit code 0, or 2 and one line that says what is wrong."""
+"""Damaged files through the commands: exit code 0, or 2 and one line with the error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _run_files(corpus: Mapping[str, list[Files]]) -> dict[str, bytes]:
 
 
 def _track_files(corpus: Mapping[str, list[Files]]) -> dict[str, bytes]:
-    """What arm8 is tracked from, with pictures and without."""
+    """The input files of tracking arm8, with and without pictures."""
     camera = camera_to_json(facing("k"))
     return {
         "k.json": corpus["seen"][0]["arm8.json"],
@@ -113,18 +113,18 @@ def judge_case(case: Case, corpus: Mapping[str, list[Files]], folder: Path) -> V
     return timed(*classify_output(code, err.getvalue()), time.perf_counter() - began)
 
 
-def classify_output(code: int, said: str) -> tuple[str, str]:
+def classify_output(code: int, printed: str) -> tuple[str, str]:
     """Whether a command ended well, or with one short line."""
-    errors = [line for line in said.splitlines() if line.startswith((_PREFIX, "internal error"))]
+    errors = [line for line in printed.splitlines() if line.startswith((_PREFIX, "internal error"))]
     if code not in (0, BAD_INPUT):
-        return f"exit code {code}", " ".join(errors)[:1000] or said[-1000:]
-    if _NUMERIC.search(said):
-        return "warned", said[-600:]
-    longest = max(said.splitlines(), key=len, default="")
+        return f"exit code {code}", " ".join(errors)[:1000] or printed[-1000:]
+    if _NUMERIC.search(printed):
+        return "warned", printed[-600:]
+    longest = max(printed.splitlines(), key=len, default="")
     if len(longest) > LONGEST + len(_PREFIX):
         return "long message", longest[:1000]
     if code == 0:
         return "read", ""
-    if len(errors) != 1 or not said.rstrip("\n").endswith(errors[0]) or not errors[0].isprintable():
-        return "not one line", said[-600:]
+    if len(errors) != 1 or not printed.rstrip("\n").endswith(errors[0]) or not errors[0].isprintable():
+        return "not one line", printed[-600:]
     return "refused", errors[0]

@@ -312,7 +312,7 @@ def _subjects() -> dict[str, list[Files]]:
 
 
 def _limbs(folder: Path) -> dict[str, list[Files]]:
-    """What limbs do beside each other, and what they look like."""
+    """Files of limb potentials and limb likelihoods."""
     potentials = [{"potentials.json": data} for data in (two_limbs(), SHIPPED.read_bytes())]
     return {"potentials": list(potentials), "templates": [{"templates.npz": templates(folder, cameras())}]}
 

@@ -1,4 +1,5 @@
-"""HDF5 files with one member of another type, shape or text than it should have, which damaged bytes seldom come to."""
+"""HDF5 files with one member of another type, shape or text than it should have, which random byte damage rarely
+produces."""
 
 from __future__ import annotations
 

@@ -39,27 +39,27 @@ def prepare(case: Case, corpus: Mapping[str, list[Files]], folder: Path) -> Path
 
 
 def judge(reader: str, path: Path, most_seconds: float = MOST_SECONDS) -> Verdict:
-    """What a reader makes of a file: a result, or an InputError that can be read; anything else is a fault, and so is
-    more than `most_seconds`."""
+    """The verdict on a reader with a file: a result, or an InputError that can be read; anything else is a fault, and
+    so is more than `most_seconds`."""
     forget_peak()
     held, began = already_held(), time.perf_counter()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         try:
             READERS[reader].read(path)
-            outcome, said = "read", ""
+            outcome, message = "read", ""
         except InputError as error:
-            outcome, said = classify_message(str(error), path)
-        except Exception as error:  # whatever else comes out is what is looked for
-            outcome, said = type(error).__name__, f"{_origin(error)}: {error}"[:1000]
+            outcome, message = classify_message(str(error), path)
+        except Exception as error:  # any other exception is a fault
+            outcome, message = type(error).__name__, f"{_origin(error)}: {error}"[:1000]
     numeric = [w for w in warned if issubclass(w.category, RuntimeWarning)]
     if numeric and outcome in GOOD:
         where = "/".join(Path(numeric[0].filename).parts[-2:])
-        outcome, said = "warned", f"{where}:{numeric[0].lineno}: {numeric[0].message}"
-    return timed(outcome, said, time.perf_counter() - began, held, most_seconds)
+        outcome, message = "warned", f"{where}:{numeric[0].lineno}: {numeric[0].message}"
+    return timed(outcome, message, time.perf_counter() - began, held, most_seconds)
 
 
-def timed(outcome: str, said: str, seconds: float, held: int = 0, most_seconds: float = MOST_SECONDS) -> Verdict:
+def timed(outcome: str, message: str, seconds: float, held: int = 0, most_seconds: float = MOST_SECONDS) -> Verdict:
     """A verdict, which is bad where the time or the memory was too much; held: of the memory before, see
     `already_held`."""
     memory = peak_memory() - held
@@ -67,7 +67,7 @@ def timed(outcome: str, said: str, seconds: float, held: int = 0, most_seconds: 
         outcome = "slow"
     if outcome in GOOD and memory > MOST_MEMORY:
         outcome = "memory"
-    return Verdict(outcome, said, seconds, memory)
+    return Verdict(outcome, message, seconds, memory)
 
 
 def classify_message(message: str, path: Path) -> tuple[str, str]:

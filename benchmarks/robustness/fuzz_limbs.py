@@ -1,4 +1,4 @@
-"""Valid files of what limbs are like, small, to be damaged, and what is done with them."""
+"""Small valid files of limb potentials and likelihoods, to be damaged, and their use."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def templates(folder: Path, cameras: list[Camera]) -> bytes:
 
 
 def use_potentials(path: Path) -> object:
-    """Draw from each, and ask how likely that is; those of a whole person are put onto the body they are of."""
+    """Draw samples from each and evaluate their density; those of a whole person are applied to its body."""
     read = load_potentials(path)
     rng = np.random.default_rng(0)
     drawn = [(p, p.sample(rng, 3)) for p in read.spatial.values()]

@@ -149,7 +149,7 @@ def _places(root: Any) -> list[tuple[Any, Any]]:
 
 
 def _wild(random: Random) -> Any:
-    """A JSON value that nobody expects."""
+    """An unexpected JSON value."""
     wild: tuple[Any, ...] = (
         None, True, False, 0, -1, -0.0, 1e308, -1e308, 1e-308, float("nan"), float("inf"), 10**400, 2**31, 2**63, 2**64,
         1e11, 0.5, 3, 1e6, [], {}, [[]], [None], [1, "a"], [[1, 2], [3]], {"": 0}, [[[0.0] * 3] * 3], list(range(200)),

@@ -1,4 +1,4 @@
-"""What damaged files are given to: every reader, as far as its result is used, with how its files are damaged."""
+"""Targets of damaged files: every reader, as far as its result is used, with the kinds of damage."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _limb_file(path: Path) -> object:
 
 
 def _run(path: Path) -> object:
-    """Everything that can be asked of a run."""
+    """All properties of a run."""
     run = Run.open(path)
     names = [n for n in dir(Run) if isinstance(getattr(Run, n), (cached_property, property)) and not n.startswith("_")]
     values = [getattr(run, name) for name in names]
@@ -113,7 +113,7 @@ def _run(path: Path) -> object:
 
 
 def _state(path: Path) -> object:
-    """What a resumed run begins with."""
+    """The state from which a run resumes."""
     run = Run.open(path)
     writer, arrays, _ = RunWriter.resume(path, run.header)
     with writer:

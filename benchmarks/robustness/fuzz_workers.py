@@ -1,4 +1,4 @@
-"""Worker processes for inputs that may crash, hang or eat up the memory: whatever becomes of one, the next is tried."""
+"""Worker processes for inputs that may crash, hang or eat up the memory: after any of them the next is tried."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def verdicts(
     """The verdict on each case, as they come.
 
     judge: a function of a module. corpus: what it needs, once a process. batch: cases that are sent together.
-    patience [s]: a worker that says nothing for so long, by the clock, is killed.
+    patience [s]: a worker without an answer for so long, by the clock, is killed.
     """
     waiting = [list(cases[i : i + batch]) for i in range(0, len(cases), batch)][::-1]
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
@@ -91,7 +91,7 @@ def _round(
     patience: float,
     clock: Callable[[], float],
 ) -> Iterator[tuple[Case, Verdict]]:
-    """What the workers have to say now; the dead are replaced, the late are killed."""
+    """Pending answers of the workers; dead ones are replaced, late ones killed."""
     ready = wait([w.connection for w in workers], timeout=0.5)
     for worker in list(workers):
         bad: Verdict | None = None
@@ -143,7 +143,7 @@ def _captured() -> int:
 
 
 def _with_printed(verdict: Verdict, handle: int) -> Verdict:
-    """A reader that prints is at fault; commands look at what they print themselves and leave nothing here."""
+    """A reader that prints is at fault; commands capture their own output and leave nothing here."""
     sys.stdout.flush()
     sys.stderr.flush()
     size = os.lseek(handle, 0, os.SEEK_END)

@@ -15,7 +15,7 @@ ORDERS = {
     "plain": ("frame", "node", "xy", "track"),
     "standard": ("frame", "track", "node", "xy"),
 }
-"""Of the axes of SLEAP's tracks: its own, its own without turning it for MATLAB, and sleap-io's."""
+"""Orders of the axes of SLEAP's tracks: its own, its own without turning it for MATLAB, and sleap-io's."""
 
 
 def deeplabcut_h5(

@@ -36,7 +36,7 @@ Views = tuple[Places, ...]
 
 
 def person_swapped(rng: np.random.Generator, places: Places) -> None:
-    """For somebody else in the picture, who moves as this one did some frames before."""
+    """Swapped for another person in the picture, who moves as this one did some frames before."""
     frames, later = stretch(rng, len(places.at)), int(rng.integers(5, 15))
     direction = rng.normal(size=2) * [1.0, 0.1]
     beside = direction / np.linalg.norm(direction) * rng.uniform(0.3, 1.2) * places.size
@@ -44,7 +44,7 @@ def person_swapped(rng: np.random.Generator, places: Places) -> None:
 
 
 def camera_turned(rng: np.random.Generator, places: Places) -> None:
-    """By a quarter, without a word of it."""
+    """By a quarter, undeclared."""
     x, y = places.at[..., 0].copy(), places.at[..., 1].copy()
     places.at[..., 0], places.at[..., 1] = (y, SIZE[0] - x) if rng.random() < 0.5 else (SIZE[1] - y, x)
 
@@ -58,7 +58,7 @@ def another_size(rng: np.random.Generator, places: Places) -> None:
 
 
 def begun_later(rng: np.random.Generator, places: Places) -> None:
-    """By one to six frames, without a word of it."""
+    """By one to six frames, undeclared."""
     late = int(rng.integers(1, 7))
     places.at[:-late] = places.at[late:]
     places.at[-late:] = np.nan
@@ -85,7 +85,7 @@ FAULTS: tuple[Fault, ...] = (
     labels_permuted,
 )
 _EVERYWHERE, _SEVERAL = (legs_missing, labels_permuted), (begun_later,)
-"""Faults of all cameras alike rather than of one; of one among several alone."""
+"""Faults of all cameras instead of one, and of one among several."""
 
 
 def trial(body: Body, q: np.ndarray, fault: Fault, rng: np.random.Generator) -> Trial:

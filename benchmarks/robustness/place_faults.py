@@ -20,7 +20,7 @@ class Places(NamedTuple):
 
     @property
     def size(self) -> float:
-        """How far a body reaches along its longest axis, in the middle of all frames."""
+        """The extent of a body along its longest axis, the median of all frames."""
         return float(np.nanmedian(np.nanmax(self.at, axis=1) - np.nanmin(self.at, axis=1), axis=0).max())
 
 
@@ -40,7 +40,7 @@ def with_fault(places: Places, fault: Fault, rng: np.random.Generator) -> Places
 
 
 def gap_filled(rng: np.random.Generator, places: Places) -> None:
-    """With the last place that was known."""
+    """Fill gaps with the last known place."""
     frames = stretch(rng, len(places.at))
     for k in some(rng, places, rng.uniform(0.02, 0.3)):
         places.at[frames, k] = places.at[frames.start, k]

@@ -67,7 +67,7 @@ def trial(body: Body, q: np.ndarray, fault: Fault, rng: np.random.Generator) -> 
 
 
 def _tracked(body: Body, q: np.ndarray, places: Places, up: str | None, folder: Path) -> Result:
-    """As a user would, who knows which axis points up unless that is the fault."""
+    """Options as a user would give them, with the up axis unless that is the fault."""
     path = folder / "points.npz"
     np.savez(path, points=places.at, names=np.array(places.names), fps=FPS, unit="m")
     return Result.of_joints(km.track(body.subject.source, points=path, up=up, fit="off"), q)

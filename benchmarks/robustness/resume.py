@@ -63,7 +63,7 @@ def moments(rng: np.random.Generator, count: int, frames: int, pace: Pace) -> li
 
 
 class Chain(NamedTuple):
-    """One run that is ended again and again. inputs: of the command line. name: of what is looked at."""
+    """One run that is ended again and again. inputs: of the command line. name: in the output."""
 
     name: str
     inputs: tuple[str | Path, ...]
@@ -84,7 +84,7 @@ def chains(folder: Path, frames: int, camera: str | None, data: Path | None) -> 
 
 
 def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> tuple[list[Kill], list[str]]:
-    """End a run at each of the moments, resume it to the end, and compare: the kills, and whatever is wrong."""
+    """End a run at each of the moments, resume it to the end, and compare: the kills, and all faults."""
     done, faults = [], []
     for moment in when:
         kill = kill_at(command(chain.inputs, out), out, moment)
@@ -116,7 +116,7 @@ def differences(run: Run, other: Run) -> list[str]:
 
 
 def first_difference(run: Run, other: Run) -> str:
-    """Where the modes of two runs part, and by how much; empty where they do not, as far as both go."""
+    """Where the modes of two runs part, and by how much; empty where they do not, over their common frames."""
     for t in range(min(len(run), len(other))):
         a, b = run.result(t).q, other.result(t).q
         if not _same(a, b):
@@ -151,7 +151,7 @@ def main(
     json: Json = None,
 ) -> None:
     """End tracking processes at random moments by SIGTERM, SIGINT and SIGKILL, resume them each time, and compare the
-    ends with undisturbed runs; look for processes, shared memory and open pipes that are left after 2 s.
+    ends with undisturbed runs; checks for processes, shared memory and open pipes that are left after 2 s.
 
     Four runs are ended in turn: by keypoints alone and with edges and flow, each by one process and by two. The clip is
     the built-in one, unless a camera of beam4cam is named.
@@ -182,7 +182,7 @@ def main(
 
 
 def undisturbed_pace(arguments: list[str], out: Path) -> Pace:
-    """Run to the end, watching when its frames come; raises InputError with what it said where it fails."""
+    """Run to the end, recording when its frames appear; raises InputError with its output where it fails."""
     marks: dict[int, float] = {}
     begin = time.monotonic()
     process = started(arguments)
@@ -205,7 +205,7 @@ def due(kill: Kill) -> str:
 
 
 def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
-    """A row for each kill, and whatever is wrong."""
+    """A row for each kill, and all faults."""
     columns = ("kill", "signal", "due", "frames before", "kept", "ended after [s]", "all gone after [s]")
     out = report.console()
     for chain, done, faults in rows:
@@ -228,7 +228,7 @@ def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
 
 
 def figures(chain: Chain, done: Sequence[Kill], faults: Sequence[str]) -> dict[str, object]:
-    """Of one run, for JSON."""
+    """The figures of one run, for JSON."""
     listed = [
         {"due": due(k), "signal": k.moment.number.name, "to all": k.moment.to_all, "lost": k.lost}
         | {name: getattr(k, name) for name in ("before", "after", "code", "seconds", "lingered", "left")}

@@ -1,4 +1,4 @@
-"""A tracking process that is ended at a moment of its life, and what it leaves behind."""
+"""A tracking process ended at some point of its life, and what it leaves behind."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True)
 class Kill:
-    """What became of it.
+    """The outcome of a kill.
 
     resumed_from: frames the process began with. before, after: frames that could be read just before, and after it.
     code: exit code, 0 where it had ended by itself. seconds: until it had ended. lingered [s]: longer than it anything
     that it had started or that held its caller's pipes was there. left: processes, and names of shared memory, that
-    were there for longer than allowed. said: its last words on standard error.
+    were there for longer than allowed. message: its last line on standard error.
     """
 
     moment: Moment
@@ -51,7 +51,7 @@ class Kill:
     seconds: float
     lingered: float
     left: tuple[str, ...]
-    said: str
+    message: str
 
     @property
     def too_late(self) -> bool:
@@ -70,9 +70,9 @@ class Kill:
 
     @property
     def fault(self) -> str:
-        """What there is to say where it did not end well."""
+        """The fault where it did not end well."""
         left = ", ".join(self.left) or "nothing"
-        return f"code {self.code}, {self.lost} frames lost, left: {left}; it said: {self.said}"
+        return f"code {self.code}, {self.lost} frames lost, left: {left}; last message: {self.message}"
 
 
 def command(inputs: Sequence[str | Path], out: Path) -> list[str]:
@@ -86,7 +86,7 @@ def frames_in(path: Path) -> int:
 
 
 def started(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A process with a group of its own, so that all it starts can be told."""
+    """A process with a group of its own, so that all it starts can be identified."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     return subprocess.Popen(
         arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, start_new_session=True
@@ -94,16 +94,16 @@ def started(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def finish(arguments: Sequence[str]) -> None:
-    """Run to the end; raises InputError with what it said where it fails."""
+    """Run to the end; raises InputError with its output where it fails."""
     process = started(arguments)
-    _, said = process.communicate()
-    check_ended_well(process.returncode, said)
+    _, output = process.communicate()
+    check_ended_well(process.returncode, output)
 
 
-def check_ended_well(code: int, said: bytes) -> None:
-    """Raises InputError with what a process said where its exit code says that it failed."""
+def check_ended_well(code: int, output: bytes) -> None:
+    """Raises InputError with a process' output where its exit code is a failure."""
     if code:
-        raise InputError("track", f"ended with code {code}: {said.decode().strip()}")
+        raise InputError("track", f"ended with code {code}: {output.decode().strip()}")
 
 
 def kill_at(
@@ -117,7 +117,7 @@ def kill_at(
 ) -> Kill:
     """Start or resume, wait for a moment and end it.
 
-    announced: the process itself says, in a line, that the frames are there. patience [s]: for a frame, or for an end.
+    announced: the process itself announces the frames in a line. patience [s]: for a frame, or for an end.
     soon [s]: after its leader until a helper, and what is shared with it, has to be gone.
     Raises InputError where the process fails by itself, or does not get there in time.
     """
@@ -131,14 +131,14 @@ def kill_at(
         sent = time.monotonic()
         code = process.wait(patience)
         seconds, ended_at = time.monotonic() - sent, time.monotonic()
-        said = _read_to_the_end(process, soon)
+        output = _read_to_the_end(process, soon)
         lingered, left = _what_is_left(process.pid, names, ended_at, soon)
     finally:
         if _alive(process.pid):
             os.killpg(process.pid, signal.SIGKILL)
     if ended is not None:
-        check_ended_well(code, said)
-    last = (said.decode(errors="replace").strip().splitlines() or [""])[-1]
+        check_ended_well(code, output)
+    last = (output.decode(errors="replace").strip().splitlines() or [""])[-1]
     return Kill(moment, first, before, frames_in(out), code, seconds, lingered, left, last)
 
 
@@ -158,7 +158,7 @@ def _wait_for_frames(process: subprocess.Popen[bytes], out: Path, moment: Moment
 
 
 def _wait_for_announcement(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
-    """Wait until a process says that the moment is there; its exit code if it ends instead."""
+    """Wait until a process announces the moment; its exit code if it ends instead."""
     assert process.stdout is not None
     if not wait([process.stdout.fileno()], patience):
         raise InputError("track", f"did not come to {moment.wanted} frames in {patience:.0f} s")
@@ -166,7 +166,7 @@ def _wait_for_announcement(process: subprocess.Popen[bytes], out: Path, moment: 
 
 
 def _read_to_the_end(process: subprocess.Popen[bytes], soon: float) -> bytes:
-    """What it said last; a process that keeps its pipes open is given a while."""
+    """Its last output; a process that keeps its pipes open is given some time."""
     try:
         return process.communicate(timeout=soon)[1]
     except subprocess.TimeoutExpired as late:
@@ -174,7 +174,7 @@ def _read_to_the_end(process: subprocess.Popen[bytes], soon: float) -> bytes:
 
 
 def _what_is_left(group: int, names: set[str], ended_at: float, soon: float) -> tuple[float, tuple[str, ...]]:
-    """How long something was there after the leader's end [s], and what is there for longer than is allowed."""
+    """How long something remained after the leader's end [s], and what remains for longer than allowed."""
     while True:
         left = [f"process {pid}" for pid in _alive(group)]
         left += [name for name in names if Path(name).exists()]
@@ -192,7 +192,7 @@ def _alive(group: int) -> list[int]:
 
 
 def _shared_memory(group: int) -> set[str]:
-    """Files in /dev/shm that the processes of a group look at, where the system tells."""
+    """Files in /dev/shm that the processes of a group use, where the system reports them."""
     names: set[str] = set()
     for pid in _alive(group):
         try:

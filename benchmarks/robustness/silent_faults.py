@@ -74,7 +74,7 @@ def draw(body: Body, known: Sequence[Scene], kind: Kind, turn: int, rng: np.rand
 
 
 def _table(kind: Kind, outcomes: Sequence[Outcome]) -> Table:
-    """How many verdicts of each kind, fault by fault."""
+    """The number of verdicts of each kind, fault by fault."""
     table = report.table(f"faults of {kind}, drawn at random", "fault", *VERDICTS)
     for fault in sorted({o.fault for o in outcomes}):
         counts = Counter(o.verdict for o in outcomes if o.fault == fault)

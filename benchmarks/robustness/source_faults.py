@@ -81,7 +81,7 @@ def trial(body: Body, q: np.ndarray, fault: Fault, rng: np.random.Generator) -> 
 
 
 def _followed(subject: str, truth: Places, places: Places, up: str | None, folder: Path) -> Result:
-    """As a user would, who knows which axis points up unless that is the fault; angles are those of limbs."""
+    """Options as a user would give them, with the up axis unless that is the fault; angles are those of limbs."""
     path = folder / "source.npz"
     if "" in places.names:
         np.savez(path, joints=places.at, fps=FPS)
@@ -94,7 +94,7 @@ def _followed(subject: str, truth: Places, places: Places, up: str | None, folde
 
 
 def _facing(run: Run, truth: SourceMotion) -> np.ndarray:
-    """The run's landmarks (T, L, 3) turned about z to face as the truth does: a turned file does not say it."""
+    """The run's landmarks (T, L, 3) turned about z to face as the truth does: a turned file does not declare it."""
     names = [name for name in run.body.landmark_names if name in truth.names]
     own = run.landmarks[:, [run.body.landmark_names.index(name) for name in names], :2]
     other = np.stack([truth.landmark(name) for name in names], axis=1)[..., :2]

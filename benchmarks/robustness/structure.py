@@ -1,5 +1,5 @@
-"""What a reader and a change pass through: modules and lines, the files that an observation crosses within a frame of
-css, and the files that know an option."""
+"""The structure that a reader and a change pass through: modules and lines, the files that an observation crosses
+within a frame of css, and the files that mention an option."""
 
 from __future__ import annotations
 

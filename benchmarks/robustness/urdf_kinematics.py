@@ -86,7 +86,7 @@ def draw_values(joints: Mapping[str, UrdfJoint], rng: np.random.Generator) -> di
 
 
 def value_of(joints: Mapping[str, UrdfJoint], name: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """A joint's own value: what was drawn, or what follows from the joint that it follows; a fixed one's is 0."""
+    """A joint's own value: the drawn one, or that from the joint that it follows; 0 for a fixed one."""
     joint = joints[name]
     if joint.master:
         return joint.multiplier * value_of(joints, joint.master, values) + joint.offset

@@ -1,7 +1,7 @@
 """Every URDF of the installed packages, and of given folders, loaded and posed as `kinemode track` does, beside forward
 kinematics by lxml and numpy (`benchmarks.robustness.urdf_kinematics`). Meshes are not needed.
 
-A file is posed or refused in one line; whatever else comes out of it, or another place of a link, is a fault.
+A file is posed or refused in one line; any other result, or another place of a link, is a fault.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SAME = Deviation()
 
 @dataclass(frozen=True)
 class UrdfOutcome:
-    """What became of a file: the links compared and the deviation, or why it was refused, or what else came out."""
+    """The outcome of a file: the links compared and the deviation, or why it was refused, or what else came out."""
 
     path: str
     links: int = 0
@@ -78,7 +78,7 @@ def body_placements(body: Body, links: Sequence[str], q: np.ndarray) -> np.ndarr
 
 
 def deviation(body: Body, text: bytes, poses: int, rng: np.random.Generator) -> tuple[int, Deviation]:
-    """How many links a body has, and how far they are, in random poses, from where the URDF's text has them."""
+    """The number of a body's links, and their distance, in random poses, from their places by the URDF's text."""
     joints, worst = read_joints(text), SAME
     links: list[str] = []
     for _ in range(poses if joints else 0):  # a single link is where it is
@@ -104,7 +104,7 @@ def outcome(path: Path, called: str, poses: int, seed: int) -> UrdfOutcome:
         body = Body(load_subject(path))
     except InputError as error:
         return UrdfOutcome(called, refusal=str(error).replace(str(path), called))
-    except Exception as error:  # whatever else comes out is what is looked for
+    except Exception as error:  # any other exception is a fault
         return UrdfOutcome(called, fault=f"{called}: {type(error).__name__}: {' '.join(str(error).split())}")
     links, worst = deviation(body, path.read_bytes(), poses, np.random.default_rng((seed, 17)))
     # written so that a NaN is a fault
@@ -119,11 +119,11 @@ def outcome(path: Path, called: str, poses: int, seed: int) -> UrdfOutcome:
 def sources(folders: Sequence[Path]) -> dict[str, list[tuple[Path, str]]]:
     """URDF and xacro files, each with a short name, by where they are from: our own, installed packages, given folders.
 
-    Raises InputError: a given folder is none.
+    Raises InputError: a given folder does not exist.
     """
     for folder in folders:
         if not folder.is_dir():
-            raise InputError(folder, "is no folder", remedy="give folders with URDF files")
+            raise InputError(folder, "is not a folder", remedy="give folders with URDF files")
     made = {"kinemode": list(_files(URDF_FOLDER))}
     for folder in dict.fromkeys(Path(sysconfig.get_path(key)) for key in ("purelib", "platlib")):
         for path, called in _files(folder):

@@ -1,6 +1,7 @@
-"""Captured motions seen by three cameras in worlds turned anyhow: whether what is exported stands upright, or a line
-asks which way is up; and strides beside those of the same clip in a world whose z points up. The same of people who
-walk on a treadmill, lie, sit and hang, by three cameras and by points whose file does not say which axis points up.
+"""Captured motions seen by three cameras in arbitrarily turned worlds: whether the export stands upright, or a line
+asks for the up direction; and strides against those of the same clip in a world whose z points up. The same of people
+who walk on a treadmill, lie, sit and hang, by three cameras and by points whose file does not declare which axis points
+up.
 
 Rotations are uniform over all; some worlds are turned so that an axis points up exactly, as calibrations have it.
 """
@@ -40,7 +41,7 @@ STILL = ("treadmill", "supine", "prone", "on one side", "on a chair", "on the fl
 
 
 class World(NamedTuple):
-    """off [deg]: the export's up from the true one. notes: what was said of it. stride [m]: median length, NaN where
+    """off [deg]: the export's up from the true one. notes: notes about it. stride [m]: median length, NaN where
     there is none."""
 
     off: float
@@ -79,7 +80,7 @@ def tracked(points: np.ndarray, names: tuple[str, ...], cameras: tuple[Camera, .
 
 
 def tracked_points(points: np.ndarray, names: tuple[str, ...], up: str) -> World:
-    """By points (T, L, 3) of a world of z up, in a file along whose `up` they stand, which does not say so."""
+    """From points (T, L, 3) of a z-up world, in a file where they stand along `up`, undeclared."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         path = Path(folder) / "points.npz"
@@ -87,7 +88,7 @@ def tracked_points(points: np.ndarray, names: tuple[str, ...], up: str) -> World
         np.savez(path, points=turned, names=np.array(names), fps=FPS, unit="m")
         try:
             run = km.track("human34", points=path, fit="off")
-        except InputError as error:  # a refusal asks, too
+        except InputError as error:  # a refusal asks for up too
             return World(180.0, (str(error),) if "--up" in str(error) else (), float("nan"))
         off = float(np.degrees(np.arccos(np.clip(_turn(points, run.landmarks)[2, 2], -1.0, 1.0))))
     return World(off, tuple(str(w.message) for w in said if "--up" in str(w.message)), float("nan"))
@@ -107,7 +108,7 @@ def main(*, worlds: int = 100, turned: int = 100, data: Path | None = None, seed
     worlds
         How many rotations, over all clips.
     turned
-        How many of the people who do not stand on a floor are filmed, too.
+        Number of the people not standing on a floor who are also filmed.
     data
         The evaluation data with `mocap`.
     seed

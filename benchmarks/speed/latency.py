@@ -1,4 +1,4 @@
-"""How long a frame takes from its keypoints to its pose, frame by frame: what somebody who tracks live waits for.
+"""How long a frame takes from its keypoints to its pose, frame by frame: the delay of live tracking.
 
 Processor time is beside the wall's clock: on a machine that others use too, the difference is theirs."""
 

@@ -22,7 +22,7 @@ from kinemode.demo import CAMERA, FPS, make_clip
 from kinemode.target import made_folder
 
 SIZE = (720, 640)  # px, of the window
-TURN = 0.5  # share of the clip after which it is looked at from the side
+TURN = 0.5  # share of the clip after which it is seen from the side
 PATIENCE = 30.0  # s that a frame is waited for
 GIF_EVERY = 3  # of the pictures, or it would be larger than a megabyte
 

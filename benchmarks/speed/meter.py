@@ -1,4 +1,4 @@
-"""Time spent inside the libraries, by wrapping what is called of them.
+"""Time spent inside the libraries, by wrapping their called functions.
 
 `Meter.installed()` replaces the entry points of Pinocchio, coal and proxsuite and the compiled kernels by ones that
 add up their time. A wrapper costs time too: a part of it lands in what it measures, the rest in the caller; both are

@@ -8,7 +8,7 @@ start run one after the other in one process, and CPU time counts, so that a bus
 The starts are those that the tracker searches from (`benchmarks.speed.mode_search_starts`); their energy has the
 transition from the frame before as well, on both sides, as the tracker's has. That decides how often both sides end in
 the same minimum, since a frame alone has more of them: `--no-transition` leaves it out. The repulsion of body parts is
-on neither side, since it is no sum of squares. Random starts, from near to very far, have one frame's energy alone.
+on neither side, since it is not a sum of squares. Random starts, from near to very far, have one frame's energy alone.
 
 One camera leaves several minima, and which of them a descent from afar falls into is luck, on both sides. So it is also
 counted how low ours comes with as many searches, from the start and from poses around it, as fit into a tenth of the
@@ -50,7 +50,7 @@ def main(
     count
         Starts: drawn evenly from the tracker's, or shared out among the distances.
     transition
-        Whether the change since the frame before is paid for, from the tracker's starts.
+        Whether the change since the previous frame is penalised, from the tracker's starts.
     seed
         Of poses, keypoints and starts.
     distances

@@ -23,7 +23,7 @@ from humanoid.subject.subject import load_subject
 
 NOISE_PX = 4.0
 SPREAD = 0.8  # of the true pose about rest, in standard deviations of the stabilisers
-STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
+STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras face, to the pelvis
 AROUND = 0.4  # standard deviation of further starts about the first [rad], root [rad, m]
 TENTH = 0.1  # of scipy's time
 EQUAL = 1e-6  # relative difference up to which energies are equal
@@ -34,7 +34,7 @@ class Start:
     """Where both sides begin, and in which energy.
 
     kind: what the figures are grouped by. q (nq,). observation: the frame's keypoints, as the start reads them.
-    q_previous (nq,): from which the change within `dt` [s] is paid for; None where none is.
+    q_previous (nq,): from which the change within `dt` [s] is penalised; None where it is not.
     """
 
     kind: str
@@ -52,7 +52,7 @@ class Duel:
     in_a_tenth: the lowest of our searches that fit into a tenth of scipy's time.
     our_ms, their_ms: CPU time of ours, and of scipy until it was as low, or to its end. full_ms: of scipy to its end.
     residual_ms: the part of full_ms inside the residuals and their Jacobian.
-    our_steps: steps tried. their_steps: times scipy asked for residuals.
+    our_steps: steps tried. their_steps: number of residual evaluations by scipy.
     converged: whether our KKT residual is below its tolerance.
     """
 
@@ -76,7 +76,7 @@ def no_higher(energy: float, other: float) -> bool:
 
 
 class Contest:
-    """Problems on human34 with one camera, and both ways to solve them. clock: tells the time that they take [s]."""
+    """Problems on human34 with one camera, and both ways to solve them. clock: gives the time [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.process_time) -> None:
         self._clock = clock
@@ -110,7 +110,7 @@ class Contest:
     def forms(self, start: Start) -> tuple[Cost, Residuals]:
         """The energy as ours and as residuals about a start."""
         s, change = self.settings, None
-        observation = replace(start.observation, standing=None)  # what stands is held by terms that are no such sum
+        observation = replace(start.observation, standing=None)  # terms of standing points are not such a sum
         if start.q_previous is not None:
             change = Change(start.q_previous, self.model.transition_std(start.dt), s.transition_nu)
         cost = self.model.cost(self.model.observation_term(observation), start.q_previous, start.dt)

@@ -52,7 +52,7 @@ class Residuals:
     ----------
     body: with a free root, every other joint of one degree of freedom. start (nq,): where x's root is zero.
     observation, sigma (C, L), nu: see `estimator.energy.reprojection.Reprojection`. up (3,): see `Upright`.
-    prior_nu: of stabilisers and tilt. change: None where none is paid for.
+    prior_nu: of stabilisers and tilt. change: None where it is not penalised.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Residuals:
         return self._at(x)[1]
 
     def _at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and Jacobian; solvers ask for both at the same x one after the other."""
+        """Residuals and Jacobian; solvers request both at the same x in succession."""
         key = x.tobytes()
         if self._known is None or self._known[0] != key:
             posed = self._body.at(self.q(x))

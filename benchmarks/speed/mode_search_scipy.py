@@ -14,7 +14,7 @@ from benchmarks.speed.mode_search_residuals import Residuals
 class Watched:
     """Residuals that note the CPU time spent in them, and when half their square was first at a level or below.
 
-    clock: tells the time [s].
+    clock: gives the time [s].
     """
 
     def __init__(self, residuals: Residuals, level: float, clock: Callable[[], float] = time.process_time) -> None:

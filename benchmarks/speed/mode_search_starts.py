@@ -33,7 +33,7 @@ FPS = 30.0
 
 
 class Recorder(ModeSearch):
-    """A mode search that notes what it is asked to search from, except for the first frame, which has no parents."""
+    """A mode search that records its starts, except for the first frame, which has no parents."""
 
     def __init__(self, search: ModeSearch) -> None:
         super().__init__(search.model, search.settings)
@@ -51,7 +51,7 @@ class Recorder(ModeSearch):
 
 
 def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | None = None) -> list[Start]:
-    """All starts of the tracker over authored motions, as many frames of each as are asked for."""
+    """All starts of the tracker over authored motions, for the requested number of frames each."""
     body, starts = Body(load_subject("human34")), list[Start]()
     for k, name in enumerate(motions):
         usual = make_tracker("css", body)

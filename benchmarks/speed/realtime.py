@@ -31,7 +31,7 @@ from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
 TARGET, WANTED = 15.0, 25.0
-WAYS = {False: "cues read when asked for", True: "cues read ahead"}
+WAYS = {False: "cues read on demand", True: "cues read ahead"}
 WARM_UP = 5  # frames in which kernels are loaded and hypotheses found
 REST = "proposals, weights and the rest"
 PARTS: dict[str, list[tuple[type, str]]] = {
@@ -56,7 +56,7 @@ class Job:
 
     @contextmanager
     def cues(self, ahead: bool) -> Iterator[CueReader | ReadAhead]:
-        """The pictures' cues that are `used`, by name; read ahead in a thread or when they are asked for."""
+        """The pictures' cues that are `used`, by name; read ahead in a thread or on demand."""
         reader = CueReader([self.video], self.observations[0].cameras, cue_settings(self.used))
         opened = ReadAhead(reader) if ahead else reader
         try:

@@ -26,7 +26,7 @@ def seconds(call: Callable[[], object]) -> float:
 
 
 def poses_by_contacts(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -> dict[int, PosedBody]:
-    """A pose for every number of near pairs that random poses come to."""
+    """A pose for every number of near pairs that random poses reach."""
     by_count: dict[int, PosedBody] = {}
     i = body.bounded_q
     for _ in range(3000):

@@ -39,7 +39,7 @@ SAMPLE = 500  # evaluations that are timed by themselves
 
 @dataclass(frozen=True)
 class Job:
-    """What is tracked: keypoint files by camera, the subject with its fitted proportions, the observations."""
+    """The tracked clip: keypoint files by camera, the subject with its fitted proportions, the observations."""
 
     name: str
     keypoints: dict[str, Path]
@@ -250,7 +250,7 @@ def shares(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int, repeat
 
 
 def floor(job: Job, figures: dict[str, Any]) -> dict[str, Any]:
-    """Frames per second if Pinocchio's kinematics for the same evaluations were all there is."""
+    """Frames per second if Pinocchio's kinematics for the same evaluations were the only cost."""
     machine = figures["machine"]
     ms = 1e-3 * figures["evaluations_per_frame"] * (machine["jacobians_us"] + machine["integrate_us"])
     frame = 1e3 / float(np.median(figures["fps_cpu"]))

@@ -1,4 +1,4 @@
-"""What it costs to import kinemode, to ask for help, and to be told that a file is missing: processor time.
+"""Processor time to import kinemode, to print help, and to report a missing file.
 
 Each is a process of its own, measured from outside (user and system time, all threads). The least of several goes into
 the table: what is above it is other work of the machine.
@@ -67,7 +67,7 @@ def main(*, times: int = 3) -> None:
 
 
 def seconds(line: tuple[str, ...], folder: str, blas_threads: str | None) -> float:
-    """Processor time of one run [s]; blas_threads: how many OpenBLAS may start, None for as many as it likes."""
+    """Processor time of one run [s]; blas_threads: how many OpenBLAS may start, None for its default."""
     words = line if line[0] == "-c" else ("-m", "kinemode", *line)
     more = {} if blas_threads is None else {"OPENBLAS_NUM_THREADS": blas_threads}
     before = _spent()

@@ -37,7 +37,7 @@ from kinemode.terminal import report
 TARGET = 0.2
 DAMPING = 1e-6
 WIDE = 1e3  # a trust box that never binds: pink has none
-STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
+STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras face, to the pelvis
 OURS, PINK, STRAIGHT = "kinemode", "pink", "pink, errors linear in the world"
 OFFSET = 0.15  # standard deviation of the joints between start and target [rad]; root moved by as many metres
 
@@ -57,7 +57,7 @@ class StraightTask(FrameTask):
     """
 
     def compute_jacobian(self, configuration: pink.Configuration) -> np.ndarray:
-        """Of the error (6,), as the frame moves: (6, nv)."""
+        """The Jacobian of the error (6,), as the frame moves: (6, nv)."""
         return np.asarray(-configuration.get_frame_jacobian(self.frame))
 
 

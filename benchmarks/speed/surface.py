@@ -71,7 +71,7 @@ def hypotheses(body: Body, q: np.ndarray, count: int, rng: np.random.Generator) 
 
 
 class Case:
-    """One number of nodes: what is timed of one hypothesis."""
+    """One number of nodes: times for one hypothesis."""
 
     def __init__(self, body: Body, cues: ImageCues, extent: float, settings: CueSettings) -> None:
         self.body, self.cues = body, cues
@@ -96,7 +96,7 @@ class Case:
         self._sum(term, posed)
 
     def stages(self, q: np.ndarray) -> dict[str, Callable[[], object]]:
-        """The parts of one hypothesis, each with what it needs already there."""
+        """The parts of one hypothesis, each with its inputs prepared."""
         likelihood, posed = self.likelihood, self.body.at(q)
         prediction = likelihood.predictor.predict(posed)
         contours = prediction.contours

@@ -1,1 +1,2 @@
-"""What several measures share: data folders, clips, kept pieces of long measures, scores, timed tracks, figures."""
+"""Shared parts of several measures: data folders, clips, kept pieces of long measures, scores, timed tracks,
+figures."""

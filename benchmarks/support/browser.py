@@ -38,7 +38,7 @@ def opened_browser(profile: Path, *, patience: float = 600.0) -> Iterator[Any]:
         listens = False
 
         def is_connectable(self) -> bool:
-            """Also asked at the end, until it listens no more: there nothing is to be waited for."""
+            """Also called at the end, until it no longer listens: there is nothing to wait for."""
             end = time.monotonic() + patience
             while not (answers := super().is_connectable()) and not self.listens and time.monotonic() < end:
                 self.assert_process_still_running()

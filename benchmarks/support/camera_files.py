@@ -20,7 +20,7 @@ def write_pose2sim(path: Path, cameras: Sequence[Camera]) -> Path:
 
 
 def toml_sections(cameras: Sequence[Camera]) -> dict[str, dict[str, Any]]:
-    """What Pose2Sim and Anipose say of each camera, by its name; translations [m]."""
+    """The entries of Pose2Sim and Anipose for each camera, by name; translations [m]."""
     return {
         c.name: {
             "name": c.name,

@@ -1,4 +1,4 @@
-"""What the measures share: data, clips, tables, JSON, and errors as one line."""
+"""Shared parts of the measures: data, clips, tables, JSON, and errors as one line."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def tell(text: str) -> None:
 
 
 def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> list[Result]:
-    """What `work`, a function of a module, makes of each task, in their order; so many of them at a time."""
+    """The results of `work`, a function of a module, for all tasks in order; so many of them at a time."""
     if jobs < 1:
         raise InputError("--jobs", f"is {jobs}", remedy="1 or more")
     if min(jobs, len(tasks)) < 2:
@@ -91,7 +91,7 @@ def data_folder(given: Path | None) -> Path | None:
 
 
 def captured_folder(given: Path | None) -> Path | None:
-    """The evaluation data if it has motion capture; says so, and None, where it has not."""
+    """The evaluation data if it has motion capture; otherwise None, with a message."""
     folder = data_folder(given)
     if folder is None or not (folder / "mocap").is_dir():
         print(NO_CAPTURE_HERE)
@@ -135,7 +135,7 @@ def nested(changes: Sequence[str]) -> dict[str, Any]:
 
 
 def save(path: Path | None, figures: dict[str, Any]) -> None:
-    """Write the figures as JSON, if a file was asked for; what is not finite becomes null."""
+    """Write the figures as JSON, if a file was given; non-finite numbers become null."""
     if path is not None:
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(_plain(figures), indent=1, allow_nan=False) + "\n")

@@ -1,4 +1,4 @@
-"""What Linux says of a process in /proc: its children, its memory, and the processor time it has used."""
+"""Data of a process in Linux' /proc: its children, its memory, and the processor time it has used."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ResidentMemory(NamedTuple):
 
 
 def memory(process: int | str = "self") -> ResidentMemory:
-    """Of a process that is there. Not from getrusage, whose maximum a process has from who started it."""
+    """Memory of a running process. Not from getrusage, whose maximum is inherited from the parent."""
     lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()
     said = dict(line.split(":", 1) for line in lines if ":" in line)
     return ResidentMemory(*(_KILOBYTE * int(said[name].split()[0]) for name in ("VmRSS", "VmHWM")))
@@ -44,7 +44,7 @@ def spawned_workers(process: int | None = None) -> list[int]:
 
 
 def is_alive(process: int) -> bool:
-    """Whether it runs: one whose exit code nobody has read does not."""
+    """Whether it runs; a zombie does not."""
     try:
         return _stat(process)[0] not in ("Z", "X")
     except OSError:
@@ -52,7 +52,7 @@ def is_alive(process: int) -> bool:
 
 
 def seconds_until_gone(processes: Iterable[int], patience: float) -> float:
-    """How long any of the processes is still there [s], infinite where that is longer than allowed."""
+    """The time until all processes are gone [s], infinite where longer than allowed."""
     begin = time.monotonic()
     left = list(processes)
     while left := [process for process in left if is_alive(process)]:

@@ -1,5 +1,5 @@
 """Long measures in pieces: each leaves a file when it is done and is not done again, so that a measure that was
-interrupted goes on; and clips that are rendered once."""
+interrupted resumes; and clips that are rendered once."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Piece(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the file, in words."""
+        """The name of the file, in words."""
         ...
 
     @property
@@ -53,12 +53,12 @@ class ResultStore:
     folder: Path
 
     def done(self, piece: Piece) -> Figures | None:
-        """What came out of a piece, None where it is not done."""
+        """The result of a piece, None where it is not done."""
         path = self.path(piece)
         return json.loads(path.read_text(encoding="utf-8"))["result"] if path.is_file() else None
 
     def of(self, piece: Piece) -> Figures:
-        """What came out of a piece, which is done now if it was not."""
+        """The result of a piece, which is computed if missing."""
         if (before := self.done(piece)) is not None:
             return before
         path, result = self.path(piece), piece.work(self)
@@ -84,7 +84,7 @@ class ResultStore:
 
 @cache
 def code_digest() -> str:
-    """Of all sources that a track depends on."""
+    """The digest of all sources on which a track depends."""
     digest = hashlib.sha256()
     for package in ("humanoid", "estimator"):
         for path in sorted((ROOT / package).rglob("*")):
@@ -94,7 +94,7 @@ def code_digest() -> str:
 
 
 def all_done(label: str, store: ResultStore, pieces: Sequence[Piece], jobs: int) -> list[Figures]:
-    """What comes out of every piece, in their order; so many processes do those that are not done yet, with progress
+    """The results of all pieces in order; so many processes do those that are not done yet, with progress
     and the time left. Raises InputError for no process."""
     if jobs < 1:
         raise InputError("--jobs", f"is {jobs}", remedy="1 or more")
@@ -108,7 +108,7 @@ def all_done(label: str, store: ResultStore, pieces: Sequence[Piece], jobs: int)
     except (KeyboardInterrupt, SystemError) as stop:
         if not is_interruption(stop):
             raise
-        tell("interrupted: the same command with the same --work goes on")
+        tell("interrupted: the same command with the same --work resumes")
         sys.exit(INTERRUPTED)
     return [store.of(piece) for piece in pieces]
 
@@ -131,7 +131,7 @@ def _do(store: ResultStore, pieces: Sequence[Piece], jobs: int, progress: Callab
 
 
 def removed(run: Path) -> None:
-    """Remove a run file and what stands beside it."""
+    """Remove a run file and the files next to it."""
     for path in run.parent.glob(f"{run.name}*"):
         path.unlink()
 

@@ -209,7 +209,7 @@ def trajectories(run: Run, truth: Reference) -> dict[str, TrackErrors]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run on a rendered clip: errors by trajectory, frames per second, and what the user was told of the input."""
+    """A run on a rendered clip: errors by trajectory, frames per second, and the notes on the input."""
 
     errors: dict[str, TrackErrors]
     fps: float

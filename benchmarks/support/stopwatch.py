@@ -12,7 +12,7 @@ from typing import Any
 class Stopwatch:
     """Seconds by part. A call counts for its own part alone: what a part inside it takes is that part's.
 
-    clock: tells the time [s].
+    clock: gives the time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = process_time) -> None:

@@ -15,7 +15,7 @@ from humanoid.subject.subject import Subject
 from kinemode.progress import Progress
 
 Fitted = Literal["auto", "proportions", "markers", "off"]
-"""What of a subject is fitted, see `kinemode.track`."""
+"""The fitted parts of a subject, see `kinemode.track`."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def timed_track(
     return run, Times(*seconds, len(run), tracking + smoothing, tracking)
 
 
-class _Enough(Exception):  # noqa: N818, it is none
-    """So many frames were asked for, and are done."""
+class _Enough(Exception):  # noqa: N818, not an error
+    """The requested number of frames is done."""
 
 
 def _now() -> tuple[float, float]:
@@ -106,7 +106,7 @@ def _now() -> tuple[float, float]:
 
 
 def _cpu(marks: list[tuple[float, float]]) -> tuple[float, float]:
-    """Of tracking and of smoothing a frame, see `Times`; marks: at the start, after each frame, at the end."""
+    """Time of tracking and of smoothing a frame, see `Times`; marks: at the start, after each frame, at the end."""
     spent = [mark[1] for mark in marks]
     frames = len(marks) - 2
     if frames < 3:

@@ -1,4 +1,4 @@
-"""What captured motion says of accelerations: how large they are, how long they last, and that they come in bursts.
+"""Accelerations in captured motion: how large they are, how long they last, and that they come in bursts.
 
 The settings of the smoothing (`SmoothSettings`) are rounded from these. Everything is tried on people it was not
 learned from: the log density of the accelerations of one by what all others have.
@@ -99,7 +99,7 @@ def captured(body: Body, path: Path, seconds: float) -> Capture:
 
 
 def news_of(body: Body, capture: Capture, model: Model) -> np.ndarray:
-    """What is new in the accelerations (T, nv)."""
+    """The innovations of the accelerations (T, nv)."""
     prior = MotionPrior(np.ones(body.nv), np.ones(body.nv), memory=model.memory)
     return prior.news(capture.v, np.full(len(capture.v), 1.0 / FPS))
 
@@ -121,7 +121,7 @@ def learned(body: Body, captures: Sequence[Capture], model: Model) -> np.ndarray
 
 
 def paces(body: Body, news: np.ndarray, span: float) -> np.ndarray:
-    """Pace (T, nv) of each frame as its neighbours tell it, by news (T, nv) in terms of their deviation."""
+    """Pace (T, nv) of each frame from its neighbours, by innovations (T, nv) in terms of their deviation."""
     pace = np.ones_like(news)
     if span == 0.0:
         return pace
@@ -140,7 +140,7 @@ def paces(body: Body, news: np.ndarray, span: float) -> np.ndarray:
 
 def foretold(body: Body, captures: Sequence[Capture], people: Sequence[str], model: Model) -> float:
     """Mean log density of an acceleration, given those before it and the pace of its neighbours, of people left out;
-    everybody counts alike. The root's place is not asked: skeletons leap there."""
+    everybody counts alike. The root's place is not used, as skeletons jump there."""
     asked = np.ones(body.nv, bool)
     asked[ROOT_PLACE_V] = False
     left = MotionPrior(np.ones(1), np.ones(1), memory=model.memory).left(1.0 / FPS)

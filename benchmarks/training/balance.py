@@ -1,8 +1,8 @@
 """Where the centre of mass of people is over their feet: the numbers of `cost.terms.balance`.
 
 People are captured on human34 (CMU) or tracked by a laboratory's markers (OpenCap's and two others), and seen by a
-virtual camera, whose noisy keypoints tell which feet stand, as in tracking. The spread about the middle of what stands
-is fitted by likelihood, every person counting alike, and tried on people who were left out. Beside that: distances from
+virtual camera, whose noisy keypoints show which feet stand, as in tracking. The spread about the middle of what stands
+is fitted by likelihood, with equal weights of people, and tested on people left out. Beside that: distances from
 the convex hull of the feet, also of the extrapolated centre of mass (Hof et al., J. Biomech. 38, 2005), and how far the
 modelled centre of mass is from the centre of pressure that force plates measure.
 """
@@ -36,7 +36,7 @@ from kinemode.terminal import report
 PLATES = ("squats1", "static1")
 """Trials in which all the weight is on plates and people hardly accelerate."""
 _NOISE_PX, _FIRST, _GRAVITY = 1.5, 3, 9.81
-_ENOUGH, _WHOLE = 20, 200  # instants: fewer say nothing of a person, more count as so many
+_ENOUGH, _WHOLE = 20, 200  # instants: fewer are not used for a person, more count as so many
 _SITS = 0.5
 _STARTS = ((np.log(0.02), np.log(0.5), np.log(8.0), -3.0), (np.log(0.04), 0.0, np.log(3.0), -2.0))
 
@@ -106,7 +106,7 @@ def main(*, data: Data = None, jobs: int = 1, json: Json = None) -> None:
 
 
 def instants_of(path: Path) -> Instants:
-    """Of a captured clip, or of a laboratory's trial by its markers."""
+    """Instants of a captured clip, or of a laboratory's trial by its markers."""
     if path.suffix == ".bvh":
         body, mocap = Body(load_subject("human34")), load_mocap(path)
         time = np.arange(0.0, mocap.seconds - 1.0 / FPS, 1.0 / FPS)
@@ -179,7 +179,7 @@ def natural(x: np.ndarray) -> list[float]:
 
 
 def log_density(x: np.ndarray, seen: Instants) -> np.ndarray:
-    """Of each offset [1/m2], by the mixture of `estimator.energy.balance.Balance`."""
+    """Log density of each offset [1/m2], by the mixture of `estimator.energy.balance.Balance`."""
     width, spread, tail, held = natural(x)
     a, b, c = width**2 * np.array([[1.0], [0.0], [1.0]]) + spread**2 * seen.scatter.T
     det = a * c - b * b
@@ -190,7 +190,7 @@ def log_density(x: np.ndarray, seen: Instants) -> np.ndarray:
 
 
 def fitted(people: Mapping[str, Instants]) -> np.ndarray:
-    """The numbers (4,) of greatest likelihood, see `natural`; every person counts alike."""
+    """The numbers (4,) of greatest likelihood, see `natural`; with equal weights of people."""
 
     def loss(x: np.ndarray) -> float:
         return -sum(min(1.0, len(p.feet) / _WHOLE) * float(log_density(x, p).mean()) for p in people.values())

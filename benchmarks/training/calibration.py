@@ -1,4 +1,4 @@
-"""Whether the uncertainty can be believed: how often the truth lies in the regions that the posterior says it is in."""
+"""Whether the uncertainty can be believed: how often the truth lies in the posterior's regions."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def main(
     seconds
         So much of each motion.
     every
-        So many-th frames are looked at.
+        Every n-th frame is used.
     tracker
         As in `kinemode track`.
     known_body
@@ -101,7 +101,7 @@ def main(
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
     prior
-        Pose prior: learned from everybody but the person tracked; the one that is shipped, which knows all captured
+        Pose prior: learned from all people but the tracked one; the shipped one, which has seen all captured
         clips; or off.
     jobs
         Clips at a time, each in a process of its own.
@@ -136,14 +136,14 @@ def main(
 
 
 def _fitted(training: Sequence[Tracked], jobs: int) -> PosteriorCalibration:
-    """The calibration that the training motions ask for."""
+    """The calibration fitted to the training motions."""
     calibration = fitted_calibration(training, jobs, tell)
     print(f"fitted: {calibration}")
     return calibration
 
 
 def _figures_of_all(calibration: PosteriorCalibration, levels: Mapping[str, Sequence[Levels]]) -> dict[str, Any]:
-    """What is saved, besides what it was measured on."""
+    """The saved figures, besides the conditions."""
     return {
         "measure": "calibration",
         "calibration": asdict(calibration),
@@ -204,7 +204,7 @@ def groups(levels: Sequence[Levels], cases: Sequence[Tracked]) -> dict[str, Leve
 
 
 def show_groups(by_group: Mapping[str, Levels]) -> None:
-    """Coverage by what the stabilisers' rests and deviations were set by."""
+    """Coverage by the source of the stabilisers' rest positions and deviations."""
     columns = [f"{kind}: {what}" for kind in KINDS for what in ("50 %", "90 %", "error")]
     made = report.table("calibrated: the stabilisers were set by nine captured motions and beam4cam", "", *columns)
     for name, levels in by_group.items():

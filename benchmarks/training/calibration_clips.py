@@ -63,7 +63,7 @@ class Condition:
 
     @property
     def name(self) -> str:
-        """As it is shown."""
+        """The displayed name."""
         plural = "s" if self.cameras > 1 else ""
         return f"{self.cameras} camera{plural}, {self.noise_px:g} px, {100 * self.outliers:g} % outliers"
 
@@ -83,7 +83,7 @@ class Task:
     """One clip to make and to track.
 
     motion: a BVH file, or the name of an authored motion. seconds, every: so much of it, and so many-th frames are
-    looked at. known_body, known_noise: the tracker is given the body's lengths, else fits them, and the true standard
+    used. known_body, known_noise: the tracker is given the body's lengths, else fits them, and the true standard
     deviation of every keypoint instead of its own estimate. lasting: the detector has the errors `LASTING`. smooth:
     the track is smoothed. changes: to the tracker's settings.
     """
@@ -102,16 +102,16 @@ class Task:
 
     @property
     def errors(self) -> DetectorSettings:
-        """Of the detector."""
+        """The errors of the detector."""
         c = self.condition
         return DetectorSettings(c.noise_px, c.outliers, c.missing, **LASTING if self.lasting else {})
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """A tracked clip, N of its frames: what the tracker said of them, and the true configurations (N, nq).
+    """A tracked clip, N of its frames: the tracker's results, and the true configurations (N, nq).
 
-    smoothed: the trajectory in these frames; None where that is not asked for. urdf: of the tracked
+    smoothed: the trajectory in these frames; None where not requested. urdf: of the tracked
     body. truth_landmarks (N, L, 3) [m]: of the true one. seen_by: the only camera, where the body's
     size is not known.
     """
@@ -126,13 +126,13 @@ class Tracked:
     seen_by: Sequence[Camera]
 
     def posterior(self, body: Body, i: int, calibration: PosteriorCalibration) -> Posterior:
-        """Of the i-th frame looked at: around the smoothed trajectory where there is one."""
+        """The posterior of the i-th used frame, around the smoothed trajectory where there is one."""
         if self.smoothed is None:
             return Posterior.of(body, self.results[i], calibration, self.seen_by)
         return Posterior.of_trajectory(body, self.results[i], self.smoothed, i, calibration, self.seen_by)
 
     def tracked_body(self) -> Body:
-        """The body that was tracked, made anew: what is sent between processes must not carry one."""
+        """The body that was tracked, built again, as objects sent between processes must not carry one."""
         return Body(subject_from_text(self.urdf, source=self.motion, base="free"))
 
 
@@ -151,7 +151,7 @@ def motions(data: Path | None, names: Sequence[str]) -> list[Path]:
 
 
 def tracked(task: Task) -> Tracked:
-    """Make the clip's keypoints, track and, if asked to, smooth them."""
+    """Make the clip's keypoints, track and, on request, smooth them."""
     rng = np.random.default_rng((task.seed, task.condition.cameras, round(10 * task.condition.noise_px)))
     body = Body(person(rng))
     q, times = _motion(body, task)

@@ -1,6 +1,6 @@
 """Captured people whose skeletons stand with bent knees, made to stand as a laboratory's people do.
 
-Skeletons of captured motion are made once for a person, from a suit; where their joints are is nobody's measurement.
+Skeletons of captured motion are made once for a person, from a suit; their joint positions are not measured.
 Those of the CMU database walk with knees that never come nearer to straight than 15 degrees, while people whose joints
 a laboratory has measured bend them by 0 to 5 degrees there and stand with straight ones: legs that are a little too
 long between hip and ankle do that (2 per cent of a leg are 20 degrees at a knee that is straight, and 3 at one bent by
@@ -35,13 +35,15 @@ class Legs(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Of a skeleton: the factor on its thighs and shanks, and the constant that its ankles lose [rad]."""
+    """The correction of a skeleton: the factor on its thighs and shanks, and the constant that its ankles lose
+    [rad]."""
 
     factor: float
     ankle: float
 
     def of(self, angles: np.ndarray, legs: Legs) -> np.ndarray:
-        """Angles (N, D) [rad] of the corrected legs: hip and ankle stay where they are, thigh and shank are alike."""
+        """Angles (N, D) [rad] of the corrected legs: hip and ankle stay in place, thigh and shank have equal
+        lengths."""
         corrected = angles.copy()
         less = angles[:, legs.knee] - shortened(angles[:, legs.knee], self.factor)
         corrected[:, legs.knee] -= less

@@ -60,8 +60,8 @@ def together(parts: Iterable[Levels]) -> Levels:
 def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str], None]) -> PosteriorCalibration:
     """The calibration of least mean squared distance between coverage and level on tracked clips.
 
-    All three kinds of regions count alike. From round to round the one change of one number to a neighbour in `TRIED`
-    is made that gains most, until none does; the distance from limits is the mean of the true ones.
+    All three kinds of regions have equal weight. From round to round the one change of one number to a neighbour in
+    `TRIED` is made that gains most, until none does; the distance from limits is the mean of the true ones.
     """
     smoothed = all(case.smoothed is not None for case in cases)
     start = (1.0, 0.4, 1.0, 1.0) if smoothed else (1.0, 0.4, 4.0, 2.0)

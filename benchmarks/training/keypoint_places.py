@@ -4,9 +4,9 @@ Two phone films of people whose joint centres are known from markers (OpenCap). 
 shoulders to ankles); what a keypoint is off from its joint centre in the picture is explained by one offset in the
 frame of a link, by least squares over the film, drawn to zero where the view leaves it open. Both films were taken from
 one side, and where a hip or a knee is marked is part of the view. So only heels and toes, which are other points for a
-detector than for a body, have a mean; it is drawn to zero as far as two people and two sides let it be chance. The
-others have the deviation about zero alone. Feet: from human34's heel and toes to where the laboratory's model has
-these, and from there to the keypoints.
+detector than for a body, have a mean; it is shrunk to zero as far as two people and two sides are consistent with
+chance. The others have the deviation about zero alone. Feet: from human34's heel and toes to where the laboratory's
+model has these, and from there to the keypoints.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _CORE = ("shoulder", "hip", "knee", "ankle")
 _FOCAL = 0.7  # of the longer side: phones
 _OFF_PX, _EVERY = 14.0, 3  # px of an inlier of PnP; frames
 _KEYPOINT_STD, _OFFSET_STD = 0.02, 0.03  # m: of a keypoint about its place, of a place before anything is seen
-_INDEPENDENT = 20.0  # frames that are alike count as so many in all
+_INDEPENDENT = 20.0  # similar frames count as so many in total
 _GROSS = 0.15  # m
 _LEAST_STD = 0.01  # m
 _FOOT = ("heel", "big_toe")
@@ -176,7 +176,7 @@ def mean_place(offsets: Sequence[np.ndarray], *, centred: bool) -> tuple[np.ndar
     deviation of one of them about it, averaged over the axes.
 
     Each axis of the mean keeps the share of its square that is not the variance of the mean (James and Stein's, for
-    positive parts); y is what mirrors, so that both sides say the same.
+    positive parts); y is what mirrors, so that both sides agree.
     """
     own = np.array(offsets)
     mean, variance = own.mean(axis=0), own.var(axis=0, ddof=1)

@@ -29,7 +29,7 @@ class Examples(NamedTuple):
 
 
 def examples_of(instants: Iterable[Shown], rng: np.random.Generator) -> Examples:
-    """What every view has of true poses, occluded or not, and of places without the limb; each measure is known."""
+    """Measures in every view of true poses, occluded or not, and of places without the limb; each measure is known."""
     limb, features, scene = [], [], []
     for shown in instants:
         absent, t, R = nowhere(rng, shown, PLACES, *BORDER)
@@ -48,7 +48,7 @@ def examples_of(instants: Iterable[Shown], rng: np.random.Generator) -> Examples
 def learned(graph: LimbGraph, examples: Sequence[Examples]) -> LimbModels:
     """The densities that examples of a graph's limbs have; limbs of one name, and those of both sides, share one.
 
-    Pictures and their mirror images count alike, and all joint marginals of two features are kept.
+    Pictures and their mirror images have equal weight, and all joint marginals of two features are kept.
     """
     limb, positive, negative = (np.concatenate(part) for part in zip(*examples, strict=True))
     bins = tuple(_borders(name, np.concatenate([positive, negative])[:, i]) for i, name in enumerate(FEATURES))

@@ -1,7 +1,7 @@
 """The potentials between limbs that are shipped: learned from captured motion, tried on clips that were held out.
 
-Held-out log density tells what a number of kernels is worth. `--write` writes the potentials of all clips but those in
-the folder mocap, which the measures of trackers are made of, and their copies.
+Held-out log density rates the number of kernels. `--write` writes the potentials of all clips but those in
+the folder mocap, which the measures of trackers use, and their copies.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ SUBJECT = "human34"
 DT = 1.0 / 30.0  # [s] between the poses of a clip
 STEPS = (1.0 / 60.0, DT, 2.0 * DT, 3.0 * DT)
 """[s] that temporal potentials are learned of."""
-EVERY = 5  # of so many poses one is learned from: neighbours say the same
+EVERY = 5  # of so many poses one is learned from: neighbours are redundant
 KERNELS = (1, 3, 5, 8)
 TRIED = ("07_01", "02_05", "16_01")
 """Trials that are held out in turn: walk_straight, punch, jump."""
-DRAWN = 3000  # poses, where nobody was captured
+DRAWN = 3000  # poses, for subjects without captured motion
 ABOUT = (
     "Mixtures of relative placements of {}'s limbs in space and time. Made by `python -m benchmarks limb_learning"
     " --write`{}."
@@ -57,7 +57,7 @@ CREDIT = (
     " from motion capture: the data used in this project was obtained from mocap.cs.cmu.edu; the database was created"
     " with funding from NSF EIA-0196217. Clips {}. Not seen: {}"
 )
-NOBODY = " --drawn from poses drawn from the subject's stabilisers within its limits, captured from nobody"
+NOBODY = " --drawn from poses drawn from the subject's stabilisers within its limits, without captured motion"
 
 
 def main(
@@ -95,7 +95,7 @@ def main(
     drawn
         Poses drawn from the subject's stabilisers within its limits instead; held out are others drawn alike.
     write
-        Learn of all clips but those in mocap, and write the file, with 3 kernels unless told.
+        Learn of all clips but those in mocap, and write the file, with 3 kernels by default.
     output
         The file that is written; the one that is shipped by default.
     figure
@@ -161,7 +161,7 @@ def motion(body: Body, subject: str, path: Path, folder: Path) -> tuple[np.ndarr
 
 
 def poses_of(graph: LimbGraph, body: Body, moving: tuple[np.ndarray, np.ndarray]) -> LimbPoses:
-    """Of one captured motion."""
+    """Limb poses of one captured motion."""
     return captured_poses(graph, body, [moving], DT, STEPS)
 
 

@@ -30,7 +30,7 @@ from kinemode.terminal.report import console, table
 T = TypeVar("T")
 SUBJECT, PAPER = "human34", 10  # the first of `all_limbs`
 HELD_OUT = ("07", "16", "49")
-"""Captured people who are not learned from; the first is the one of walk_straight_07_01."""
+"""Captured people outside the training set; the first is the one of walk_straight_07_01."""
 NEVER = "07_01"  # other measures track it: it is not shown here, either
 FRAMES = 4  # of a clip
 FALSE = 0.2, 1.0, np.radians(45.0)  # m, m, rad: far ones that the true pose is to beat
@@ -92,7 +92,7 @@ def main(
 
 @cache
 def person() -> Subject:
-    """Whose body is in the pictures, with lengths and girths that differ from clip to clip."""
+    """The subject in the pictures, with lengths and girths that differ from clip to clip."""
     return load_subject(SUBJECT)
 
 
@@ -102,7 +102,7 @@ def spread(items: Sequence[T], count: int) -> list[T]:
 
 
 def clip_examples(clip: tuple[int, Path]) -> Examples:
-    """Of a clip by its number, which is the seed of its room, light and clothes."""
+    """Examples of a clip by its number, which is the seed of its room, light and clothes."""
     seed, path = clip
     tell(path.stem)
     return examples_of(shown_clip(person(), path, FRAMES, seed), np.random.default_rng((seed, 1)))

@@ -27,15 +27,15 @@ FIRST_STD = 0.2  # [rad] of every component in every joint before the first iter
 ITERATIONS = 60
 LEFT_OUT = ("lumbar_flexion",)
 """Joints whose angles are not kept: captured skeletons have their own way to share a bend between back and hips, and no
-landmark says how the pelvis is tilted."""
+landmark determines the pelvis' tilt."""
 
 
 @dataclass(frozen=True)
 class LearnSettings:
-    """How a mixture is learned.
+    """Settings of learning a mixture.
 
     pairs: Gaussians, each with its mirror image. person_poses: so many poses of a person at most, drawn at random, so
-    that those of whom there is much do not decide for the others. spacing [rad]: poses of a clip nearer to each other
+    so that people with much data do not dominate. spacing [rad]: poses of a clip nearer to each other
     than this, root mean square over the joints, count once, so that standing still weighs no more than moving.
     prior_count: as many poses with the covariance of all are added to each Gaussian. background: share of poses that
     none explains. starts: random starts, the best likelihood wins.
@@ -103,7 +103,7 @@ def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
 
 def _uncertainty(body: Body, q: np.ndarray, index: list[int]) -> np.ndarray:
     """Covariance (D, D) of the joints given the captured landmarks and the stabilisers, and of their zeros: without it,
-    joints that no landmark tells of, such as the neck's turn, would seem to be held still."""
+    joints that no landmark determines, such as the neck's turn, would seem to be still."""
     std_of = [VAGUE_STD.get(body.landmark_names[k].split("_")[-1], POINT_STD) for k in index]
     J = (body.landmark_jacobians(body.at(q))[index] / np.array(std_of)[:, None, None]).reshape(-1, body.nv)
     count = len(joints_of(body))
@@ -135,7 +135,7 @@ def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np
 
     Dempster, Laird and Rubin 1977, over poses and their mirror images; a Gaussian and its mirror image share their
     numbers. Each covariance contains the poses' own uncertainty and is drawn towards that of all poses, as with an
-    inverse Wishart prior: the clips are few, and poses of one clip are no independent draws.
+    inverse Wishart prior: the clips are few, and poses of one clip are not independent.
     """
     other, sign = mirror_of(body)
     poses = joined(clips)

@@ -1,6 +1,6 @@
 """The pose prior that is shipped: learned from captured motion, tried on people it was not learned from.
 
-Held-out likelihood tells what a number of Gaussians is worth: how much denser than the stabilisers a mixture learned
+Held-out likelihood rates the number of Gaussians: how much denser than the stabilisers a mixture learned
 from the other people is at the poses of a clip. `--write` writes the numbers of the mixture of all clips.
 """
 
@@ -40,10 +40,10 @@ Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]
 """By clip and share of the prior: errors of every seed by trajectory."""
 
 PriorChoice = Literal["unseen", "shipped", "off"]
-"""Learned from everybody but the person tracked; the one that is shipped; or none."""
+"""Learned from all people but the tracked one; the shipped one; or none."""
 
 SUBJECT = "human34"
-DRAWN = 5  # seed of the poses of people of whom there is much
+DRAWN = 5  # seed for subsampling the poses of people with much data
 PAIRS = (2, 4, 8, 12)
 WEIGHTS = (0.0, 0.25)
 ABOUT = (
@@ -125,12 +125,12 @@ def mixture_of_all(body: Body, poses: Mapping[str, Poses], settings: LearnSettin
 
 
 def without(body: Body, poses: Mapping[str, Poses], person: str, settings: LearnSettings) -> PoseMixture:
-    """Of the clips by name of everybody but one person."""
+    """The clips by name of all people but one."""
     return mixture_of_all(body, {name: p for name, p in poses.items() if subject_of(name) != person}, settings)
 
 
 def priors_without(body: Body, poses: Mapping[str, Poses], people: Iterable[str], folder: Path) -> dict[str, Path]:
-    """By person, the file of the mixture learned from everybody else."""
+    """By person, the file of the mixture learned from all others."""
     paths = {person: _file_without(person, folder) for person in people}
     for person, path in paths.items():
         without(body, poses, person, LearnSettings()).save(path, f"Without subject {person}.")
@@ -167,7 +167,7 @@ def _unseen(data: Path | None, people: Sequence[str], folder: Path) -> dict[str,
         files, body = captured_files(data), Body(load_subject(SUBJECT))
         if not files:
             raise InputError("the pose prior", "learns from mocap_more too, which is not here", remedy="--prior off")
-        tell("learning the pose prior without those who are tracked")
+        tell("learning the pose prior without the tracked people")
         poses = {f.stem: captured_poses(body, f, LearnSettings().spacing) for f in files}
         priors_without(body, poses, missing, made_folder(folder))
     return paths

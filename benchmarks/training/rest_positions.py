@@ -1,9 +1,9 @@
 """Rest positions of human34 and their widths, from the poses of many people: the numbers of its `<stabiliser>`s.
 
 People are captured on human34 (CMU, with corrected legs: `benchmarks.training.captured_legs`) or tracked by a
-laboratory's markers (OpenCap's and two others). Every person counts alike, and of a person every clip. For each joint
-the density of the stabilisers, two halves of Student's t with their own scales (`estimator.energy.priors`), is fitted
-by likelihood, left and right together, and tried on people who were left out. Angles have the deviation of a joint's
+laboratory's markers (OpenCap's and two others). People have equal weights, and so have the clips of a person. For each
+joint the density of the stabilisers, two halves of Student's t with their own scales (`estimator.energy.priors`), is
+fitted by likelihood, left and right together, and tested on people left out. Angles have the deviation of a joint's
 zero (`ZERO_STD`) added, by which two skeletons or two models of one person differ.
 
 Most people walk most of the time, with arms that hang. How far arms swing is shipped with the scales of distinct poses
@@ -67,7 +67,7 @@ _QUICKNESS = re.compile(r' quickness="[^"]*"')
 
 
 class Clip(NamedTuple):
-    """Joint angles (T, D) [rad] of somebody. measured: by a laboratory's markers."""
+    """Joint angles (T, D) [rad] of a person. measured: by a laboratory's markers."""
 
     person: str
     name: str
@@ -76,7 +76,7 @@ class Clip(NamedTuple):
 
 
 class Density(NamedTuple):
-    """Of a joint's angle [rad]: where it is highest, and its scales below and above."""
+    """The density of a joint's angle [rad]: its mode, and its scales below and above."""
 
     rest: float
     below: float
@@ -155,7 +155,8 @@ def main(
 
 
 def clip_of(path: Path) -> Clip:
-    """Of a captured clip, or of a laboratory's trial by its markers; without poses that the body cannot take."""
+    """The angles of a captured clip, or of a laboratory's trial by its markers; without poses that the body cannot
+    take."""
     body = Body(load_subject("human34"))
     first = body.nq - len(joints_of(body))
     if path.suffix != ".bvh":
@@ -206,7 +207,7 @@ def distinct_angles(clips: Sequence[Clip], joints: Sequence[str], rng: np.random
 
 
 def distinct_poses(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Of poses (N, D), in random order, those that differ by `APART` in some joint from all kept before them."""
+    """Poses among (N, D), in random order, that differ by `APART` in some joint from all kept before them."""
     kept, count = np.empty_like(poses), 0
     for pose in rng.permutation(poses):
         if not np.any(np.all(np.abs(kept[:count] - pose) <= APART, axis=1)):
@@ -224,14 +225,14 @@ def angles_of(name: str, joints: Sequence[str], people: Mapping[str, np.ndarray]
 
 
 def lower_decile(name: str, joints: Sequence[str], clips: Sequence[Clip]) -> float:
-    """Of the people with markers, in their mean."""
+    """The lower decile, averaged over the people with markers."""
     people = {c.person for c in clips if c.measured}
     own = {who: np.concatenate([c.angles for c in clips if c.person == who]) for who in people}
     return float(np.mean([np.quantile(x, 0.1) for x in angles_of(name, joints, own).values()]))
 
 
 def fit_density(people: Sequence[np.ndarray], symmetric: bool, rest: float | None = None) -> Density:
-    """The most likely one, every person (N,) counting alike. symmetric: with one scale. rest: where it is known."""
+    """The most likely one, with equal weights of people (N,). symmetric: with one scale. rest: where it is known."""
 
     def density(x: np.ndarray) -> Density:
         return Density(

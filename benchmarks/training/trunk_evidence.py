@@ -1,9 +1,9 @@
-"""What parts the two readings of a trunk: terms of the energy at the best hypothesis of each, on captured people.
+"""Evidence between the two readings of a trunk: terms of the energy at the best hypothesis of each, on captured people.
 
 Every frame of a captured clip in which one camera has both readings is a pair, the right one known. From their
 differences follow how much the priors on rest positions should count between readings (`search.readings_rest`), what
-balance brings, and how sure a difference of energy is. Shares are means of people, so that nobody counts more than
-another.
+balance brings, and how reliable a difference of energy is. Shares are means over people, so that no one counts more
+than another.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class ClipPieces:
 
     def instants(self, start: float, step: float, count: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Instants of a grid of `count` from `start`: some that lie in pieces (I,), whose piece each is (I,), and the
-        time that each stands for [s]."""
+        time that each represents [s]."""
         stride = max(1, int(self.length / step * len(self.middles) / _INSTANTS))
         i = np.arange(0, count, stride)
         at = start + i * step
@@ -180,7 +180,7 @@ MOST_SLOWER = 0.01  # largest difference of clocks: 29.7 for 30
 _WITHIN = 0.95  # of that: a larger rate may be larger still
 _STEP = 1.0 / 30.0  # instants are not closer than this while lines are searched [s]
 _PARTS = 4  # a step between instants is divided so finely at the end
-_NEAR = 3  # steps around the line in which the lags of pieces are looked for
+_NEAR = 3  # steps around the line in which the lags of pieces are searched for
 _SIDE = 4  # divided steps from a piece's best lag at which its sharpness is measured
 _ROUNDS = 2  # the lags of pieces are measured again along the line that they gave
 _SURE, _LIKELY = 0.999, 0.99  # probabilities, to one side, that clocks do differ

@@ -52,7 +52,7 @@ def repeated_frames(places: np.ndarray) -> np.ndarray:
 
 def _goes_on(places: np.ndarray, first: int, after: int) -> bool:
     """Whether places (T, N, D) that are the same from frame `first` to `after` move on afterwards as before, or the
-    clip begins or ends there: whoever turns round is in one place twice, too."""
+    clip begins or ends there: turning round also passes one place twice."""
     if first == 0 or after + 1 >= len(places):
         return True
     before, behind = places[first] - places[first - 1], places[after + 1] - places[after]
@@ -61,7 +61,7 @@ def _goes_on(places: np.ndarray, first: int, after: int) -> bool:
 
 def _is_cut(places: np.ndarray, first: int, after: int) -> bool:
     """Whether places (T, N, D) that are the same in three frames or more, from `first` to `after`, stop and leave at
-    full speed: whoever comes to rest is slower just before, and just afterwards, than one frame away from that."""
+    full speed: a person coming to rest is slower just before and just afterwards than one frame away."""
     if after - first < _LEAST - 1:
         return False
     step = np.linalg.norm(np.diff(places, axis=0), axis=2)
@@ -78,9 +78,9 @@ def _typical(step: np.ndarray, frames: tuple[int, int]) -> list[float]:
 
 def filled_places(places: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Which places (T, N, D) at times (T,) [s] were filled in rather than measured (T, N): the same to the last digit
-    in three frames or more, while most others move, until the point leaps, farther than it moves afterwards: whoever
-    gets going grows faster. Where hardly any other place repeats, as in whole pixels and in exact stances many do, a
-    point that stops dead was not measured either. The first place of such a stretch was.
+    in three frames or more, while most others move, until the point jumps, farther than it moves afterwards: a point
+    that starts moving speeds up. Where hardly any other place repeats, as in whole pixels and in exact stances many do,
+    a point that stops dead was not measured either. The first place of such a stretch was.
     """
     filled = np.zeros(places.shape[:2], dtype=bool)
     if len(places) < _LEAST:
@@ -139,7 +139,7 @@ class Unmeasured(NamedTuple):
 
     @staticmethod
     def of(places: np.ndarray, times: np.ndarray) -> Unmeasured:
-        """Those of places with NaN where missing, at times (T,) [s]."""
+        """The unmeasured places among places with NaN where missing, at times (T,) [s]."""
         first, repeated = frames_elsewhere(places, times), repeated_frames(places)
         repeated[:first] = False
         left = np.where(repeated[:, None, None], np.nan, places)

@@ -61,7 +61,7 @@ def assemble(
     InputError: a track without its camera, image sizes that disagree, fewer than 4 landmarks in common.
     """
     if not tracks:
-        raise InputError("keypoints", "there are none")
+        raise InputError("keypoints", "none given")
     shape = (len(times), len(tracks), len(body.landmark_names))
     pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
     used: list[Camera] = []

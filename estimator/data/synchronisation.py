@@ -18,12 +18,12 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.clock_rates import ClockRates, Lags, clock_rates
 from estimator.data.moving_rays import PairCourse, pair_courses
 
-LONGEST = 10.0  # offsets looked for [s]
+LONGEST = 10.0  # largest offset searched for [s]
 _FINEST = 1.0 / 120.0  # instants are not closer than this [s]
 _MOST = 300  # instants of a pair that are compared at every lag, and
 _MOST_AT_THE_END = 1200  # near the best one
 _PARTS = 4  # a step between instants is divided so finely at the end
-_NEAR = 3  # steps around the best lag in which the end is looked for
+_NEAR = 3  # steps around the best lag in which the end is searched for
 _SHORTEST = 0.15  # time that two cameras must have in common at a lag [s]
 _TRUSTED = 0.5  # time in common at which a lag's evidence counts half [s]
 PEAK = 0.15  # other clocks are those that are further off [s]
@@ -134,7 +134,7 @@ class _Coarse:
 
 
 def _coarse(courses: Sequence[PairCourse]) -> _Coarse | None:
-    """Every lag of the pairs that have something in common at some; None without any."""
+    """All lags of the pairs that overlap at some; None without any."""
     if not courses:
         return None
     step = courses[0].step

@@ -44,7 +44,7 @@ class Timeline:
 
     times (T,): on the common clock [s].
     places: by camera, where the instants lie among its keypoint frames (T,): whole numbers are frames, between two
-    frames both count, NaN is none. frames: by camera, number of the clip's frame at each instant (T,).
+    frames both count, NaN means none. frames: by camera, number of the clip's frame at each instant (T,).
     """
 
     times: np.ndarray

@@ -62,12 +62,12 @@ class BalanceSettings(CheckedSettings):
 
     @property
     def on_both_feet(self) -> MassSpread:
-        """For a person standing on both feet."""
+        """Settings for a person standing on both feet."""
         return MassSpread(self.spread, self.width, self.tail, self.held)
 
     @property
     def on_one_foot(self) -> MassSpread:
-        """For a person standing on one foot."""
+        """Settings for a person standing on one foot."""
         return MassSpread(self.spread_one_foot, self.width_one_foot, self.tail_one_foot, self.held_one_foot, feet=1)
 
 

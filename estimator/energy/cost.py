@@ -39,7 +39,7 @@ class Cost:
         self.compiled, self.others, self.terms = self._rows.compiled, self._rows.others, self._rows.terms
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Without the records, which are made again."""
+        """Pickled without the records, which are made again."""
         return Cost, (self.body, self.terms)
 
     def plus(self, terms: Sequence[Term]) -> Cost:

@@ -86,7 +86,7 @@ class Interpenetration(RecordedTerm):
 class AboveFloor(RecordedTerm):
     """1/2 sum rho(d^2 / std^2) over the parts of the body whose signed distance d to the floor is negative.
 
-    std [m]: of a part below it. nu: squared standard deviations from which the floor is no longer believed, as below it
+    std [m]: of a part below it. nu: squared standard deviations from which the floor is ignored, as below it
     there may be another, a stair or what a box stands on; None where it is known, and rho is the identity. The exact
     Hessian leaves out the curvature of the distance.
 

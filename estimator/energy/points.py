@@ -30,7 +30,7 @@ class LoadedPoints(NamedTuple):
     weight: np.ndarray
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Without places and loads, which are filled again at every pose."""
+        """Pickled without places and loads, which are filled again at every pose."""
         return LoadedPoints.on, (self.joints,)
 
     @staticmethod
@@ -53,7 +53,7 @@ class _Buffers(threading.local):
         self._largest = LoadedPoints.on(np.zeros(0, dtype=np.int64))
 
     def of(self, joints: np.ndarray) -> LoadedPoints:
-        """Some of them, for points on joints (N,)."""
+        """The selected ones, for points on joints (N,)."""
         count = len(joints)
         if len(self._largest.points) < count:
             self._largest = LoadedPoints.on(joints)

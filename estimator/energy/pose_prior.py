@@ -32,7 +32,7 @@ _DECIMALS = 5  # of angles [rad] and covariances [rad^2] in a file
 
 @dataclass(frozen=True)
 class PoseMixture:
-    """Gaussians over the angles of D joints. Each stands for two: itself and its mirror image, half the weight each.
+    """Gaussians over the angles of D joints. Each represents two: itself and its mirror image, half the weight each.
 
     joints (D): names. axes (D, 3): unit vectors about which they turn, in the root's frame with all angles at zero;
     they show whether a body has other conventions. other_side (D,) int, mirror_sign (D,): angle i of the mirrored pose

@@ -37,7 +37,7 @@ class RecordedTerm(BatchTerm):
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the record, which is made again."""
+        """The state without the record, which is made again."""
         return {name: value for name, value in self.__dict__.items() if name != "record"}
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:

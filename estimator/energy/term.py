@@ -27,7 +27,7 @@ class Term(Protocol):
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """Add the term's gradient (nv,) and Hessian (nv, nv), both in the tangent space at `posed.q`; return its value.
 
-        The Hessian is positive semi-definite (Gauss-Newton with robust weights), unless `exact` asks for the second
+        The Hessian is positive semi-definite (Gauss-Newton with robust weights), unless `exact` requests the second
         derivative: that may be indefinite, and lets a search end in a few steps. Terms that leave a part of it out
         document this: the transition, and the repulsion of hulls.
         """

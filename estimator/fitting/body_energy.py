@@ -32,7 +32,7 @@ from humanoid.subject.subject import Subject
 
 
 class Unknowns(NamedTuple):
-    """What is fitted: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
+    """The unknowns of the fit: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
 
     poses: np.ndarray
     scales: np.ndarray
@@ -63,7 +63,7 @@ class ShapedBody:
     # tangent steps: poses one after the other, then scales, then shape
 
     def places(self, frames: int) -> tuple[slice, slice]:
-        """Where scales and shape stand in a step (F nv + P + S,); poses come first, one after the other."""
+        """The positions of scales and shape in a step (F nv + P + S,); poses come first, one after the other."""
         first = frames * self.proportions.base.nv
         middle = first + len(self.proportions.names)
         return slice(first, middle), slice(middle, middle + len(self.shape.low))
@@ -162,7 +162,7 @@ class BodyEnergy:
         return Expansion(value, gradient, hessian)
 
     def _priors(self, x: Unknowns) -> Expansion:
-        """Of proportions and shape; those of the poses are the frames' own."""
+        """Priors of proportions and shape; those of the poses belong to the frames."""
         of_scales, of_shape = self._shaped.places(len(x.poses))
         gradient, hessian = np.zeros(of_shape.stop), np.zeros((of_shape.stop, of_shape.stop))
         value, flesh = 0.0, Gaussian(np.zeros(len(x.shape)), self._shaped.shape.precision)
@@ -188,7 +188,7 @@ class BodyEnergy:
 def seen_at(
     shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, cues: CueSettings
 ) -> Iterator[tuple[PosedBody, ImageLikelihood]]:
-    """The body in every frame at some unknowns, and what the frame's pictures say of it."""
+    """The body in every frame at some unknowns, and its evidence in the frame's pictures."""
     body = shaped.proportions.at(x.scales)
     image = ImageModel(body, cues, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
     for observation, q in zip(observations, x.poses, strict=True):
@@ -292,7 +292,7 @@ def descend(
 
 
 class _Point(NamedTuple):
-    """Unknowns looked at, and the energy's model there."""
+    """Evaluated unknowns, and the energy's model there."""
 
     x: Unknowns
     model: Expansion

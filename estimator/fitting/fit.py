@@ -38,9 +38,9 @@ class FloorSize(NamedTuple):
 
 
 def size_by_floor(body: Body, poses: np.ndarray, observations: Sequence[Observation], floor: float) -> FloorSize | None:
-    """By where the lowest parts of the poses (F, nq) are on their rays, and the floor's height in the world [m].
+    """The size from the lowest parts of the poses (F, nq) on their rays, and the floor's height in the world [m].
 
-    A person k times as large and as far away looks the same to a pinhole; so a camera h above the floor sees somebody h
+    A person k times as large and as far away looks the same to a pinhole; so a camera h above the floor sees a person h
     over (h less the height of the soles above the floor) times as large as modelled. The median over the frames, which
     leaves out those in the air. None where the camera is parallel, or no more than 0.3 m above the floor, and of a body
     without a free root or flesh.
@@ -68,7 +68,7 @@ def size_by_floor(body: Body, poses: np.ndarray, observations: Sequence[Observat
 SIZES = (0.5, 1.25)
 """Least and largest size of a person, relative to the subject: of an adult of 1.70 m, 0.85 to 2.13 m."""
 OTHER_SIZE, SAME_SIZE = 0.03, 0.02  # logarithms: from which a person is of another size, up to which of the same
-_HEIGHT_OFF = 0.03  # logarithm of heights from which two are said to differ
+_HEIGHT_OFF = 0.03  # logarithm of heights from which two are reported to differ
 _LISTED = 12  # names in a note
 _AT_BOUND = 1e-3  # of a proportion, relative to the end of its range
 
@@ -80,7 +80,7 @@ class ShapeFit:
     parts (G): names of the parts, one for both where sides mirror each other. factors (G, 2): of the half-axes a and b
     of the sections, relative to the given subject. tapers (G, 2): changes of the tapers along a and b. std (G, 4):
     standard deviations of girth (the log of both factors), flatness (half the log of their ratio) and the tapers, zero
-    where a part has no such parameter. frames: indices of the frames whose pictures were looked at. poses (F, nq),
+    where a part has no such parameter. frames: indices of the frames whose pictures were used. poses (F, nq),
     covariance (F, nv, nv): the body in these frames, and how uncertain it is with proportions and shape as uncertain
     as they are. agreement: shares of the body's outline that lie on the silhouettes' before and after, NaN without any.
     """
@@ -130,7 +130,7 @@ class Fit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, a sentence each."""
+        """Notes for the user, a sentence each."""
         notes = self._notes_on_size()
         if self.bent:
             joints = first_of(self.bent, _LISTED)
@@ -172,7 +172,7 @@ class Fit:
     @property
     def estimates(self) -> dict[int, PoseEstimate]:
         """By index of the frame, its pose and how uncertain that is, lengths and flesh marginalised; of the frames that
-        the last stage looked at. Hypotheses of a track begin with them (CSS section 5)."""
+        the last stage used. Hypotheses of a track begin with them (CSS section 5)."""
         last = (self.frames, self.poses, self.pose_covariance)
         if self.shape is not None:
             last = (self.shape.frames, self.shape.poses, self.shape.covariance)
@@ -181,20 +181,20 @@ class Fit:
 
 def _floor_note(by_floor: FloorSize, size: float) -> str:
     if not by_floor.believed:
-        problem = f"to stand on the floor the person would be {by_floor.seen:.2f} times as large, which is not believed"
+        problem = f"to stand on the floor the person would be {by_floor.seen:.2f} times as large, which is implausible"
         return f"{problem}: check --floor, and whether the cameras' unit is the metre"
     return f"by the floor the person is {size:.2f} (+-{by_floor.std:.0%}) times as large as the subject"
 
 
 def unfitted(subject: Subject, body: ProportionedBody) -> Fit:
-    """Without any frames: what is known beforehand of a subject, whose body it is."""
+    """The fit without frames: prior knowledge of a subject and its body."""
     none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
     return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
 
 
 def fit_resized(subject: Subject, fit: Callable[[Subject], tuple[Fit, float]], rounds: int) -> Fit:
     """The fit of a subject that is resized as a whole, within `SIZES`, until it is as large as the person, or often
-    enough. fit: of a subject, and by how much it asks for another size."""
+    enough. fit: of a subject, and the factor by which its size should change."""
     (best, asked), size = fit(subject), 1.0
     for _ in range(rounds):
         step = float(np.clip(size * asked, *SIZES)) / size

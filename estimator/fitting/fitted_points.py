@@ -24,7 +24,7 @@ FAR = 3.0
 
 
 class Loads(NamedTuple):
-    """What a frame makes of points in the world: some (K,), their numbers; gradient force (K, 3) [1/m] and Gauss-Newton
+    """A frame's evidence on points in the world: some (K,), their numbers; gradient force (K, 3) [1/m] and Gauss-Newton
     Hessian weight (K, 3, 3) [1/m^2] of its energy by their places."""
 
     some: np.ndarray
@@ -33,7 +33,7 @@ class Loads(NamedTuple):
 
 
 class FittedPlaces(NamedTuple):
-    """What a fit found of F points. offsets (F, 3) [m]: in the frames of the joints. std (F,) [m]: how unsure their
+    """The result of a fit for F points. offsets (F, 3) [m]: in the frames of the joints. std (F,) [m]: how unsure their
     places are then. zeros: by degree of freedom, by how much poses are off alike in all frames [rad or m]."""
 
     offsets: np.ndarray
@@ -55,7 +55,7 @@ class FittedPoints(ABC):
         self.std = std[self.free]
 
     def moved(self, offsets: np.ndarray) -> dict[str, float]:
-        """By name, how far [m] those lie from where they are expected that lie farther than `FAR` standard deviations;
+        """Distances [m] by name of points farther than `FAR` standard deviations from where they are expected;
         offsets (F, 3) [m]."""
         far = np.flatnonzero(np.abs(offsets).max(axis=1, initial=0.0) > FAR * self.std)
         return {self.names[self.free[k]]: float(np.linalg.norm(offsets[k])) for k in far}
@@ -67,18 +67,18 @@ class FittedPoints(ABC):
 
     @abstractmethod
     def loads(self, model: CostModel, observation: Observation, posed: PosedBody) -> Loads:
-        """What a frame makes of them."""
+        """A frame's evidence on them."""
 
     @abstractmethod
     def places(self, body: Body) -> np.ndarray:
-        """Where they are in the frames of a body's joints, (N, 3) [m]."""
+        """Their places in the frames of a body's joints, (N, 3) [m]."""
 
     @abstractmethod
     def fitted(self, subject: Subject, places: FittedPlaces) -> Subject:
         """A subject with these points where they were found."""
 
     def in_world(self, body: Body, posed: PosedBody, some: np.ndarray) -> np.ndarray:
-        """Some (K,) of them, (K, 3) [m]."""
+        """The selected ones (K,), (K, 3) [m]."""
         return points_in_world(posed, self.joint[some], self.places(body)[some])
 
 
@@ -114,8 +114,8 @@ class FittedMarkers(FittedPoints):
 
 
 class FittedKeypoints(FittedPoints):
-    """Where a detector marks the landmarks of a body. They are fitted where several cameras see them: in one camera's
-    picture a place that is off looks like another pose, and is kept as an error that all frames share."""
+    """The places where a detector marks the landmarks of a body. They are fitted where several cameras see them: in one
+    camera's picture a place that is off looks like another pose, and is kept as an error that all frames share."""
 
     def __init__(self, proportions: ProportionedBody, *, cameras: int) -> None:
         body = proportions.base

@@ -26,7 +26,7 @@ SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the new shape that are tried where it
 
 
 def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, track: Settings) -> Fit:
-    """Stages two and three on the outcome of the first, which is returned where there is nothing to go by.
+    """Stages two and three on the outcome of the first, which is returned where there is no evidence.
 
     subject: what the first stage was given. cues: what the pictures show. In the second stage the shape follows
     keypoints and contours with everything else held, in the third all is free. Sides are tied throughout, and the whole
@@ -79,7 +79,7 @@ class _Stages:
         return SelfCollision(Body(self.shaped.at(x))) if self._cost.interpenetration_weight > 0.0 else None
 
     def run(self, x: Unknowns, free: slice, self_collision: SelfCollision | None) -> Unknowns:
-        """One stage: features assigned, the energy brought down, features assigned anew."""
+        """One stage: features assigned, energy minimised, features assigned again."""
         for _ in range(self._settings.rounds):
             x, _ = descend(self.shaped, self.energy(x, self_collision), x, free, self._settings.descent)
         return x
@@ -88,7 +88,7 @@ class _Stages:
         """Unknowns with the shape drawn back as far as needed for its parts to keep clear of each other.
 
         At rest parts may not come to overlap so that their pair would be left out, nor in the fitted poses by more than
-        is let be, or than with the given flesh.
+        is left unchanged, or than with the given flesh.
         """
         own = self._overlap(x._replace(shape=0.0 * x.shape))
         limit = max(own[1], self._settings.overlap)
@@ -136,14 +136,14 @@ class _Stages:
 
 
 def _sharper(cues: CueSettings, name: str, factor: float) -> CueSettings:
-    """With the noise of one cue times a factor."""
+    """Settings with the noise of one cue times a factor."""
     own = cues.of(name)
     changed: dict[str, Any] = {name: replace(own, noise=own.noise * factor)}
     return replace(cues, **changed)
 
 
 def _with_the_rest(shaped: ShapedBody, first: Fit, count: int) -> Gaussian:
-    """Prior of the scales, with what the first stage knows from the frames that the later ones do not look at."""
+    """Prior of the scales, with the first stage's information from frames that the later ones do not use."""
     rest = 1.0 - count / len(first.observations)
     own = np.diag((1.0 - rest) / shaped.proportions.std**2)
     known = rest * np.linalg.inv(first.covariance)

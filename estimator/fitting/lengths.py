@@ -31,15 +31,15 @@ _FACTORS = (0.3, 3.0)
 def measured_noise(
     model: CostModel, observations: Sequence[Observation], poses: Sequence[np.ndarray], share: float, fitted: int
 ) -> tuple[float, ...]:
-    """By how much the noise that is expected of a detector (`CostSettings.keypoint_noise`) is to be multiplied, for
+    """The factor on the expected noise of a detector (`CostSettings.keypoint_noise`), for
     every camera.
 
     model: of the fitted body, whose keypoints' places are taken as known. poses (F) of (nq,): of the frames. share:
     what a frame counts, as detectors err alike in frames that are near each other. fitted: how many numbers the fit has
     found besides the poses.
 
-    What a fit leaves is less than the noise by what it has found from the same numbers (degrees of freedom), and says
-    the less of it the fewer are left: one camera's keypoints are hardly more than a pose, four cameras' are.
+    What a fit leaves is less than the noise by what it has found from the same numbers (degrees of freedom), and
+    contains the less of it the fewer are left: one camera's keypoints are hardly more than a pose, four cameras' are.
     """
     pairs = zip(observations, poses, strict=True)
     whitened = np.array([model.observation_term(o).distances(model.body.at(q)) for o, q in pairs])
@@ -55,7 +55,7 @@ def given_noise(
 
     pixels (C,): standard deviations of keypoints where the person is as large as in the middle of the clip, NaN where
     none is given; empty for none. expected: as a share of the person's extent (`CostSettings.keypoint_noise`).
-    measured (C,): empty where nobody has, which is 1.
+    measured (C,): empty where it was not, which means 1.
     """
     if not len(pixels):
         return tuple(measured)
@@ -65,8 +65,8 @@ def given_noise(
 
 
 def _factor(data: float, left: float, distances: np.ndarray) -> float:
-    """Of a camera with so many numbers, of which a share is left to say something of noise; distances (F, L): of its
-    keypoints, in standard deviations."""
+    """The noise factor of a camera with so many numbers, of which a share is left for the noise; distances (F, L): of
+    its keypoints, in standard deviations."""
     if data * left <= 0.0:
         return 1.0
     return float(np.clip(measured_deviation(distances / math.sqrt(left), data * left), *_FACTORS))
@@ -90,7 +90,7 @@ def fit_lengths(
 ) -> Fit:
     """Fit the proportions with left and right tied, the anthropometric prior and the hard range of each.
 
-    Several cameras see how large a person is: where most lengths ask for another size, the subject as a whole is
+    Several cameras see how large a person is: where most lengths indicate another size, the subject as a whole is
     resized first, within `SIZES`, and its proportions are fitted around that. The scales are relative to the resized
     subject.
     """
@@ -104,7 +104,7 @@ def fit_lengths(
 
 
 def _of_another_size(fit: Fit) -> bool:
-    """Whether several cameras ask for another size of the subject as a whole."""
+    """Whether several cameras indicate another size of the subject as a whole."""
     if not fit.names or not fit.observations or len(fit.observations[0].cameras) < 2:
         return False
     off = abs(np.log(fit.mean_size)) > OTHER_SIZE
@@ -118,7 +118,7 @@ def _fitted(
     settings: FitSettings,
     track_settings: Settings | None,
 ) -> Fit:
-    """The same of a subject as large as it is."""
+    """The same for a subject at its size."""
     body = ProportionedBody(subject)
     pieces = chosen_pieces(observations, settings)
     if not pieces:

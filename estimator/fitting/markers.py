@@ -27,12 +27,12 @@ _ROUNDS = 3  # of resizing
 
 @dataclass(frozen=True)
 class MarkerFitSettings:
-    """How the fit is made.
+    """Settings of the fit.
 
-    frames: it looks at this many, evenly spread over the trial. iterations: Newton steps. enough: decrease of the
+    frames: it uses this many, evenly spread over the trial. iterations: Newton steps. enough: decrease of the
     energy that a step has to bring for another to follow. effective_frames: soft tissue moves with the pose, alike in
     frames that are near each other and in every cycle of a walk, so that all frames together count as this many.
-    static_frames: it looks at this many of the static trial, which count as one together. standing_std [rad]: of every
+    static_frames: it uses this many of the static trial, which count as one together. standing_std [rad]: of every
     joint there, from upright standing, of ankles at least `estimator.fitting.measures.ANKLE_STD`. bent_from
     [rad]: farther from upright standing a joint is not taken as known.
     """
@@ -63,7 +63,7 @@ def fit_markers(
     fits.
 
     static: frames of a trial in which the person stands upright, all joints about zero (`standing_pose`). Without it
-    markers do not tell a joint's zero from where they sit.
+    markers do not separate a joint's zero from their own places.
     """
     settings, track_settings = settings or MarkerFitSettings(), track_settings or Settings()
     used = _usable(observations, settings.frames)
@@ -74,7 +74,7 @@ def fit_markers(
 
 
 class _Trials(NamedTuple):
-    """Frames that are looked at, of a moving trial and of a static one."""
+    """The frames used of a moving trial and of a static one."""
 
     moving: Sequence[Observation]
     static: Sequence[Observation]
@@ -88,11 +88,11 @@ def _usable(observations: Sequence[Observation], count: int) -> list[Observation
 def _fitted(
     subject: Subject, trials: _Trials, seed: int, settings: MarkerFitSettings, track_settings: Settings
 ) -> tuple[Fit, float]:
-    """The fit of a subject as large as it is, and by how much lengths ask for another size."""
+    """The fit of a subject at its size, and the factor of size that the lengths indicate."""
     body, (used, stood) = Body(subject), trials
     proportions = ProportionedBody(subject)
     share = min(1.0, settings.effective_frames / len(used))
-    # all frames are of one person: the rest positions tell once which way a joint's zero may be off, not of every frame
+    # all frames are of one person: the rest positions are evidence on a joint's zero once, not in every frame
     cost = track_settings.cost
     once = replace(cost, stabiliser_weight=cost.stabiliser_weight / max(1.0, share * len(used)))
     poses = _poses(subject, used, seed, track_settings)
@@ -115,7 +115,7 @@ def _poses(subject: Subject, used: Sequence[Observation], seed: int, settings: S
 
 
 def _size(body: Body, used: Sequence[Observation], poses: Sequence[np.ndarray]) -> float:
-    """By how much the markers lie farther from each other than on the body: the median of the frames."""
+    """The ratio of the markers' distances to those on the body: the median of the frames."""
     sizes = []
     for observation, q in zip(used, poses, strict=True):
         some = observation.known_markers

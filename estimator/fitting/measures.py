@@ -35,7 +35,7 @@ lift heels."""
 
 
 class StaticTrial(NamedTuple):
-    """Frames of somebody who stands upright.
+    """Frames of a person standing upright.
 
     std (nv,) [m, rad]: standard deviation of each degree of freedom from `standing_pose`, infinite where nothing is
     known of it. bent: names of the joints that plainly are not as `standing_pose` has them.
@@ -62,9 +62,9 @@ def standing_pose(body: Body, q: np.ndarray) -> np.ndarray:
 def static_trial(
     body: Body, observations: Sequence[Observation], poses: Sequence[np.ndarray], std: float, bent_from: float
 ) -> StaticTrial:
-    """What a static trial tells of a body's joints.
+    """The information of a static trial on a body's joints.
 
-    poses (F) of (nq,): of the frames, found without knowing that somebody stands. std [rad]: of every joint,
+    poses (F) of (nq,): of the frames, found without assuming that the person stands. std [rad]: of every joint,
     ankles at least `ANKLE_STD`. bent_from [rad]: joints that are farther from zero, in the median of the frames, are
     not taken as known, such as those of arms that are held out.
     """
@@ -84,7 +84,7 @@ _FARTHEST = 4.0  # standard deviations: hard range of a point's place along each
 
 
 class Measures(NamedTuple):
-    """What is fitted: scales (P,) of the proportions, and how far every point whose place is fitted lies from
+    """The fitted measures: scales (P,) of the proportions, and how far every point whose place is fitted lies from
     it, offsets (F, 3) [m] in the frames of their joints."""
 
     scales: np.ndarray
@@ -108,18 +108,18 @@ class MeasuresModel(NamedTuple):
 
     @property
     def measures_covariance(self) -> np.ndarray:
-        """Of the measures (G, G)."""
+        """Covariance of the measures (G, G)."""
         return np.asarray(np.linalg.inv(self.hessian))
 
     def lasting_std(self, of_measures: np.ndarray) -> np.ndarray:
-        """By how much every pose is off alike, as measures are of such a covariance (G, G): of each degree of freedom
+        """The common error of all poses from measures with this covariance (G, G): of each degree of freedom
         (nv,), over the frames in which no limit holds it; 0 where one always does."""
         variances = np.array([np.sum((along @ of_measures) * along, axis=1) for along in self.follows])
         free = np.maximum(np.count_nonzero(variances, axis=0), 1)
         return np.sqrt(variances.sum(axis=0) / free)
 
     def pose_covariance(self, k: int, of_measures: np.ndarray) -> np.ndarray:
-        """Covariance (nv, nv) of the k-th pose with measures as uncertain as their covariance (G, G) says."""
+        """Covariance (nv, nv) of the k-th pose with measures with covariance (G, G)."""
         covariance = self.covariances[k] + self.follows[k] @ of_measures @ self.follows[k].T
         return np.asarray(0.5 * (covariance + covariance.T))
 
@@ -129,7 +129,7 @@ class MeasuresEnergy(Problem[MeasuresModel]):
     hard ranges.
 
     points: whose places are fitted. share: of each frame; soft tissue, and detectors, err alike in frames that are near
-    each other. static: frames of somebody who stands, which come after the others and count as one together: there is
+    each other. static: frames of a standing person, which come after the others and count as one together: there is
     one pose that the person took.
     """
 
@@ -155,14 +155,14 @@ class MeasuresEnergy(Problem[MeasuresModel]):
         self._high = np.concatenate([body.high, _FARTHEST * place_std])
 
     def at_measures(self, measures: Measures) -> Body:
-        """The body of some measures; its points are where these say, and nothing is unsure about that."""
+        """The body of some measures; its points follow from these without uncertainty."""
         body = self._body.at(measures.scales)
         self._points.put(body, measures.offsets)
         return body
 
     @property
     def start(self) -> Measures:
-        """What is expected beforehand."""
+        """The prior expectation."""
         proportions = self._body
         return Measures(
             np.clip(proportions.mean, proportions.low, proportions.high), np.zeros((len(self._points.free), 3))
@@ -170,7 +170,7 @@ class MeasuresEnergy(Problem[MeasuresModel]):
 
     def fit(self, subject: Subject, model: MeasuresModel) -> Fit:
         """The subject with the lengths and the places of points of a model, how unsure these are, and the poses of the
-        frames but those of somebody who stands."""
+        frames except those of a standing person."""
         covariance, count = model.measures_covariance, len(self._body.names)
         scales, offsets = model.measures
         stds = np.sqrt(np.diag(covariance)[count:].reshape(-1, 3).mean(axis=1))
@@ -235,7 +235,7 @@ class MeasuresEnergy(Problem[MeasuresModel]):
         return _FrameShare(D.T @ force.ravel(), D.T @ WD + cross[free].T @ follows[free], follows)
 
     def _derivatives(self, minimum: QuadraticModel, some: np.ndarray) -> np.ndarray:
-        """Of points in the world by the measures, (K, 3, G); some (K,): their numbers."""
+        """Derivatives of points in the world by the measures, (K, 3, G); some (K,): their numbers."""
         points, lengths = self._points, len(self._body.names)
         joints = points.joint[some]
         D = np.zeros((len(some), 3, len(self._mean)))
@@ -247,7 +247,7 @@ class MeasuresEnergy(Problem[MeasuresModel]):
 
 
 class _WeighedFrame(NamedTuple):
-    """A frame, what it counts, and how sure its joints are about zero, (nv,) [rad]; None where nobody knows."""
+    """A frame, its weight, and the deviations of its joints about zero, (nv,) [rad]; None where unknown."""
 
     observation: Observation
     share: float

@@ -1,4 +1,4 @@
-"""How a person is fitted."""
+"""Settings of the fit of a person."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class DescentSettings:
 
 @dataclass(frozen=True)
 class FleshSettings:
-    """How the second and third stage are made.
+    """Settings of the second and third stage.
 
-    frames: pictures that are looked at, evenly spread over the frames of the first stage. rounds: times that features
-    are assigned anew, in either stage. edge_noise, outline_noise: as shares of tracking's noise, most of which stands
+    frames: pictures used, evenly spread over the frames of the first stage. rounds: times that features
+    are assigned again, in either stage. edge_noise, outline_noise: as shares of tracking's noise, most of which stands
     for flesh of another shape; less of the outlines', as silhouettes are a pixel too large or too small on their own.
     agreement: share of the body's outline that has to lie on the silhouettes' in the end; with less, or with `worse`
     less than before, they are another person's, and the first stage stands. overlap [m]: of parts in the fitted poses,
@@ -43,10 +43,10 @@ class FleshSettings:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the fit is made.
+    """Settings of the fit.
 
     seconds, frames, pieces: it uses this many frames, evenly spread over pieces of the clip that are so long together
-    (`estimator.fitting.fit`). rounds: times the poses are found anew with the lengths of the round before.
+    (`estimator.fitting.fit`). rounds: times the poses are found again with the lengths of the round before.
     iterations: Newton steps a round. effective_frames: detectors repeat their errors from frame to frame, so that all
     frames together count as this many, in every stage. flesh: of the second and third stage.
     """

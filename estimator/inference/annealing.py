@@ -151,7 +151,7 @@ def annealing_power(energies: np.ndarray, survival: float, halvings: int = 50) -
 
     energies (N,). survival: alpha, effective count over N, below 1 (Deutscher, Blake and Reid 2000, section 4). A very
     large one where too many particles share the lowest energy for any power. halvings: of the interval that the power
-    is looked for in.
+    is searched for in.
     """
     excess = energies - np.min(energies)
     spread = float(np.mean(excess))
@@ -160,7 +160,7 @@ def annealing_power(energies: np.ndarray, survival: float, halvings: int = 50) -
     wanted = survival * len(energies)
 
     def alive(power: float) -> float:
-        weights = np.exp(-power * excess)  # the largest is 1: no need of `normalised`, which would look for it
+        weights = np.exp(-power * excess)  # the largest is 1: no need of `normalised`, which would search for it
         weights /= np.add.reduce(weights)
         return effective_count(weights)
 

@@ -56,7 +56,7 @@ class Belt:
 
     @staticmethod
     def of(velocity: np.ndarray, speeds: np.ndarray, time: np.ndarray, *, known: bool = True) -> Belt:
-        """With the way that follows from speeds (T,) at times (T,) [s]."""
+        """The belt with the path that follows from speeds (T,) at times (T,) [s]."""
         metres = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))])
         return Belt(velocity, speeds, metres[:, None] * (velocity / np.linalg.norm(velocity)), known)
 

@@ -78,7 +78,7 @@ def _contact_of_places(
     floor: KnownFloor | Ground,
     seen: np.ndarray | None,
 ) -> FootContact:
-    """The same of points whose places (T, P, 3) [m] on what they stand on are known, which moves or not."""
+    """The same for points whose places (T, P, 3) [m] on what they stand on are known, which moves or not."""
     standing = standing_probability(places, time)
     if isinstance(floor, str):
         return FootContact(standing, None)

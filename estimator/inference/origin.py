@@ -61,7 +61,7 @@ class PreviousPose(NamedTuple):
     """Pose of a hypothesis in the frame before. Flow is followed from there, velocities count from there.
 
     q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is not motion.
-    q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
+    q_predicted (nq,): where the parent's velocity took it, where flow is searched for too; None where it is not.
     has_transition: whether the energy has the transition's penalty of the change since q.
     """
 
@@ -134,7 +134,7 @@ class Origins:
         )
 
     def of_mode(self, k: int) -> Origin:
-        """That of mode k."""
+        """The origin of mode k."""
         q = _row(self.q_previous[k])
         previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), bool(self.has_transition[k]))
         return Origin(

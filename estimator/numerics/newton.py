@@ -40,7 +40,7 @@ needed."""
 
 
 class Problem(ABC, Generic[Model]):
-    """What is minimised. The loop asks for one trial at a time, and it is taken or refused before the next."""
+    """The minimisation problem. The loop requests one trial at a time, and it is taken or refused before the next."""
 
     @abstractmethod
     def step(self, model: Model, damping: float) -> Step | None:
@@ -55,17 +55,17 @@ class Problem(ABC, Generic[Model]):
         return False
 
     def as_good(self, model: Model, trial: Model) -> bool:
-        """Whether a trial that does not bring enough is taken all the same."""
+        """Whether a trial with too small a decrease is accepted nevertheless."""
         return False
 
     def taken(self, trial: Model, ratio: float) -> Model:
-        """The model to go on from; ratio: decrease of the energy over the one promised, or 1 without a promise."""
+        """The model to continue from; ratio: decrease of the energy over the one promised, or 1 without a promise."""
         return trial
 
 
 @dataclass(frozen=True)
 class Damping:
-    """How the damping follows the steps.
+    """Settings of the damping.
 
     first: of the first step. least: never less. most: with more the descent has stalled. growth: factor after a step
     that was refused, on no less than `grown_from`. shrink: factor after one that was taken. by_ratio: growth doubles
@@ -94,7 +94,7 @@ class NewtonSettings:
     """Which steps are taken and when the descent ends.
 
     iterations: steps tried, or with `count_taken` steps taken, however often each was damped. accepted: a step is taken
-    that brings more than this share of the decrease promised (where no promise was asked for: that brings any).
+    that brings more than this share of the decrease promised (without promises: that brings any).
     least_promise: the descent has stalled when less is promised. enough, share: it is settled after a step that was
     taken and neither brought nor promised `enough` and, of energies that are never negative, this share of the energy
     that is left. unsolved: what a model without a step means: a step refused, another try at once with more damping
@@ -124,7 +124,7 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
     """Descend from a model; the energy never rises, but for trials that the problem calls as good."""
     schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
     damping, growth = schedule.first, schedule.growth
-    converged, solved, evaluated = problem.converged, problem.step, problem.at  # looked up once: this is a hot loop
+    converged, solved, evaluated = problem.converged, problem.step, problem.at  # bound once: this is a hot loop
     tried, left = 0, settings.iterations
     while left > 0:
         if converged(model):
@@ -160,7 +160,7 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
 
 @dataclass
 class Evaluated(Generic[State, Expansion]):
-    """A state with its energy, and what steps from it are made of, such as normal equations, once that is asked for."""
+    """A state with its energy, and what steps from it are made of, such as normal equations, once requested."""
 
     state: State
     value: float
@@ -168,7 +168,7 @@ class Evaluated(Generic[State, Expansion]):
 
     @cached_property
     def expansion(self) -> Expansion:
-        """Of the energy about the state."""
+        """The expansion of the energy about the state."""
         return self.expand(self.state)
 
 

@@ -36,7 +36,7 @@ class QuadraticProgram(NamedTuple):
     high: np.ndarray
 
     def softened(self, stiffness: float) -> QuadraticProgram:
-        """With an energy of 1/2 stiffness |equal x - to|^2 in place of the equations."""
+        """The program with an energy of 1/2 stiffness |equal x - to|^2 in place of the equations."""
         weighted = stiffness * self.equal.T
         return self._replace(
             hessian=self.hessian + weighted @ self.equal, gradient=self.gradient - weighted @ self.to,
@@ -53,7 +53,7 @@ class QuadraticProgram(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """x (n,). residual: see `QuadraticProgram.residual`. solved: whether it is within the accuracy asked for."""
+    """x (n,). residual: see `QuadraticProgram.residual`. solved: whether it is within the requested accuracy."""
 
     x: np.ndarray
     residual: float
@@ -62,7 +62,7 @@ class Answer(NamedTuple):
 
 def solve(program: QuadraticProgram, accuracy: float, iterations: int) -> Answer:
     """The answer of a new solver, as those of an old one depend on what it solved before; the last digits, some 1e-9,
-    depend on where its memory lies all the same. accuracy: absolute. iterations: at most, inner ones of each too."""
+    depend on its memory alignment nevertheless. accuracy: absolute. iterations: at most, inner ones of each too."""
     low, high = np.maximum(program.low, -UNBOUNDED), np.minimum(program.high, UNBOUNDED)
     program = program._replace(low=low, high=high)
     n, m, k = len(low), len(program.to), len(program.least)

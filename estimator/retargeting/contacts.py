@@ -19,7 +19,7 @@ from humanoid.subject.landmarks import without_side
 from humanoid.support.errors import InputError
 
 _UP = np.array([0.0, 0.0, 1.0])
-_SOLE = {"heel": ("heel", "ankle"), "big_toe": ("big_toe", "small_toe")}  # part of a sole: landmarks that tell of it
+_SOLE = {"heel": ("heel", "ankle"), "big_toe": ("big_toe", "small_toe")}  # part of a sole: landmarks that locate it
 _ABOVE = {"heel": 0.02, "ankle": 0.07, "big_toe": 0.02, "small_toe": 0.02}  # m: expected above the floor, standing
 _SIDES = ("left", "right")
 _LEVEL = 1e-5  # rad: how far the floor may be from level
@@ -32,7 +32,7 @@ _LOWEST = 20.0  # percentile of the frames, of feet that never stand
 _ROUNDS = 3
 _PARTS = ("hip", "knee", "shoulder", "elbow", "wrist")
 _THIGH = 0.42  # m: of the adult whose lengths the others are
-_HIPS = 0.05  # m: above a floor, the middle of the hips of who sits or lies on it is higher
+_HIPS = 0.05  # m: above a floor; hips of a person sitting or lying on it are higher
 _BELOW = 0.1  # m: under a floor, what is lower is not on it, whatever the noise
 _SEVERAL = 3  # joints that far below
 _MANY = 0.25  # share of the frames
@@ -43,7 +43,7 @@ class SourceContacts:
     """Contacts of the feet.
 
     names (P): points of the soles, left_heel and left_big_toe, then those of the right foot, as far as they are given.
-    landmarks (P): those of the motion that tell of each, as left_ankle of left_heel where the motion has no heels.
+    landmarks (P): those of the motion that locate each, as left_ankle of left_heel where the motion has no heels.
     standing (T, P) bool. floor [m]: height of the level floor, None without feet, or where the body lies lower. above
     (P,) [m]: how high each landmark is above the floor while it stands. note: what is worth knowing; empty
     where nothing is.
@@ -61,7 +61,7 @@ def source_contacts(source: SourceMotion, floor: float | None = None, *, feet_al
     """Told by how fast points of the feet are and how high above a level floor, which is found with them: see
     `estimator.inference.contacts`.
 
-    Heels, or ankles where there are none, and toes stand each for themselves; all may be in the air. What is faster
+    Heels, or ankles where there are none, and toes stand independently; all may be in the air. What is faster
     than 0.35 m/s, or over 6 cm above the floor, as a raised foot, does not stand, and a stance whose places are spread
     over more than 6 cm is parted where it is fastest: small steps are steps, as what follows is to hold a foot that
     stands. A motion without feet has no contacts and no floor; of a single frame the lowest points stand. Where
@@ -153,7 +153,7 @@ def _standing(
 def _held(probability: np.ndarray, points: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Whether points (T, P, 3) that stand with probabilities (T, P) are held by the floor, (T, P) bool."""
     speed = np.linalg.norm(np.gradient(points, times, axis=0), axis=2)
-    held = (probability > _SURE) & ~(speed > _SLOW)  # unknown speeds are none that are too fast
+    held = (probability > _SURE) & ~(speed > _SLOW)  # unknown speeds are not too fast
     for k, first, after in stances_of(held.astype(float)):
         _part_where_it_moves(held[:, k], points[:, k], speed[:, k], first, after)
     for k, first, after in stances_of(held.astype(float)):
@@ -183,8 +183,8 @@ def lies_below(source: SourceMotion, floor: float) -> bool:
     """Whether much of a body lies under a level floor [m] in many frames: its hips nearer to it than any that rest on
     one, or several joints of its limbs well below it.
 
-    Hips of who sits or lies are 0.08 m above the floor and more; one hand that reaches over an edge is not much. The
-    lengths are an adult's, and scaled by the thigh.
+    Hips of a person sitting or lying are 0.08 m above the floor and more; one hand that reaches over an edge is not
+    much. The lengths are an adult's, and scaled by the thigh.
     """
     scale = _thigh(source) / _THIGH
     joints = _heights(source, [f"{side}_{part}" for side in _SIDES for part in _PARTS])
@@ -197,7 +197,7 @@ def lies_below(source: SourceMotion, floor: float) -> bool:
 
 
 def _heights(source: SourceMotion, names: list[str]) -> np.ndarray:
-    """Of landmarks (T, L) [m], NaN where missing; those that the motion lacks are left out."""
+    """Heights of landmarks (T, L) [m], NaN where missing; those that the motion lacks are left out."""
     places = [source.names.index(name) for name in names if name in source.names]
     return source.points[:, places, 2] if places else np.full((len(source.times), 1), np.nan)
 

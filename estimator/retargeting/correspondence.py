@@ -3,7 +3,7 @@
 Correspondences as TOML files.
 
     [match]
-    scale = 0.8                    # lengths of the subject over the source's; told by legs or places unless given
+    scale = 0.8                    # lengths of the subject over the source's; from legs or places unless given
     [limbs]                        # directions: landmarks, or several whose middle counts
     left_thigh = {from = "left_hip", to = "left_knee", weight = 1.0}
     trunk = {from = ["left_hip", "right_hip"], to = ["left_shoulder", "right_shoulder"]}
@@ -96,11 +96,11 @@ def _of_a_person() -> tuple[MatchedLimb, ...]:
 
 
 PERSON_LIMBS = _of_a_person()
-"""Thighs, shanks, arms, trunk and head, and the lines across hips and shoulders, of who has COCO's landmarks."""
+"""Thighs, shanks, arms, trunk and head, and the lines across hips and shoulders, of a body with COCO's landmarks."""
 
 
 def common_correspondence(subject: Collection[str], source: Collection[str]) -> Correspondence:
-    """By the landmarks' names (of the subject and the source) that both have: thighs, shanks, arms, feet, the trunk,
+    """The correspondence by the landmarks' names that subject and source share: thighs, shanks, arms, feet, the trunk,
     the head, and the lines across hips and shoulders.
 
     Raises
@@ -117,7 +117,7 @@ def common_correspondence(subject: Collection[str], source: Collection[str]) -> 
 
 
 def person_limbs(landmarks: Collection[str]) -> tuple[MatchedLimb, ...]:
-    """Those of a person whose ends are all among some landmarks."""
+    """The limbs of a person whose ends are all among some landmarks."""
     return tuple(limb for limb in PERSON_LIMBS if limb.landmarks <= set(landmarks))
 
 
@@ -157,7 +157,7 @@ def load_match(path: str | Path) -> Correspondence:
 
     Raises
     ------
-    InputError: the file cannot be read, is not TOML, or has an entry that is unknown or cannot be.
+    InputError: the file cannot be read, is not TOML, or has an unknown or invalid entry.
     """
     path = Path(path)
     content = read_toml(path, remedy='entries look like left_thigh = {from = "left_hip", to = "left_knee"}')
@@ -212,7 +212,7 @@ def _landmarks(path: Path, where: str, entries: Mapping[str, Any], key: str) -> 
     value = entries.get(key)
     names = (value,) if isinstance(value, str) else value
     if not isinstance(names, (list, tuple)) or not names or not all(isinstance(name, str) for name in names):
-        raise InputError(path, f"{key} is no landmark", place=where, remedy=f'{key} = "left_hip", or several in []')
+        raise InputError(path, f"{key} is not a landmark", place=where, remedy=f'{key} = "left_hip", or several in []')
     return tuple(names)
 
 
@@ -227,8 +227,8 @@ def _number(path: Path, where: str, value: Any) -> float:
 
 
 def match_start(subject: str, landmarks: Collection[str]) -> str:
-    """The text of a correspondence to begin with, for a subject with some landmarks, to be looked through: limbs whose
-    names are a person's count, everything else stands in comments."""
+    """The template of a correspondence for a subject with some landmarks, to be checked: limbs whose
+    names are a person's count, everything else is commented out."""
     limbs = person_limbs(landmarks)
     used = {name for limb in limbs for name in (*limb.subject_from, *limb.subject_to)}
     others = [name for name in landmarks if name not in used]

@@ -1,4 +1,4 @@
-"""What speaks against a motion that was made another body's: limbs and hips far from the source, leaps of the source,
+"""Doubts about a retargeted motion: limbs and hips far from the source, leaps of the source,
 left and right exchanged.
 
 Of the first 3 s or less of 32 good motions (12 of ASAP, 20 others, nearly all CMU's), each followed by G1 and by Talos,
@@ -76,7 +76,7 @@ def without_mirrored_parts(source: SourceMotion) -> SourceMotion:
         return source
     spans = [f"{source.times[first]:.2f} to {source.times[after - 1]:.2f} s" for first, after in stretches(mirrored)]
     what = "left and right are exchanged, as hips or shoulders turn round at once and toes point backwards,"
-    note = f"{source.source}: {what} from {first_of(spans, _LISTED_SIDES)}: taken for missing"
+    note = f"{source.source}: {what} from {first_of(spans, _LISTED_SIDES)}: treated as missing"
     points = np.where(mirrored[:, None, None], np.nan, source.points)
     return replace(source, points=points, notes=(*source.notes, note))
 
@@ -84,7 +84,7 @@ def without_mirrored_parts(source: SourceMotion) -> SourceMotion:
 def is_mirrored(source: SourceMotion) -> bool:
     """Whether the toes of both feet point backwards, as where left and right are exchanged, or axes are left-handed.
 
-    The front is across the hips and the shank, which a foot is never behind, however far somebody bends.
+    The front is across the hips and the shank, which a foot is never behind, however far a person bends.
     """
     if not {f"{side}_{part}" for side in _SIDES for part in _PARTS} <= set(source.names):
         return False
@@ -110,9 +110,9 @@ _SHORTEST = 1e-9  # m
 _MIRRORED = "the toes point backwards, as left and right are exchanged or the axes are left-handed,"
 _TURNS = "hips or shoulders turn round faster than anybody"
 _NO_BODY = 1.5
-"""Of the largest misfit of names that are to be found; those that a file gives are believed for longer. Of 273 parts of
-1 s of captured motions, exact or with 20 and 30 mm of noise, the largest is 1.02, of robots and their people 0.4; of
-parts whose names are permuted among half of all joints or more the least is 1.2, and 2 % are below 1.5."""
+"""Factor of the largest misfit of names that are searched for; names that a file gives are trusted further. Of 273
+parts of 1 s of captured motions, exact or with 20 and 30 mm of noise, the largest is 1.02, of robots and their people
+0.4; of parts whose names are permuted among half of all joints or more the least is 1.2, and 2 % are below 1.5."""
 _LISTED = 4
 _LEG = ("hip", "knee", "ankle")
 _REVERSED = "the subject's toes point backwards, as its heels and toes, or left and right, are exchanged,"
@@ -126,7 +126,7 @@ class Doubts(NamedTuple):
 
 
 def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps: Sequence[Leap] = ()) -> Doubts:
-    """What speaks against a motion that follows a source, whose leaps are those before its gaps were filled."""
+    """Doubts about a motion that follows a source, whose leaps are those before its gaps were filled."""
     targets = motion.targets
     own = np.array([targets.combination @ points_in_world(body.at(q), targets.joint, targets.local) for q in motion.q])
     rows = _limbs(targets)
@@ -139,7 +139,7 @@ def doubts_of(body: Body, motion: RetargetedMotion, source: SourceMotion, leaps:
         _of_limbs(source, [targets.names[row] for row in rows], angles),
         _of_hips(source, _hips_off(targets, own), _leg(body)),
         _of_lengths(source),
-        (_sentence(source, unknown, "nothing of the source is known"), unknown),
+        (_sentence(source, unknown, "the source is entirely missing"), unknown),
         (_sentence(source, turning, _TURNS, "left and right are to be checked there"), turning),
         (_sentence(source, mirrored, _MIRRORED, "names and axes of the file are to be checked"), mirrored),
         (_sentence(source, reversed_feet, _REVERSED, "its landmarks are to be checked"), reversed_feet),
@@ -191,33 +191,33 @@ def _leg(body: Body) -> float:
 
 
 def _of_limbs(source: SourceMotion, names: Sequence[str], angles: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-    """What speaks against directions, angles (T, B) [deg]."""
+    """Doubts from directions, angles (T, B) [deg]."""
     far = np.nan_to_num(angles) > _OFF
     worst = np.nan_to_num(angles).max(axis=0, initial=0.0)
     listed = [f"{names[k].replace('_', ' ')} by up to {worst[k]:.0f}" for k in np.argsort(-worst) if worst[k] > _OFF]
     frames = np.asarray(far.any(axis=1))
     what = f"limbs are off the source's directions ({first_of(listed, _LISTED)} degrees)"
-    remedy = "the subject cannot follow there, or joints are not what their names say"
+    remedy = "the subject cannot follow there, or joints do not match their names"
     return _sentence(source, frames, what, remedy), frames
 
 
 def _of_hips(source: SourceMotion, off: np.ndarray, leg: float) -> tuple[tuple[str, ...], np.ndarray]:
-    """What speaks against the path, off it by (T,) [m], of a body whose legs are so long [m]."""
+    """Doubts from the path, off it by (T,) [m], of a body with legs of this length [m]."""
     frames = np.asarray(off > _HIPS_OFF * leg)
     return _sentence(source, frames, f"the hips are up to {off.max(initial=0.0):.1f} m off the source's path"), frames
 
 
 def _of_lengths(source: SourceMotion) -> tuple[tuple[str, ...], np.ndarray]:
-    """What speaks against the names of a source's landmarks: limbs that are no body's."""
+    """Evidence against the names of a source's landmarks: impossible limbs."""
     misfit = order_misfit(source.points, source.names)
     frames = np.full(len(source.times), misfit.value > _NO_BODY)
     return _sentence(
-        source, frames, f"limbs are no body's ({misfit.why})", "joints are not what their names say"
+        source, frames, f"limbs are not those of a body ({misfit.why})", "joints do not match their names"
     ), frames
 
 
 def _sentence(source: SourceMotion, frames: np.ndarray, what: str, remedy: str = "") -> tuple[str, ...]:
-    """What holds in frames (T,) bool; nothing where it does in none."""
+    """The finding for frames (T,) bool; none without any."""
     at = np.flatnonzero(frames)
     if not len(at):
         return ()

@@ -51,8 +51,8 @@ def start_from(problem: MotionProblem, q: np.ndarray) -> np.ndarray:
 
 
 def _best_of(problem: MotionProblem, starts: Sequence[np.ndarray]) -> np.ndarray:
-    """Each with its root placed on the targets and searched towards a minimum; that of the least energy, searched to
-    the end."""
+    """The start of least energy among those with the root placed on the targets and searched towards a minimum,
+    searched to the end."""
     ends = [searched(problem, placed_root(problem, q), steps=_TRIED) for q in starts]
     energies = [problem.model(0, q).value + (0.0 if met else _UNMET_AT_FIRST) for q, met in ends]
     return searched(problem, ends[int(np.argmin(energies))][0])[0]
@@ -94,7 +94,7 @@ def placed_root(problem: MotionProblem, q: np.ndarray) -> np.ndarray:
 
 
 _LOOSE = 15.0
-"""By how much larger accelerations may be than in windows: what follows with inertia lags behind a quick limb, until it
+"""Factor of accelerations over those in windows: a follower with inertia lags behind a quick limb, until it
 is on the wrong side of it."""
 _TOUCH = 1e-4  # m
 
@@ -158,7 +158,7 @@ _APART = 1  # number of the branch whose frames were found each by itself: nothi
 
 
 def best_branch(problem: MotionProblem, start: np.ndarray, progress: Progress | None = None) -> FollowedFrames:
-    """The motion from start (nq,) on; other branches are looked at only where the first may be stuck."""
+    """The motion from start (nq,) on; other branches are tried only where the first may be stuck."""
     forwards = follow(problem, start, progress)
     if problem.collision is None or problem.frames < 2 or not forwards.pressed.any():
         return forwards

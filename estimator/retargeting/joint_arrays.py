@@ -31,7 +31,7 @@ ARRAYS = ("joints", "person", "joints3d", "positions")
 RATES = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate")
 NAMES = ("joint_names", "names", "landmarks", "keypoint_names", "joints_names", "bone_names")
 LAYOUTS = ("layout", "order", "skeleton", "joint_order", "skeleton_type")
-_CLEAR = 0.7  # length of the mean of directions from which somebody stands most of the time
+_CLEAR = 0.7  # length of the mean of directions from which a person counts as standing most of the time
 _HEADS = ("head", "head_top", "nose", "neck")
 _NEEDED = f"an array {', '.join(ARRAYS)} of (frames, joints, 3) is needed"
 _CONVENTION = 0.9  # share of the frames in which the joint that a program put the origin at is there
@@ -58,20 +58,20 @@ def load_joints(
     Which joint is which is taken from `layout`, one of `ORDERS`; from the file, where it has the joints' names or their
     order's; else it is that order of as many joints under which the body's limbs are rigid and alike on both sides. up:
     the axis that points up, one of `UPS`; unless given that along which the head is above the feet on average, with a
-    note. unit: of length, m unless given. fps: instead of what the file says. A joint is missing where it is NaN, and
+    note. unit: of length, m unless given. fps: instead of that in the file. A joint is missing where it is NaN, and
     where it is exactly zero unless that is where the origin was put.
 
     Raises
     ------
     InputError: no such file, damaged, arrays of another shape, no rate, a rate, axis, unit or order that does not
-        exist, no order or several that fit, no joint known, joints farther apart than in any body, nobody can know
+        exist, no order or several that fit, no joint known, joints farther apart than in any body, undeterminable
         which way is up.
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(path, "no such file")
     if up is not None and up not in UPS:
-        raise InputError("up", f"{shown(up)} is no axis", remedy=f"one of {', '.join(UPS)}")
+        raise InputError("up", f"{shown(up)} is not an axis", remedy=f"one of {', '.join(UPS)}")
     metres = METRES["m" if unit is None else checked_unit(unit)]
     arrays = read_npz(path)
     place, joints = _joints(arrays, path)
@@ -115,7 +115,7 @@ def _order_of(
     """The landmarks of joints (T, J, 3): by the option, by the file's words, or by what fits a body."""
     count = joints.shape[1]
     if layout is not None and layout not in ORDERS:
-        raise InputError("layout", f"{shown(layout)} is no order of joints", remedy=f"one of {', '.join(ORDERS)}")
+        raise InputError("layout", f"{shown(layout)} is not an order of joints", remedy=f"one of {', '.join(ORDERS)}")
     if layout is None:
         named = _named_in(arrays, count)
         if named is not None:
@@ -148,7 +148,7 @@ def _given(joints: np.ndarray, path: Path, place: str, layout: str) -> _Order:
 
 
 def _choices(count: int) -> str:
-    """What to give for so many joints."""
+    """The remedy for so many joints."""
     known = orders_of(count)
     if known:
         return f"--layout {' or '.join(known)}, or an array {NAMES[0]}"
@@ -167,7 +167,7 @@ def _named_in(arrays: Mapping[str, np.ndarray], count: int) -> _Order | None:
 
 
 def _layout_in(arrays: Mapping[str, np.ndarray]) -> str | None:
-    """The order that the file says by a word."""
+    """The order that the file names."""
     for key in LAYOUTS:
         word = arrays.get(key)
         if (
@@ -188,7 +188,9 @@ def _rate(arrays: Mapping[str, np.ndarray], path: Path, frames: int, fps: float 
     if name is None:
         if frames == 1:
             return 1.0
-        raise InputError(path, "does not say its frames per second", remedy=f"--fps gives them, or an array {RATES[0]}")
+        raise InputError(
+            path, "does not give its frames per second", remedy=f"--fps gives them, or an array {RATES[0]}"
+        )
     rate = number_array(arrays[name], path, name)
     if rate.size != 1:
         raise InputError(path, "one number is needed", place=name)
@@ -200,13 +202,13 @@ def _upward(names: tuple[str, ...], points: np.ndarray, path: Path) -> str:
     at, head = names.index, next((name for name in _HEADS if name in names), None)
     if head is None or not {"left_ankle", "right_ankle"} <= set(names):
         raise InputError(
-            path, "does not say which axis points up", remedy=f"give it with --up, one of {', '.join(UPS)}"
+            path, "does not give the axis that points up", remedy=f"give it with --up, one of {', '.join(UPS)}"
         )
     rise = points[:, at(head)] - points[:, [at("left_ankle"), at("right_ankle")]].mean(axis=1)
     mean = mean_direction(rise)
     up = nearest_axis(mean)
     if not float(axis_of(up) @ mean) > _CLEAR:
-        problem = "does not say which axis points up, and the head is above the feet along none for most of the time"
+        problem = "does not give the axis that points up, and the head is mostly above the feet along none"
         raise InputError(path, problem, remedy=f"give it with --up, one of {', '.join(UPS)}")
     return up
 
@@ -242,4 +244,4 @@ def _left_out(frames: int, single: int) -> str:
     """So many frames without any joint, and single joints of others."""
     parts = [f"all joints of {frames} frame{'s' if frames > 1 else ''}"] if frames else []
     parts += [f"{single} single joint{'s' if single > 1 else ''}"] if single else []
-    return f"{' and '.join(parts)} are at exactly zero and taken for missing" if parts else ""
+    return f"{' and '.join(parts)} are at exactly zero and treated as missing" if parts else ""

@@ -90,7 +90,7 @@ ORDERS: dict[str, tuple[str | None, ...]] = {
     ),
     **FORMATS,
 }  # fmt: skip
-"""Landmark of each joint; None of pelvis, spine, collars and hands, which are none. `head` is the joint at its base.
+"""Landmark of each joint; None for pelvis, spine, collars and hands, which have none. `head` is the joint at its base.
 
 smpl: the first 22 joints of SMPL, SMPL-H and SMPL-X, of which hands follow. lafan1: Ubisoft's LAFAN1. kinect20,
 kinect25, kinect32: Kinect for Xbox 360, Kinect v2 (NTU RGB+D too) and Azure Kinect. h36m32: Human3.6M with all joints.
@@ -100,7 +100,7 @@ xsens23: the origins of MVN's segments. mpi_inf_3dhp17, panoptic19: MPI-INF-3DHP
 
 
 class Misfit(NamedTuple):
-    """How far joints are from a body's in an order: 1 is the largest that is accepted, NaN where too little is known.
+    """The misfit of joints to a body in an order: 1 is the largest that is accepted, NaN where too little is known.
     why: what is the furthest, for messages."""
 
     value: float
@@ -127,7 +127,7 @@ def clear_order(misfits: Mapping[str, Misfit]) -> str | None:
 
 
 def order_misfit(joints: np.ndarray, names: Sequence[str | None]) -> Misfit:
-    """How far joints (T, J, 3), NaN where missing, are from a body's if the first have these names. Nobody can tell
+    """How far joints (T, J, 3), NaN where missing, are from a body's if the first have these names. It is undecidable
     where the ends of the limbs are not all among them."""
     at = {name: i for i, name in enumerate(names) if name is not None}
     if not at.keys() >= _ENDS:
@@ -152,7 +152,8 @@ def order_misfit(joints: np.ndarray, names: Sequence[str | None]) -> Misfit:
 
 
 class _Length(NamedTuple):
-    """Of a limb's part: middle [m], and spread relative to it, over so many frames; 0 frames where it is not known."""
+    """The length of a limb's part: median [m], and spread relative to it, over so many frames; 0 frames where it is not
+    known."""
 
     middle: float
     spread: float
@@ -165,7 +166,7 @@ class _Length(NamedTuple):
 
 
 def _length(way: np.ndarray) -> _Length:
-    """Of ways (T, 3) from end to end, NaN where missing."""
+    """The length of vectors (T, 3) from end to end, NaN where missing."""
     length = np.linalg.norm(way, axis=1)
     length = length[np.isfinite(length)]
     if not len(length):
@@ -175,7 +176,7 @@ def _length(way: np.ndarray) -> _Length:
 
 
 def _proportions(lengths: Mapping[str, float]) -> list[Misfit]:
-    """Of the parts of a limb, and of arms and legs."""
+    """Misfits of the parts of a limb, and of arms and legs."""
     misfits = []
     for far, near in (("shank", "thigh"), ("forearm", "upper arm")):
         if {far, near} <= lengths.keys():
@@ -192,8 +193,8 @@ def _proportions(lengths: Mapping[str, float]) -> list[Misfit]:
 def landmarks_named(names: Sequence[str]) -> tuple[str | None, ...]:
     """The landmark of each joint by what programs call it (LeftUpLeg, L_Hip, HIP_LEFT, RKnee), None of others.
 
-    A foot is an ankle where nothing is called ankle, as in BVH, and else a toe; a shoulder is none where something is
-    called arm.
+    A foot is an ankle where nothing is called ankle, as in BVH, otherwise a toe; a shoulder does not count where
+    something is called arm.
     """
     parts = [_side_and_part(name) for name in names]
     known = {part for _, part in parts}

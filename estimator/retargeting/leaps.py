@@ -1,4 +1,4 @@
-"""Where a source leaps: faster than people move, as from an exporter's rest pose to the motion, or to another person.
+"""Jumps of a source: faster than people move, as from an exporter's rest pose to the motion, or to another person.
 
 A step is a leap where it is long and differs from the steps before and after it by more than noise and any acceleration
 explain, or is faster than anybody. Of 105 captured motions (CMU) at 10 to 60 frames per second, exact and with 30 mm of
@@ -27,8 +27,8 @@ _SEVERAL = 2  # joints that leap at once: a pose of its own, not a joint that wa
 
 
 class _Pace(NamedTuple):
-    """What no part of a body does: a step off its neighbours by `least` [m] and `acceleration` [m/s^2] times the square
-    of its duration, or faster than `speed` [m/s]."""
+    """A motion impossible for any body part: a step off its neighbours by `least` [m] and `acceleration` [m/s^2] times
+    the square of its duration, or faster than `speed` [m/s]."""
 
     least: float
     acceleration: float
@@ -50,7 +50,7 @@ class Leap(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What there is to say of it."""
+        """A sentence about it."""
         return f"{self.what} leaps {self.distance:.1f} m between frames {self.before} and {self.after}"
 
 
@@ -131,7 +131,7 @@ def _is_leap(steps: np.ndarray, dt: np.ndarray, pace: _Pace) -> np.ndarray:
 
 
 def _leap(span: tuple[int, int], parts: list[tuple[str, float]]) -> Leap:
-    """What leaps together; the hips stand for the body."""
+    """What jumps together; the hips represent the body."""
     farthest = max(parts, key=lambda part: (part[0] == "", part[1]))
     whole = farthest[0] == "" or len(parts) >= _SEVERAL
     return Leap(*span, farthest[1], whole, "the source" if whole else farthest[0])

@@ -1,4 +1,4 @@
-"""How like the motion it follows a body's motion is: directions of limbs, path of the root."""
+"""The likeness of a body's motion to its source: directions of limbs, path of the root."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from estimator.retargeting.source import SourceMotion
 from humanoid.kinematics.body import Body
 
 _HIPS = "left_hip", "right_hip"
-_ALONG = ("trunk", "thigh", "shank", "upper_arm", "forearm")  # lines across the trunk are none
+_ALONG = ("trunk", "thigh", "shank", "upper_arm", "forearm")  # lines across the trunk do not count
 _SHORTEST = 1e-6  # m: a shorter limb has no direction
 
 
@@ -38,8 +38,8 @@ def likeness_of(
     limbs: tuple[MatchedLimb, ...] = LIMBS,
     scale: float | None = None,
 ) -> Likeness:
-    """Of a body's landmarks (T, L, 3) [m] in the world and the motion that they follow, at the same frames, both with z
-    up and facing alike. scale: of the root's path, the ratio of the legs' lengths unless given."""
+    """The likeness of a body's landmarks (T, L, 3) [m] in the world and the motion that they follow, at the same
+    frames, both with z up and facing alike. scale: of the root's path, the ratio of the legs' lengths unless given."""
     unknown = float("nan")
     if source is None:
         return Likeness(unknown, unknown, unknown, unknown, unknown)
@@ -99,7 +99,7 @@ def root_distances(body: Body, landmarks: np.ndarray, source: SourceMotion, scal
 
 
 def _way(names: tuple[str, ...], points: np.ndarray, limb: MatchedLimb) -> np.ndarray:
-    """From a limb's beginning to its end (T, 3) in points (T, L, 3)."""
+    """Vectors from a limb's start to its end (T, 3) in points (T, L, 3)."""
     return _middle(names, points, limb.subject_to) - _middle(names, points, limb.subject_from)
 
 

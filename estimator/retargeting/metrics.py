@@ -26,7 +26,7 @@ BELOW = 0.005
 _OVER = 1e-6  # rad, and share of a velocity: rounding
 _UP = np.array([0.0, 0.0, 1.0])
 _PARTS = 3  # kinds of points of a sole: heel, big toe, small toe
-_DIRECTIONS = 180  # in which the extent of a stance's places is looked for
+_DIRECTIONS = 180  # in which the extent of a stance's places is measured
 SKATES = 0.01
 """[m] along the floor within `PER`: what stands and moves more, skates."""
 PER = 1.0 / 30.0
@@ -79,7 +79,7 @@ class RetargetMetrics(NamedTuple):
 
 
 class RetargetMeter:
-    """Measures motions of one body: what tells how far apart its parts are is made once. One object serves one thread.
+    """Measures motions of one body: the distance model of its parts is made once. One object serves one thread.
 
     limbs: whose directions are compared.
     """
@@ -99,7 +99,7 @@ class RetargetMeter:
         floor: float | None = 0.0,
         scale: float | None = None,
     ) -> RetargetMetrics:
-        """Of configurations q (T, nq) at times (T,) [s], rising.
+        """The figures of configurations q (T, nq) at ascending times (T,) [s].
 
         source: the motion that is followed, at the same frames; without it there is no likeness. contacts: which points
         of the soles are to stand, those that `source_contacts` has of the source; without it nothing is. floor [m]:
@@ -140,7 +140,7 @@ class RetargetMeter:
 
 def slips_of(points: np.ndarray, standing: np.ndarray) -> np.ndarray:
     """How far points (T, P, 3) [m] move along a level floor in each stance (S,): the largest distance of two of its
-    places. standing (T, P): probabilities, or bool. Stances of one frame are none."""
+    places. standing (T, P): probabilities, or bool. Stances of one frame do not count."""
     turn = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     across = np.stack([np.cos(turn), np.sin(turn)])
     stances = [stance for stance in stances_of(np.asarray(standing, float)) if stance[2] - stance[1] > 1]
@@ -183,7 +183,7 @@ def _speed_ratios(body: Body, q: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _velocities(body: Body, q: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Of the joints without the root (T - 1, n) [1/s]."""
+    """Velocities of the joints without the root (T - 1, n) [1/s]."""
     steps = [body.difference(a, b)[body.first_joint_dof :] for a, b in pairwise(q)]
     return np.array(steps).reshape(-1, body.nv - body.first_joint_dof) / np.diff(times)[:, None]
 

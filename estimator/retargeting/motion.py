@@ -23,8 +23,8 @@ _STEPS = 8
 
 @dataclass(frozen=True)
 class SourceHypotheses:
-    """Of a source's frames: points (T, K, L, 3) [m] of its landmarks, NaN where there are fewer; weight (T, 1 + K),
-    that of the motion itself first."""
+    """The other hypotheses of a source's frames: points (T, K, L, 3) [m] of its landmarks, NaN where there are fewer;
+    weight (T, 1 + K), that of the motion itself first."""
 
     points: np.ndarray
     weight: np.ndarray
@@ -77,9 +77,9 @@ _ALONE = 1.0 / 30.0  # s: for which a frame without neighbours moves
 @dataclass(frozen=True)
 class RetargetedMotion:
     """q (T, nq) at times (T,) [s]. energy (T,): of directions and places. keeps (T,) bool: frames that keep to all they
-    have to, looked at once more: stances, parts and the floor within `KEPT`; the others are as near as the solver came.
+    have to, after a final check: stances, parts and the floor within `KEPT`; the others are as near as the solver came.
     overlap (T,) [m]: the deepest of parts, 0 without any. contacts: of the source. targets: what the body was led to.
-    stands (T, F, 2) bool: heel and toe of its feet. others: the source's other hypotheses, if they were asked for."""
+    stands (T, F, 2) bool: heel and toe of its feet. others: the source's other hypotheses, if requested."""
 
     q: np.ndarray
     times: np.ndarray
@@ -138,7 +138,7 @@ def retarget_motion(
 def _with_notes(
     problem: MotionProblem, q: np.ndarray, keeps: np.ndarray, source: SourceMotion, contacts: SourceContacts
 ) -> RetargetedMotion:
-    """A motion with what it came to, told anew from its configurations."""
+    """A motion with its figures, recomputed from its configurations."""
     energy, overlap = np.empty(len(q)), np.zeros(len(q))
     for t, each in enumerate(q):
         model = problem.model(t, each)
@@ -169,7 +169,7 @@ def problem_of(
     contacts: SourceContacts | None = None,
     obstacles: Obstacles | None = None,
 ) -> MotionProblem:
-    """What a body has to do to move as a source does; contacts: those that are found unless given; obstacles: made anew
+    """The problem of moving a body as a source does; contacts: found unless given; obstacles: made
     unless given."""
     match = match or common_correspondence(body.landmark_names, source.names)
     check_correspondence(match, body.landmark_names, source.names)
@@ -190,7 +190,7 @@ def stands_of(contacts: SourceContacts, frames: int) -> np.ndarray:
 
 
 def mend(problem: MotionProblem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The last look at a motion: q (T, nq) with the frames that do not keep to their rows moved until they do, each
+    """The final check of a motion: q (T, nq) with the frames that do not keep to their rows moved until they do, each
     within what the velocities to its neighbours leave it; these move along where that is too little. And which keep to
     them (T,) then."""
     q = q.copy()

@@ -28,7 +28,8 @@ _ACCURACY, _ITERATIONS = 1e-6, 60
 
 
 class StepRows(NamedTuple):
-    """What a step dx has to meet: equal dx = to, equal (m, nv) and to (m,), and above dx >= least, (k, nv) and (k,)."""
+    """The constraints of a step dx: equal dx = to, equal (m, nv) and to (m,), and above dx >= least, (k, nv) and
+    (k,)."""
 
     equal: np.ndarray
     to: np.ndarray
@@ -58,7 +59,7 @@ def constrained_step(
 
 
 def _falling_short(program: QuadraticProgram) -> QuadraticProgram:
-    """With rows x + s >= least, s as small as can be: a variable more. There are no equations."""
+    """The program with rows x + s >= least and the smallest possible s, an additional variable. It has no equations."""
     n = len(program.gradient)
     hessian = np.zeros((n + 1, n + 1))
     hessian[:n, :n], hessian[n, n] = program.hessian, SHORT
@@ -70,7 +71,7 @@ def _falling_short(program: QuadraticProgram) -> QuadraticProgram:
 
 
 def parts_of(body: Body, margin: float) -> SelfCollision:
-    """The pairs of parts that are looked at; margin [m]: below which a pair counts as near.
+    """The pairs of parts that are checked; margin [m]: below which a pair counts as near.
 
     Left out are pairs that overlap by anything at `body.neutral`, and pairs that one joint parts: a part is all links
     that are fixed to each other, and hulls of what turns in a socket overlap where its limits let it turn.
@@ -110,17 +111,17 @@ def _joint_above(model: pin.Model, joint: int, with_solids: set[int]) -> int | N
 KEPT = 0.001
 """[m] within which a stance, a clearance or the floor counts as kept to."""
 _UP = np.array([0.0, 0.0, 1.0])
-_PUSH = 0.02  # m: overlap that one step is asked to undo
+_PUSH = 0.02  # m: overlap that one step has to undo
 _ROUNDED = 1.0 - 1e-6  # of a velocity limit
 
 
 @dataclass(frozen=True)
 class RetargetSettings(CheckedSettings):
-    """How a motion is made a body's.
+    """Settings of retargeting a motion to a body.
 
     rest [rad]: standard deviation of joints about their rest positions, which decides what the source leaves open.
     acceleration [rad/s^2], root_acceleration [m/s^2]: standard deviations of what the body does by itself. clearance
-    [m]: that parts keep from each other at least; margin [m]: below which a pair is looked at. velocity: share of the
+    [m]: that parts keep from each other at least; margin [m]: below which a pair is checked. velocity: share of the
     URDF's velocity limits that may be used. collisions: whether parts are kept apart. starts: from how many the first
     frame is searched. iterations: steps of a frame when it is followed from the one before. window: frames that are
     improved together, rounds: how often at most; 0 leaves the motion as it was followed frame by frame.
@@ -157,7 +158,7 @@ class FrameModel(NamedTuple):
 
 
 class Obstacles:
-    """What a body keeps clear of: its own parts and the floor at z = 0. One object serves one thread.
+    """The obstacles of a body: its own parts and the floor at z = 0. One object serves one thread.
 
     parts: None where they may go through each other. apart (pairs,) [m]: distance that each pair keeps. floor: None
     without one.
@@ -174,7 +175,7 @@ class Obstacles:
 class MotionProblem:
     """A body, its targets and its stances.
 
-    dt (T - 1,) [s]. speed (nv,): velocity limits, infinite where there are none. obstacles: made anew unless given.
+    dt (T - 1,) [s]. speed (nv,): velocity limits, infinite where there are none. obstacles: made unless given.
     """
 
     def __init__(
@@ -222,11 +223,11 @@ class MotionProblem:
 
     @property
     def frames(self) -> int:
-        """Of the motion."""
+        """The number of frames of the motion."""
         return len(self.targets.target)
 
     def model(self, t: int, q: np.ndarray) -> FrameModel:
-        """Of frame t at q (nq,): directions and places, and the rest positions."""
+        """The energy's model of frame t at q (nq,): directions and places, and the rest positions."""
         body, targets = self.body, self.targets
         posed = body.at(q)
         points = points_in_world(posed, targets.joint, targets.local)
@@ -247,7 +248,7 @@ class MotionProblem:
         return FrameModel(posed, value, gradient, hessian, points, J)
 
     def rows(self, t: int, model: FrameModel) -> StepRows:
-        """Of frame t: feet that stand, parts that keep clear of each other and of the floor."""
+        """The rows of frame t: feet that stand, parts that keep clear of each other and of the floor."""
         posed, (equal, to) = model.posed, self._standing(t, model)
         above, least = [np.zeros((0, self.body.nv))], [np.zeros(0)]
         if self.collision is not None:
@@ -310,13 +311,13 @@ class MotionProblem:
 
 
 def _common(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """What two bounds (2, nv) have in common; where that is nothing, the upper one."""
+    """The intersection of two bounds (2, nv); where it is empty, the upper one."""
     low, high = np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
     return np.stack([np.minimum(low, high), high])
 
 
 def _speed_limits(body: Body) -> np.ndarray:
-    """(nv,) [1/s], infinite at a free root and where the URDF says 0."""
+    """(nv,) [1/s], infinite at a free root and where the URDF has 0."""
     speed = np.array(body.model.velocityLimit, dtype=float)
     speed[: body.first_joint_dof] = np.inf
     return np.where(speed > 0.0, speed, np.inf)

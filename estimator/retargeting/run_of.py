@@ -71,7 +71,7 @@ def _frames(body: Body, motion: RetargetedMotion, source: SourceMotion, hard: np
 
 
 def _hypotheses(motion: RetargetedMotion, t: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of a frame: q (K, nq), weight, energy and overlap (K,); the motion itself first."""
+    """The hypotheses of a frame: q (K, nq), weight, energy and overlap (K,); the motion itself first."""
     q, energy, overlap = motion.q[t : t + 1], motion.energy[t : t + 1], motion.overlap[t : t + 1]
     if motion.others is None:
         return q, np.ones(1), energy, overlap

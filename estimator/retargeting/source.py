@@ -70,12 +70,12 @@ def filled(source: SourceMotion, longest: float) -> SourceMotion:
 
 
 def _duration(times: np.ndarray, first: int, after: int) -> float:
-    """Of a gap [s], from the known frame before it to the next, as far as these are there."""
+    """The duration of a gap [s], from the known frame before it to the next, where these exist."""
     return float(times[min(after, len(times) - 1)] - times[max(first - 1, 0)])
 
 
 def _between(times: np.ndarray, points: np.ndarray, known: np.ndarray, gap: slice) -> np.ndarray:
-    """What points (T, 3) have in a gap between, before or after known frames."""
+    """Values of points (T, 3) in a gap between, before or after known frames."""
     at, there = times[known], points[known]
     asked = np.clip(times[gap], at[0], at[-1])
     if len(at) < 2:

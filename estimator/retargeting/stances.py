@@ -12,7 +12,7 @@ from estimator.numerics.stretches import stretches
 from humanoid.kinematics.body import Body
 from humanoid.shape.solids import heights_above_soles
 
-_ASIDE = 0.05  # m: of the point that tells how a foot is rolled
+_ASIDE = 0.05  # m: of the point that gives a foot's roll
 _ANYWHERE = 6  # degrees of freedom
 _UP = np.array([0.0, 0.0, 1.0])
 SIDES = ("left", "right")
@@ -82,8 +82,8 @@ SIDES_PARTS = {"left_heel": (0, HEEL), "left_big_toe": (0, TOE), "right_heel": (
 
 
 class FootStances(NamedTuple):
-    """Of F feet in T frames. stands (T, F, 2) bool: heel and toe. place (T, F, 3, 3) [m]: of the feet's points (see
-    `Foot`); those of what stands do not move while it does, and lie on the floor; swings meet them."""
+    """The stances of F feet in T frames. stands (T, F, 2) bool: heel and toe. place (T, F, 3, 3) [m]: of the feet's
+    points (see `Foot`); those of what stands do not move while it does, and lie on the floor; swings meet them."""
 
     stands: np.ndarray
     place: np.ndarray

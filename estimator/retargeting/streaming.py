@@ -18,7 +18,7 @@ from estimator.retargeting.targets import Targets, targets_of
 from humanoid.kinematics.body import SHORTEST_STEP, Body, points_in_world
 from humanoid.support.errors import InputError
 
-_PAST = 0.4  # s that are kept behind the frame that is given out: contacts are told by what was before, too
+_PAST = 0.4  # s that are kept behind the frame that is given out: contacts depend on earlier frames too
 
 
 class LiveFrame(NamedTuple):
@@ -32,7 +32,7 @@ class LiveFrame(NamedTuple):
 class MotionStream:
     """Follows landmarks (L, 3) as they come; each frame is given out `look_ahead` [s] later.
 
-    names (L): of the landmarks. scale: lengths of the body over those of the source, told by the first frames unless
+    names (L): of the landmarks. scale: lengths of the body over those of the source, from the first frames unless
     the correspondence has it; so is the floor [m] unless it is given. What stands is held where the body has it.
     """
 
@@ -58,7 +58,7 @@ class MotionStream:
 
     def step(self, time: float, points: np.ndarray) -> LiveFrame | None:
         """Take landmarks (L, 3) [m], NaN where missing, at a time [s] after all before; the frame that can be given out
-        now, None while there is none."""
+        now, None while no frame is ready."""
         self._times.append(time)
         self._points.append(points)
         if time - self._times[self._next] < self._look_ahead - 1e-9:
@@ -89,7 +89,7 @@ class MotionStream:
         return LiveFrame(time, q, kept)
 
     def _problem(self) -> MotionProblem:
-        """What there is to do in the frames that are kept."""
+        """The problem of the kept frames."""
         source = filled(SourceMotion(self._names, np.array(self._points), np.array(self._times), "stream"), _PAST)
         contacts = source_contacts(source, self._floor)
         if self._floor is None:
@@ -106,7 +106,7 @@ class MotionStream:
         return MotionProblem(self.body, targets, stances, source.times, self._settings, self._obstacles)
 
     def _targets(self, source: SourceMotion, flat: np.ndarray) -> Targets:
-        """Those of the frames that are kept; of the size of the body while nothing has told the source's."""
+        """The targets of the kept frames; of the size of the body while the source's is unknown."""
         floor = self._floor
         try:
             targets = targets_of(self.body, source, self._match, floor, flat)

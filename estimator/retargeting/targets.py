@@ -1,4 +1,4 @@
-"""What a body is to do: a source's directions and places with the body's own lengths."""
+"""The targets of a body: a source's directions and places with the body's own lengths."""
 
 from __future__ import annotations
 
@@ -43,12 +43,13 @@ class Targets(NamedTuple):
 def targets_of(
     body: Body, source: SourceMotion, match: Correspondence, floor: float | None, flat: np.ndarray | None = None
 ) -> Targets:
-    """Of a source's frames, the floor [m] of which is moved to z = 0; without one there are no feet among the targets.
+    """The targets of a source's frames, whose floor [m] is moved to z = 0; without one there are no feet among the
+    targets.
 
-    flat (T, 2) bool: when which foot of the source, left and right, stands on heel and toes, which tells how its
+    flat (T, 2) bool: when which foot of the source, left and right, stands on heel and toes, which determines how its
     landmarks lie in a foot that is level.
 
-    Raises InputError where neither legs nor places tell a scale.
+    Raises InputError where neither legs nor places determine a scale.
     """
     own = {name: source.points[:, k] - np.array([0.0, 0.0, floor or 0.0]) for k, name in enumerate(source.names)}
     posed = body.at(body.neutral)
@@ -117,7 +118,7 @@ class _Rows:
 def _scale(
     rest: dict[str, np.ndarray], own: dict[str, np.ndarray], feet: tuple[Foot, ...], match: Correspondence
 ) -> float:
-    """By the legs down to the soles where there are feet, else by legs, or by how far places reach."""
+    """The scale by the legs down to the soles where there are feet, else by legs, or by how far places reach."""
     legs = [(f"{s}_{a}", f"{s}_{b}") for s in _SIDES for a, b in _LEG]
     known = {name for name, points in own.items() if np.isfinite(points).any()}
     legs = [pair for pair in legs if set(pair) <= known & set(rest)]
@@ -144,7 +145,7 @@ def _scale(
 def _place_target(
     place: MatchedPlace, rest: dict[str, np.ndarray], own: dict[str, np.ndarray], scale: float
 ) -> np.ndarray:
-    """Where a landmark of the body is to be (T, 3)."""
+    """Target places of a landmark of the body (T, 3)."""
     if place.subject_about is None or place.source_about is None:
         return np.asarray(scale * own[place.source])
     return np.asarray(rest[place.subject_about] + scale * (own[place.source] - own[place.source_about]))
@@ -157,7 +158,7 @@ def _feet_places(
     middle: np.ndarray,
     flat: np.ndarray | None,
 ) -> np.ndarray:
-    """Where the points of the feet come to lie (T, F, 3, 3) if all limbs of the body have the source's directions and
+    """Places of the feet's points (T, F, 3, 3) if all limbs of the body have the source's directions and
     the middle of its hips is at middle (T, 3)."""
     across = own["left_hip"] - own["right_hip"]
     across = across / np.linalg.norm(across, axis=1, keepdims=True)

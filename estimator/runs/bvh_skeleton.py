@@ -31,7 +31,7 @@ _STUB = 0.05  # [m] of one of which nothing is known
 class BvhSkeleton(NamedTuple):
     """The nodes of a BVH file, in the order of its hierarchy.
 
-    joints (N,): the body's joint that each stands for, 0 the trunk of a fixed body. names (N). parents (N,): nodes, -1
+    joints (N,): the body's joint that each represents, 0 the trunk of a fixed body. names (N). parents (N,): nodes, -1
     at the root. slides (N,) bool: has position channels. ends (N, 3) [m]: where its last bone ends, in the joint's own
     frame; NaN where others hang on it.
     """

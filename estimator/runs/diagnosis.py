@@ -1,4 +1,5 @@
-"""What in a run contradicts its subject or input: joints that rest on limits, landmarks far from their keypoints."""
+"""Contradictions between a run and its subject or input: joints that rest on limits, landmarks far from their
+keypoints."""
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ class FarMarker(NamedTuple):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What contradicts subject or input; empty for a good run.
+    """Contradictions with subject or input; empty for a good run.
 
     frame: the one examined, None for the whole run. resting, far: worst first.
     cameras: in which most landmarks are far, with the median distance in standard deviations.
@@ -122,7 +123,7 @@ class Diagnosis:
 
 
 def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited: bool = True) -> Diagnosis:
-    """What in a run's trajectory (`Run.q`) contradicts its subject or input.
+    """Contradictions of a run's trajectory (`Run.q`) with its subject or input.
 
     cost: of the run's settings, for the noise of keypoints. frame: that one alone; by default the whole run, of which
     fewer than five tracked frames give no findings. limited: whether the tracker keeps to the joint limits.

@@ -55,7 +55,7 @@ class Evaluation(Summarised):
 
     mpjpe, pa_mpjpe: of the best hypothesis, aligned as in `aligned`, and with a similarity fitted per frame.
     best_of_k_mpjpe, best_of_k_pa_mpjpe: of that of the K hypotheses which is nearest to the reference in each frame.
-        The best hypothesis, once smoothed, is none of them, so these can be larger than mpjpe and pa_mpjpe.
+        The smoothed best hypothesis is not one of them, so these can be larger than mpjpe and pa_mpjpe.
     per_joint: mean error of every compared landmark, aligned likewise.
     joints: names of the landmarks compared, see `shared_landmarks`. aligned: "hips aligned"; "centred", on the mean of
         the landmarks, where hips are not shared; "nothing aligned" where fewer than three landmarks are.
@@ -296,8 +296,8 @@ def _overall(values: np.ndarray) -> float:
 FAR = 0.25
 """Mean error of a frame's landmarks from which it is lost [m]."""
 FAR_PX, FAR_PX_SIZE = 15.0, (640, 480)
-"""The same of their images [px], in a picture of this size; in others the same share of the diagonal. CSS says when its
-sequences are lost, but neither by which measure nor how large the pictures are."""
+"""The same for their images [px], in a picture of this size; in others the same share of the diagonal. CSS reports when
+its sequences are lost, but neither by which measure nor how large the pictures are."""
 
 
 def far_px(image_size: tuple[int, int]) -> float:

@@ -242,7 +242,7 @@ def _edge(cutoff: float, rate: float) -> float:
 
 
 LONGEST = 0.25  # s between frames over which a pose counts as seen
-_SAME = 1e-6  # s by which a frame may be off an even time and stands for it
+_SAME = 1e-6  # s by which a frame may be off an even time to count as it
 
 
 class EvenMotion(NamedTuple):

@@ -160,7 +160,7 @@ METHODS: dict[Method, str] = {
     "contact": "when feet begin and cease to stand, toe-offs of walking by where toes are relative to the pelvis",
     "pelvis": "where feet are relative to the pelvis (Zeni et al. 2008)",
 }
-"""How events are found."""
+"""The methods of finding events."""
 _NEAR = 1.5  # s, between an event and a stride
 _SAME = 0.1  # s, between a toe-off by contact and by the pelvis
 _EDGE = 0.1  # s at either end of the clip, in which what was before, or comes after, is not seen

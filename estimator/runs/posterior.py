@@ -68,8 +68,8 @@ class PosteriorCalibration:
 
 
 TRAJECTORY = PosteriorCalibration(covariance_scale=1.05, scale_spread=0.3, prior_weight=1.0, landmark_std=0.04)
-"""That of smoothed trajectories, whose covariances count the prior once and the weights the frames by their correlation
-(`estimator.tracking.smoothing.clip`); fitted like the other."""
+"""The calibration of smoothed trajectories, whose covariances count the prior once and the weights the frames by their
+correlation (`estimator.tracking.smoothing.clip`); fitted like the other."""
 
 
 _FAINT = 1e-3  # modes with less weight than this are left out
@@ -113,7 +113,7 @@ class Posterior:
         """
         c = calibration or PosteriorCalibration()
         if len(result.weight) == 0:
-            raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
+            raise InputError(f"frame {result.index}", "has no hypotheses", remedy="take a later frame")
         weight = tempered(result.weight, c.weight_temperature)
         some = weight > _FAINT
         modes = result.q[some], weight[some] / weight[some].sum(), result.covariance[some]
@@ -141,7 +141,7 @@ class Posterior:
         c = calibration or TRAJECTORY
         if len(result.weight) == 0 or smoothed.covariance is None:
             problem = "has no hypotheses" if len(result.weight) == 0 else "has no covariance of the smoothed trajectory"
-            raise InputError(f"frame {result.index}", problem, remedy="ask for a later frame, or track again")
+            raise InputError(f"frame {result.index}", problem, remedy="take a later frame, or track again")
         pose, covariance = smoothed.q[row], smoothed.covariance[row]
         if smoothed.mode is None or smoothed.weight is None:
             return Posterior._calibrated(body, pose[None], np.ones(1), covariance[None], c, seen_by, size_known)

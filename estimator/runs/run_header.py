@@ -22,7 +22,7 @@ RETARGETED = "retarget"
 
 @dataclass(frozen=True)
 class RunHeader:
-    """What determines a run's result, and where it came from.
+    """The inputs that determine a run's result, and its origin.
 
     subject_urdf: the subject's whole URDF. subject_source: the name or path it was loaded by. subject_base: "free" or
     "fixed". cameras: in the order of the observations.
@@ -41,7 +41,7 @@ class RunHeader:
     where it was not turned. contradicted: rows of tracked frames that the findings contradict. floor: the known floor,
     see `estimator.inference.ground`; None where it is found from the feet. points: files of points in space, in
     place of cameras, or of the motion that was followed; none where cameras see the body. request: what was
-    asked for, as words of the command line by flag; None in runs that do not store it.
+    requested, as arguments of the command line by flag; None in runs that do not store it.
     """
 
     subject_urdf: str

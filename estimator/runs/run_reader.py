@@ -362,7 +362,7 @@ class Run(Summarised):
 
     @cached_property
     def extra(self) -> Mapping[str, np.ndarray]:
-        """What the tracker reported beside its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
+        """The tracker's reports besides its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
         before it was stored.
 
         Where a frame has nothing under a name, or a smaller array than others, the rest is NaN (whole numbers and

@@ -26,7 +26,7 @@ from typing import ClassVar
 
 from humanoid.support.errors import InputError
 
-APPLICATION_ID = 0x6B6D6F64  # "kmod", SQLite's own mark of who a file belongs to
+APPLICATION_ID = 0x6B6D6F64  # "kmod", SQLite's own mark of a file's application
 SCHEMA_VERSION = 1
 SCHEMA = """
 CREATE TABLE header (json TEXT NOT NULL);

@@ -1,4 +1,4 @@
-"""What was not observed: stretches of a run with extrapolated poses, and joints that move nothing that was seen."""
+"""Unobserved parts: stretches of a run with extrapolated poses, and joints that move nothing that was seen."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _moved_by(body: Body, joint: np.ndarray, local: np.ndarray) -> np.ndarray:
 
 
 def unseen_by(body: Body, observations: Iterable[Observation]) -> tuple[str, ...]:
-    """The same of what a clip shows by keypoints or markers; none where it has neither."""
+    """The same for what a clip shows by keypoints or markers; none where it has neither."""
     shown = list(observations)
     confidence = np.array([o.confidence for o in shown]).reshape(len(shown), -1, len(body.landmark_names))
     markers = [o.markers for o in shown if o.markers is not None]

@@ -40,7 +40,7 @@ class CostModel:
 
     cues: the settings of each cue of the pictures. pose_prior: the learned mixture of poses, with its share of the
     energy, None where the body or the settings have none. quickness (nv,): see `quickness_of`; 1 where the settings do
-    not ask for it.
+    not request it.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class CostModel:
         dt: float = 0.0,
         image_terms: Sequence[Term] = (),
     ) -> Cost:
-        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
+        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is penalised as well."""
         terms: list[Term] = [*image_terms, *self._fixed]
         if observed is not None:
             keypoints = [observed] if observed.cameras else []

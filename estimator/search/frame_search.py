@@ -55,7 +55,7 @@ class FrameSearch:
         self._warm_starts: dict[tuple[int, bool, PoseKey], Solution] = {}
 
     def follow(self, previous: Sequence[PreviousPose]) -> None:
-        """Follow the flow of the surface in every camera since it lay at each previous pose, looked for also where it
+        """Follow the flow of the surface in every camera since it lay at each previous pose, searched for also where it
         lies at the predicted one if that is known: of many poses at once, since their nodes see the same pixels."""
         new = {pose.key: pose for pose in previous if pose.key not in self.flows}
         if not new or not self.case.likelihood.cameras:

@@ -74,7 +74,7 @@ class ModeSearch:
 
     @cached_property
     def examples(self) -> Examples:
-        """Those of the index, read on first access; raises InputError where there is none."""
+        """The examples of the index, read on first access; raises InputError where there is none."""
         if not self.settings.index:
             raise InputError("search.index", "no index of examples is named", remedy=REMEDY)
         return Examples(load_index(self.settings.index, self.body), self.body, self.evidence)
@@ -97,7 +97,7 @@ class ModeSearch:
         return self.model.likelihood(observation, self.body.at(q))
 
     def associations(self, observation: Observation, near: np.ndarray | None = None) -> tuple[Association, ...]:
-        """Those of a frame: as detected, and with left and right exchanged where the body has sides.
+        """The associations of a frame: as detected, and with left and right exchanged where the body has sides.
 
         near (nq,): about where the body is. Where several cameras see it, sides are exchanged only if that brings some
         camera's keypoints nearer to it: together they distinguish front from back, so that an exchange which all of

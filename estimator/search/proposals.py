@@ -18,7 +18,7 @@ from humanoid.kinematics.body import Body
 HELD_STD = 1e-3
 """Standard deviation [rad or m] of a proposal in directions that active limits hold, at any scale.
 
-It is next to nothing, but not zero: densities of all modes are then per volume of the same, full dimension and can be
+It is tiny, but not zero: densities of all modes are then per volume of the same, full dimension and can be
 added in a mixture.
 """
 

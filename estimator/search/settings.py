@@ -15,7 +15,7 @@ BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importan
 
 @dataclass(frozen=True)
 class ModeSearchSettings(CheckedSettings):
-    """How modes are found.
+    """Settings of the search for modes.
 
     start: source of the first pose: "keypoints", or "index", the examples similar to the frame's picture, which needs
     no keypoints. index: file of these (`kinemode train-index`), for trackers that look poses up. explore: search given

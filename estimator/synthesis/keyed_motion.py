@@ -12,7 +12,7 @@ Row = tuple[float, ...]
 class KeyedMotion:
     """One authored motion.
 
-    name: how it is asked for. subject: the built-in subject it is made for.
+    name: by which it is requested. subject: the built-in subject it is made for.
     background: what it is rendered before by default (`SceneSettings.background`). azimuth [deg]: of its camera.
     times (K): of the keys [s]. angles: degrees at the keys, metres of sliding joints, by joint; ankles of a free body
     keep the soles level.

@@ -40,7 +40,7 @@ Report = Callable[[int, int], None]
 
 @dataclass
 class _Gathered:
-    """Of a limb and the other side's: which (indices), side of a patch [m], and what is learned from."""
+    """The data of a limb and the other side's: indices, side of a patch [m], and training patches."""
 
     limbs: tuple[int, ...]
     metres: float

@@ -160,6 +160,6 @@ def _random_tangent(body: Body, pose: np.ndarray, rng: np.random.Generator) -> n
 
 
 def _share(time: float) -> float:
-    """Of a way of least jerk that is behind at a time [s] after its beginning."""
+    """The share of a minimum-jerk path covered at a time [s] after its start."""
     s = min(max(time / _KEY, 0.0), 1.0)
     return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)

@@ -77,7 +77,7 @@ class ExamplePainter:
         self._grain = periodic_noise(np.random.default_rng(0))
 
     def example(self, q: np.ndarray, rng: np.random.Generator) -> Example:
-        """Of a pose (nq,) with the root at the origin."""
+        """The example of a pose (nq,) with the root at the origin."""
         body, surface = self._variants[int(rng.integers(len(self._variants)))]
         posed = body.at(q)
         places = points_in_world(posed, surface.joint, surface.local)

@@ -36,7 +36,7 @@ class MotionArea:
 
     @property
     def radius(self) -> float:
-        """Of the circle around the centre that contains the outline."""
+        """The radius of the circle around the centre that contains the outline."""
         return float(np.linalg.norm(self.outline - self.centre, axis=1).max())
 
 
@@ -116,7 +116,7 @@ def _in_the_way(box: scene.Quads, camera: Camera, place: MotionArea) -> bool:
 
 
 def _across(flat: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """Of places (..., 2) how far to the left of a direction (2,) they are, times its length."""
+    """How far places (..., 2) are to the left of a direction (2,), times its length."""
     return np.asarray(flat[..., 1] * towards[0] - flat[..., 0] * towards[1])
 
 

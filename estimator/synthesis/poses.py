@@ -104,5 +104,5 @@ def _limb_dofs(body: Body) -> tuple[set[int], set[int]]:
 
 
 def sampler_of(body: Body, recipe: IndexRecipe) -> PoseSampler:
-    """That of a recipe's poses."""
+    """The sampler of a recipe's poses."""
     return PoseSampler(body, headings=recipe.headings, legs=recipe.legs)

@@ -44,7 +44,8 @@ def _weights(pixels, face, area, x, y):  # type: ignore[no-untyped-def]
 
 @jit
 def _nearness(depth, face, parallel):  # type: ignore[no-untyped-def]
-    """Of a triangle's corners, see `estimator.data.cameras.projection.nearness`; depth (V,) [m], face (3,) int."""
+    """Nearness of a triangle's corners, see `estimator.data.cameras.projection.nearness`; depth (V,) [m], face (3,)
+    int."""
     a, b, c = depth[face[0]], depth[face[1]], depth[face[2]]
     return nearness_at(a, parallel), nearness_at(b, parallel), nearness_at(c, parallel)
 

@@ -1,5 +1,5 @@
 """The interface of trackers: `init` makes a state, `step` takes it to the next frame. What else a tracker can do it
-declares in one record, its attribute `capabilities`; without it, it has none, and is complete all the same.
+declares in one record, its attribute `capabilities`; without it, it has none, and is complete nevertheless.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class Initialisation:
 
     @property
     def needs_keypoints(self) -> bool:
-        """Whether it begins by keypoints."""
+        """Whether it starts from keypoints."""
         return self.search.settings.start != BY_INDEX
 
     @property

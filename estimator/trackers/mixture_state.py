@@ -41,7 +41,7 @@ _FIELDS = {
 @dataclass(frozen=True)
 class MixtureState:
     """A mixture and the time [s] it belongs to. unseen [s]: for how long by then nothing had been seen, for trackers
-    that go by it."""
+    that use it."""
 
     mixture: Mixture
     time: float

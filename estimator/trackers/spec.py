@@ -101,15 +101,15 @@ def by_search(
 NEARLY_GAUSSIAN = 1e4
 """nu, in squared standard deviations, of a cue's potential that is to be Gaussian."""
 EDGES_NEARLY_GAUSSIAN = 200.0
-"""The same of edges. They are looked for within six standard deviations, where this is Gaussian to 9 %; and nu / 2 is
-what a missing edge costs, which must not drown all else."""
+"""The same for edges. They are searched for within six standard deviations, where this is Gaussian to 9 %; and nu / 2
+is what a missing edge costs, which must not drown all else."""
 
 ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False}}
 """The trackers of the papers do not look back."""
 AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
 """The trackers of the papers use keypoints unchanged."""
 NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}
-"""They do not ask whether feet stand."""
+"""They do not depend on standing feet."""
 NOT_BALANCED: dict[str, Any] = {"cost": {"terms": {"balance": {"weight": 0.0}}}}
 """Nor whether the person would fall over."""
 ONE_READING: dict[str, Any] = {"search": {"readings": False}}

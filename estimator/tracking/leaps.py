@@ -1,4 +1,4 @@
-"""Roots and limbs that move faster than any body: the track went on with another person, or with something else.
+"""Roots and limbs that move faster than any body: the track continued with another person, or with something else.
 
 The limit is physiology's: the fastest sprinter measured, 1.95 m tall, ran 12.3 m/s (Graubner and Nixdorf, Biomechanical
 analysis of the sprint and hurdles events at the 2009 IAAF World Championships, New Studies in Athletics 26, 2011), 6.3
@@ -49,7 +49,8 @@ class LastFrame:
 
     @staticmethod
     def after(before: LastFrame | None, result: FrameResult) -> LastFrame | None:
-        """With one more frame; a frame without hypotheses leaves the roots where they were. None before the first."""
+        """The memory after one more frame; a frame without hypotheses leaves the roots unchanged. None before the
+        first."""
         unobserved = 0.0
         if before is not None and (result.status == "unobserved" or not len(result.q)):
             unobserved = before.unobserved + result.time - before.time
@@ -58,7 +59,7 @@ class LastFrame:
         return None if before is None else LastFrame(result.time, unobserved, before.root, before.covariance)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As arrays to be stored, exact to the last bit; `from_arrays` is the inverse."""
+        """Arrays to be stored, exact to the last bit; `from_arrays` is the inverse."""
         return {_PREFIX + name: np.asarray(value) for name, value in vars(self).items()}
 
     @staticmethod

@@ -51,7 +51,7 @@ class Settings:
         return {"cost": self.cost, "search": self.search, **own, "smooth": self.smooth, "cues": self.cues}
 
     def with_members(self, new: Mapping[str, Any]) -> Settings:
-        """With some of the groups exchanged."""
+        """The settings with some groups replaced."""
         groups = dict(new)
         own = groups.pop(self.table, self.own)
         return replace(self, own=own, **groups)
@@ -136,7 +136,7 @@ def settings_for(
 
 
 def common_settings(changes: Mapping[str, Any], source: str | Path | None = None) -> Settings:
-    """The settings that are no tracker's own, by those of the `changes` that are not about a tracker."""
+    """The settings that belong to no tracker, by those of the `changes` that are not about a tracker."""
     return changed(Settings(), {name: changes[name] for name in COMMON if name in changes}, source)
 
 
@@ -146,7 +146,7 @@ def other_tables(name: str) -> set[str]:
 
 
 def changes_for(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the changes that are not about other trackers' own settings."""
+    """The changes without other trackers' own settings."""
     others = other_tables(name)
     return {table: values for table, values in changes.items() if table not in others}
 
@@ -158,7 +158,7 @@ def stored_settings(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def stored_changes(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
-    """The same without what is no setting, as changes."""
+    """The same without what is not a setting, as changes."""
     return {table: values for table, values in stored_settings(name, stored).items() if table not in _BESIDE}
 
 

@@ -129,7 +129,7 @@ def run(
 
 
 def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues: Cues | None) -> Iterator[FrameResult]:
-    """Each as soon as it is available; the pictures of each frame are read once, in order."""
+    """Results as soon as they are available; the pictures of each frame are read once, in order."""
     for observation in observations:
         result = frames.push(_seen(observation, cues))
         if result is not None:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from humanoid.support.errors import InputError, near_names, shown
 from humanoid.support.settings import LARGEST, Valid, declared, every_setting, is_group, members, with_members
 
-_KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
+_KINDS = {bool: "true or false (bool)", int: "a whole number (int)", float: "a number (float)", str: "text (str)"}
 
 T = TypeVar("T")
 _OF_CUES = {
@@ -70,7 +70,7 @@ def refused(source: object, table: str, name: str, problem: str, remedy: str) ->
 
 @dataclass(frozen=True)
 class _Changes:
-    """Where changes come from, for what is said about them. source: see `changed`. root: all settings."""
+    """The source of changes, for messages. source: see `changed`. root: all settings."""
 
     source: str | Path | None
     root: Any
@@ -98,17 +98,17 @@ class _Changes:
         if kind is float and type(value) is int and abs(value) <= LARGEST:
             value = float(value)
         if type(value) is not kind and not (kind is float and type(value) is int):
-            raise self._refused(table, name, f"{shown(value)} is no {_KINDS[kind]}", "")
+            raise self._refused(table, name, f"{shown(value)} is not {_KINDS[kind]}", "")
         if wanted := valid.wanted(value, kind):
             raise self._refused(table, name, f"{shown(value)} cannot work", wanted)
         return value
 
     def _meant(self, name: str, table: str, known: list[str]) -> str:
-        """What may have been meant."""
+        """A suggestion for an unknown name."""
         elsewhere = [place for place, setting, _ in every_setting(self.root) if setting == name and place != table]
         close = near_names(name, known, most=1)
         said = f"did you mean {close[0]}? " if close else ""
-        if elsewhere:  # a name that there is says more than one that looks like it
+        if elsewhere:  # an existing name helps more than a similar one
             said = f"it belongs to {' or '.join(f'[{place}]' for place in elsewhere)}; here: "
         return said + "one of " + ", ".join(known)
 
@@ -129,7 +129,7 @@ def with_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _without(settings: Mapping[str, Any], path: list[str]) -> dict[str, Any]:
-    """Without a setting, and without groups that have none then."""
+    """Settings without one of them, and without groups left empty."""
     first, *rest = path
     inner = _without(settings[first], rest) if rest else {}
     left = {name: value for name, value in settings.items() if name != first}

@@ -45,8 +45,8 @@ RULES = (
 )  # fmt: skip
 """Which of the common settings have no effect under which others; the rules of a tracker stand in its `Spec`.
 
-There is a rule where somebody may well be mistaken: what makes the settings unused is a default, or the input. Who
-turns a part off and sets its details, too, knows what he does.
+There is a rule where a mistake is likely: what makes the settings unused is a default, or the input.
+Turning a part off and still setting its details is taken as deliberate.
 """
 
 
@@ -57,14 +57,15 @@ class UnusedSetting(NamedTuple):
     because: str
 
     def refused(self, source: object = None) -> InputError:
-        """As an error. source: the file that it is from, None where a program gave it."""
+        """The error for it. source: the file that it is from, None where a program gave it."""
         table, _, name = self.name.rpartition(".")
         return refused(source, table, name, f"has no effect: {self.because}", "leave it out")
 
 
 def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -> Settings:
-    """What a fit uses before a tracker with these `settings`, made by `changes`: the default tracker's own settings,
-    and those of the changes that are not about a tracker. It always begins by keypoints, and looks nothing up."""
+    """The settings of a fit before a tracker with these `settings`, made by `changes`: the default tracker's own
+    settings, and those of the changes that are not about a tracker. It always starts from keypoints, without an
+    index."""
     if tracker != DEFAULT:
         settings = settings_for(DEFAULT, changes={name: changes[name] for name in FIT_GROUPS if name in changes})
     return replace(settings, search=replace(settings.search, start=BY_KEYPOINTS, index=""))

@@ -10,7 +10,7 @@ import numpy as np
 SHARE = 0.8
 """Share of the variance that an eigenspace keeps (Sigal et al., CVPR 2004, section 5)."""
 
-_LEAST = 1e-6  # of the variance of a direction: a constant direction is no proof against a small difference
+_LEAST = 1e-6  # of the variance of a direction: a constant direction is not evidence against a small difference
 
 
 @dataclass(frozen=True, eq=False)

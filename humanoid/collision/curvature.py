@@ -162,7 +162,7 @@ def _bent(C, kind, world, segment, radius, radii, point, n, sign):  # type: igno
 @jit
 def _across(n, axis, along, t1, t2):  # type: ignore[no-untyped-def]
     """Fill t1 (3,), t2 (3,), unit vectors across n (3,) and each other, t1 `along` the axis (3,) if requested: the
-    straight side of a capsule then stands in one entry of the matrix to be inverted."""
+    straight side of a capsule is then in one entry of the matrix to be inverted."""
     least = 0
     for i in range(3):
         if abs(n[i]) < abs(n[least]):

@@ -353,7 +353,7 @@ def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffe
 
 
 def _kind(solid: ConvexSolid) -> int:
-    """Whose curvature is known, see `curvature`."""
+    """The kind of solid whose curvature is known, see `curvature`."""
     if isinstance(solid.geometry, coal.Ellipsoid):
         return curvature.ELLIPSOID
     return curvature.CAPSULE if isinstance(solid.geometry, (coal.Capsule, coal.Sphere)) else curvature.UNKNOWN

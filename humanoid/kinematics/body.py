@@ -75,7 +75,7 @@ class PlacedBodies(NamedTuple):
     placements: np.ndarray
 
     def of(self, rows: np.ndarray | slice) -> PlacedBodies:
-        """Some of them: an index of rows."""
+        """The selected ones: an index of rows."""
         return PlacedBodies(self.q[rows], self.placements[rows])
 
 

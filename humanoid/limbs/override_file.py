@@ -196,7 +196,7 @@ def _group(bodies: Bodies, name: str, change: Change) -> Group:
     else:
         carrier = body_of_link[change.link]
     if carrier not in members:
-        problem = f"{change.link!r} is none of the links"
+        problem = f"{change.link!r} is not one of the links"
         raise InputError(
             change.path, problem, place=f"[limbs.{name}] link", remedy="name one of " + ", ".join(change.links or ())
         )

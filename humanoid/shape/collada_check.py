@@ -59,7 +59,7 @@ def collada_unit(path: Path) -> float:
         raise _damaged(path, "a DOCTYPE is refused: it can fill the memory")
     text = "1"
     try:
-        for _, element in ET.iterparse(io.BytesIO(content)):  # the unit stands at its beginning
+        for _, element in ET.iterparse(io.BytesIO(content)):  # the unit is at its start
             name = element.tag.rpartition("}")[2]
             text = element.get("meter", "1") if name == "unit" else text
             if name in ("unit", "asset"):

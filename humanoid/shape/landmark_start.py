@@ -54,7 +54,7 @@ class LandmarkCandidate:
 def landmark_start(subject: Subject) -> str:
     """The text of a landmark file (`humanoid.subject.landmark_file`) for a subject whose own landmarks do not count.
 
-    It loads as it is. What is not active stands in comments.
+    It loads unchanged. Inactive entries are comments.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The solids of a body: its flesh, or the collision or visual geometry of a URDF without flesh, as coal shapes.
 
-Flesh is for the eye, solids are for distances, so a superquadric stands for something simpler, and as a rule slimmer
-(`Flesh.solid`): a limb for the capsule of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free, any
-other part for the ellipsoid of its solid's half-axes. Exponents, taper and bend do not count. Parts with
+Flesh is for the eye, solids are for distances, so a superquadric is replaced by something simpler, and as a rule
+slimmer (`Flesh.solid`): a limb for the capsule of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free,
+any other part for the ellipsoid of its solid's half-axes. Exponents, taper and bend do not count. Parts with
 clearance="off" have no solid.
 
 Heights of a body's points above the sole under them.

@@ -71,7 +71,7 @@ class Subject(Summarised):
     Attributes
     ----------
     name: name of the robot in the file.
-    source: what was asked for: a built-in name or a path.
+    source: the request: a built-in name or a path.
     urdf: the whole URDF as text, extra elements included, meshes by absolute path; `subject_from_text` gives the same
         subject from it, wherever it is kept.
     base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
@@ -326,7 +326,7 @@ def _loaded(
 
 def _check_choice(option: str, value: str, valid: tuple[str, ...]) -> None:
     if value not in valid:
-        raise InputError(repr(value), f"is no {option}", remedy="one of " + ", ".join(valid))
+        raise InputError(repr(value), f"is not a valid {option}", remedy="one of " + ", ".join(valid))
 
 
 def _known_names(name: str) -> str:

@@ -25,7 +25,7 @@ NO_LANDMARKS = "no landmarks are given: the origin of every moving link is one"
 def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], meshes: Meshes) -> tuple[str, ...]:
     """Write every mesh as an absolute path, so that the text loads from anywhere; returns notes.
 
-    folder: where the URDF lies; relative names start there. package://name/... is looked for in `packages`, in the
+    folder: where the URDF lies; relative names start there. package://name/... is searched for in `packages`, in the
     folders above the URDF and in ROS_PACKAGE_PATH. With "ignore" the shapes whose mesh is missing are left out, and a
     note gives their number, and the links that therefore collide with nothing.
 

@@ -70,7 +70,7 @@ class Flesh:
 
     @property
     def core(self) -> Flesh:
-        """The flesh as thick as its solid, which is what distances between parts and its stretching go by."""
+        """The flesh as thick as its solid, which determines distances between parts and its stretching."""
         return self if self.solid is None else replace(self, size=self.solid, solid=None)
 
     @property

@@ -105,7 +105,7 @@ def shortened(text: str, most: int = LONGEST) -> str:
 
 _CLOSE = 0.5  # likeness from which a name counts as near
 _CLOSE_WORD = 0.75
-_PART = 3  # letters that are looked for inside of names
+_PART = 3  # letters that are searched for inside names
 _LISTED = 40
 
 

@@ -78,7 +78,7 @@ REMEDIES = {
     errno.EACCES: _NOT_OURS,
     errno.EPERM: _NOT_OURS,
 }
-"""What to do about a file that cannot be written, by error number."""
+"""Remedies for a file that cannot be written, by error number."""
 
 
 @contextmanager

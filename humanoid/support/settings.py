@@ -35,7 +35,7 @@ class Valid:
 
     @property
     def said(self) -> str:
-        """The declared bounds or words, as a reader is told them: "more than 0, at most 1"; empty where none are."""
+        """The declared bounds or words as text: "more than 0, at most 1"; empty where none are."""
         bounds = (
             (self.at_least, "{:g} or more"), (self.above, "more than {:g}"), (self.at_most, "at most {:g}"),
             (self.below, "less than {:g}"),
@@ -45,7 +45,7 @@ class Valid:
         return ", ".join(text.format(bound) for bound, text in bounds if bound is not None)
 
     def wanted(self, value: Any, kind: type[Any]) -> str:
-        """What a value that cannot work should have been, empty where it can. kind: the setting's, bool, int, float or
+        """The requirement that an invalid value misses, empty for a valid one. kind: the setting's, bool, int, float or
         str."""
         if kind is str:
             return self.said if self.one_of and value not in self.one_of else ""
@@ -80,25 +80,25 @@ def setting(
 ) -> Any:
     """A field of a settings dataclass with its default and what can work, see `Valid`.
 
-    What a setting is for stands in the docstring of its dataclass, from where settings files take it.
+    The meaning of a setting is in the docstring of its dataclass, from which settings files take it.
     """
     valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of))
     return field(default=default, metadata={_DECLARED: valid})
 
 
 def declared(group: Any) -> dict[str, Valid]:
-    """What the fields of a group declare, by name; nothing of a setting that declares nothing."""
+    """The declarations of a group's fields by name, without settings that declare nothing."""
     named = fields(group) if is_dataclass(group) else ()
     return {f.name: f.metadata[_DECLARED] for f in named if _DECLARED in f.metadata}
 
 
 class CheckedSettings:
-    """What a dataclass of settings inherits from that programs make too: a value that cannot work raises InputError."""
+    """Base of settings dataclasses that programs make too: an invalid value raises InputError."""
 
     def __post_init__(self) -> None:
         for name, valid in declared(self).items():
             value = getattr(self, name)
-            # the default stands in the class, and says the kind
+            # the default is in the class and gives the kind
             if not is_group(value) and (wanted := valid.wanted(value, type(getattr(type(self), name)))):
                 words = "".join(f" {c.lower()}" if c.isupper() else c for c in type(self).__name__).strip()
                 raise InputError(words, f"{name} is {value!r}", remedy=wanted)
@@ -144,13 +144,13 @@ def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]
 
 
 PICTURES, ONE_CAMERA = "pictures", "one camera"
-"""What a setting may need of the input: that pictures are looked at, that there is one camera."""
+"""What a setting may require of the input: pictures, or a single camera."""
 
 
 class UnusedRule(NamedTuple):
-    """Settings that have no effect, or groups that stand for all in them, by their names with their groups in front;
+    """Settings that have no effect, or whole groups, by their names with their groups in front;
     where all of `where` have these values, or, where it is given, on input without what they need. because: why, where
-    the values do not say it."""
+    the values do not show it."""
 
     names: tuple[str, ...]
     where: tuple[tuple[str, Any], ...] = ()
@@ -158,7 +158,7 @@ class UnusedRule(NamedTuple):
     needs: str = ""
 
     def of_group(self, old: str, new: str) -> UnusedRule:
-        """The same of settings that stand in the group `new` instead of `old`."""
+        """The same rule for settings in the group `new` instead of `old`."""
 
         def moved(name: str) -> str:
             return new + name[len(old) :] if name == old or name.startswith(f"{old}.") else name

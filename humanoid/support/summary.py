@@ -34,7 +34,7 @@ class Summarised:
 
 
 def table_html(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A title over a table; all columns but the first stand at the right where there is a head."""
+    """A title over a table; all columns but the first are right-aligned where there is a head."""
     top = f"<thead>{_line('th', head)}</thead>" if head else ""
     body = "".join(_line("td", row, "right" if head else "left") for row in rows)
     return f"<b>{escape(title)}</b><table>{top}<tbody>{body}</tbody></table>"

@@ -20,7 +20,7 @@ from kinemode.terminal.program import command
 
 
 def serve_annotation(request: AnnotateRequest, ready: Callable[[AnnotationServer], None] | None = None) -> str:
-    """What `kinemode.annotate` does once its options are checked.
+    """The work of `kinemode.annotate` after its options are checked.
 
     ready: called with the server before it serves; its address is printed unless this is given.
     """
@@ -57,7 +57,7 @@ def _session(
     if not 0 <= frame < count:
         raise InputError(clip, f"has no frame {frame}", remedy=f"--frame 0 to {count - 1}")
     guide = landmark_guide(Body(loaded))
-    rate = opened.report.fps if opened.rate_known else None  # what is assumed is not declared
+    rate = opened.report.fps if opened.rate_known else None  # an assumed rate is not declared
     start = no_clicks(guide.names, count, opened.image_size, rate)
     if out.exists():
         start = load_clicks(out, start)

@@ -106,7 +106,7 @@ def clicks_from_page(frames: Any, like: KeypointTrack) -> KeypointTrack:
 
 
 def clicks_for_page(clicks: KeypointTrack) -> dict[str, dict[str, list[float]]]:
-    """What `clicks_from_page` reads."""
+    """The input of `clicks_from_page`."""
     frames: dict[str, dict[str, list[float]]] = {}
     for t, j in np.argwhere(clicks.confidence > 0.0).tolist():
         point = [*clicks.pixels[t, j].tolist(), float(clicks.confidence[t, j])]

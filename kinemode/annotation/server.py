@@ -16,7 +16,7 @@ _FRAME = re.compile(r"frame/([0-9]{1,9})\.png")
 
 
 class AnnotationSession(Protocol):
-    """What is served: all that the page shows, and what it saves."""
+    """The served session: all that the page shows and saves."""
 
     largest_post: int
     """Bytes a saving page can send at most."""
@@ -28,7 +28,7 @@ class AnnotationSession(Protocol):
         """A frame as PNG; raises IndexError where the clip has none."""
 
     def save(self, posted: Any) -> dict[str, Any]:
-        """Write what the page sent, return the answer; raises InputError where it cannot be."""
+        """Write what the page sent, return the answer; raises InputError for an invalid one."""
 
 
 class AnnotationServer(LocalServer):
@@ -75,7 +75,7 @@ class _Handler(LocalHandler):
         try:
             posted = json.loads(self.rfile.read(int(declared)))
         except (ValueError, RecursionError):
-            return self.refuse(HTTPStatus.BAD_REQUEST, "what was sent is not JSON")
+            return self.refuse(HTTPStatus.BAD_REQUEST, "the request is not JSON")
         try:
             answer = self.server.session.save(posted)
         except InputError as error:

@@ -58,7 +58,7 @@ class LandmarkGuide:
 
 
 def landmark_guide(body: Body) -> LandmarkGuide:
-    """The guide to a body's landmarks; a landmark it knows no description of is described by its link."""
+    """The guide to a body's landmarks; a landmark without a description is described by its link."""
     names = body.landmark_names
     links = [landmark.link for landmark in body.subject.landmarks]
     about = tuple(_PLACES.get(_part(n), f"a point of the link {k}") for n, k in zip(names, links, strict=True))

@@ -1,4 +1,4 @@
-"""What `track` would refuse of a row, found before anything runs."""
+"""Faults of a row that `track` would refuse, found before anything runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def track_arguments(row: RowValues) -> dict[str, Any]:
 
 
 def check_row(row: RowValues, faults: FaultList) -> None:
-    """Add to the faults what is wrong with a row whose cells are right by themselves."""
+    """Add the faults of a row whose single cells are valid."""
     if not {CLIPS, "keypoints", "points"} & (row.places.keys()):
         faults.add(row.place, "has neither clips nor keypoints", "name a video in the column clips")
 

@@ -51,7 +51,7 @@ def work(task: BatchTask) -> TaskAnswer:
 
 
 def _processor_time() -> float:
-    """Of this process and of the programs that it has run [s]."""
+    """Processor time of this process and of the programs that it has run [s]."""
     return sum(os.times()[:4])
 
 
@@ -88,7 +88,7 @@ def _attempted(task: BatchTask, ended: Callable[[ClipOutcome], ClipOutcome]) -> 
             return outcome, subject
     except InputError as error:
         failed = ended(ClipOutcome(task.row.name, FAILED, str(error)))
-    except Exception as error:  # of a clip that nobody has thought of; the others go on
+    except Exception as error:  # an unforeseen one of a clip; the others continue
         failed = ended(ClipOutcome(task.row.name, FAILED, _internal(task, error)))
     with suppress(OSError, InputError):
         if (task.folder / LOCK).exists():
@@ -135,7 +135,7 @@ def _tracked(task: BatchTask) -> ClipOutcome:
 
 
 def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
-    """The clip's runs: gone on with where they were begun from the same inputs and options, else begun anew."""
+    """The clip's runs: resumed where they started from the same inputs and options, otherwise started again."""
     import kinemode as km
 
     state = {"options": task.digest, "inputs": {name: stamp.digest for name, stamp in inputs.items()}, **versions()}
@@ -159,7 +159,7 @@ def _runs(task: BatchTask, inputs: dict[str, FileStamp]) -> Sequence[Run]:
 
 
 def _opens(file: Path) -> bool:
-    """Whether a run can be gone on with, or none is there yet."""
+    """Whether a run can be resumed, or none exists yet."""
     import kinemode as km
 
     with suppress(InputError):
@@ -201,7 +201,7 @@ def _around(task: BatchTask, run: Run, name: str) -> tuple[BatchEntry, list[str]
         return file.relative_to(task.root).as_posix()
 
     exports = {format: made(format, exported_file(stem, format)) for format in task.exports}
-    anybody = bool(np.isfinite(run.q).all(axis=1).any())  # of nobody there is nothing to draw
+    anybody = bool(np.isfinite(run.q).all(axis=1).any())  # without a person there is nothing to draw
     report = made("report", beside(stem, "html")) if task.report and anybody else ""
     thumbnail = made("thumbnail", beside(stem, "jpg")) if anybody else ""
     error: float | None = None
@@ -234,7 +234,7 @@ class RunFacts(NamedTuple):
 
     frames: those that are tracked so far. hard, unobserved: how many have that status (`Run.status`, where frames that
     contradict the findings are hard; for the meanings see `STATUS_MEANINGS`). doubtful: the share of frames, 0 to 1,
-    that plots and the report mark as not to be trusted: their status is not "tracked"; None of no frame. message: the
+    that plots and the report mark as unreliable: their status is not "tracked"; None of no frame. message: the
     first of the findings that were stored when it was finished, "" where it has none.
     """
 

@@ -25,9 +25,9 @@ NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE, PERSON_ID = (
     "name", "clips", "person", "fits", "subject", "reference", "person_id",
 )  # fmt: skip
 OF_A_ROW = (NAME, CLIPS, PERSON, FITS, SUBJECT, REFERENCE)
-"""Columns that are no keyword argument of `track`; its argument `person` is the column `person_id`."""
+"""Columns that are not keyword arguments of `track`; its argument `person` is the column `person_id`."""
 OF_THE_BATCH = tuple(options_of(RunOptions))
-"""Arguments of `track` that no row has: the batch gives them for all."""
+"""Arguments of `track` without a column: the batch gives them for all."""
 _SPELLED = {bool: "yes or no", int: "a whole number", float: "a number", str: "a text", Path: "a path"}
 _SHOWN = 60  # characters of a cell that are repeated
 Fault = Callable[[str, str], None]
@@ -48,7 +48,7 @@ class Column:
 
     @property
     def files(self) -> str:
-        """What the files of [NAME=]PATH texts are called, "" where a cell has others."""
+        """The kind of files in [NAME=]PATH texts, "" for other cells."""
         return "" if self.option is None else self.option.files
 
     @property
@@ -63,12 +63,12 @@ class Column:
 
     @property
     def is_path(self) -> bool:
-        """Whether a cell has one path, or a word in place of it."""
+        """Whether a cell has one path, or a keyword in its place."""
         return Path in self.kinds or (self.option is not None and self.option.is_read)
 
     @property
     def taken(self) -> str:
-        """What may be given."""
+        """The allowed values."""
         choices = [", ".join(map(str, typing.get_args(k))) for k in self.kinds if typing.get_origin(k) is Literal]
         return " or ".join([*(_SPELLED[k] for k in self.kinds if k in _SPELLED), *choices]) or "texts"
 
@@ -99,7 +99,7 @@ def column_of(written: str) -> Column | None:
 
 
 def unknown(written: str) -> tuple[str, str]:
-    """Problem and remedy of a name that is no column's."""
+    """Problem and remedy for an unknown column."""
     if written.strip().lower().lstrip("-") in OF_THE_BATCH:
         return f"{shown(written)} is not of a clip", "leave it out, and give it on the command line"
     near = nearest(written, columns(), "columns")
@@ -112,7 +112,7 @@ def is_given(value: Any) -> bool:
 
 
 def cell_value(column: Column, given: Any, folder: Path, fault: Fault) -> Any:
-    """The value of a cell as JSON knows it, paths made absolute from `folder`; None, and a fault, for a cell
+    """The value of a cell as JSON has it, paths made absolute from `folder`; None, and a fault, for a cell
     that cannot be read. Files that do not exist are faults, too."""
     texts = _texts(column, given, folder, fault)
     if texts is None:
@@ -123,7 +123,7 @@ def cell_value(column: Column, given: Any, folder: Path, fault: Fault) -> Any:
         fault(f"{shown(given, _SHOWN)} is not taken", f"give {column.taken}")
         return None
     if isinstance(value, float) and not math.isfinite(value):
-        fault(f"{shown(given, _SHOWN)} is no number", f"give {column.taken}")
+        fault(f"{shown(given, _SHOWN)} is not a number", f"give {column.taken}")
         return None
     if column.files:
         return [_named_file(text, folder, column.files, fault) for text in value]
@@ -141,7 +141,7 @@ def existing(text: str, folder: Path, fault: Fault, what: str = "file") -> str:
     """An absolute path; a fault where nothing is there."""
     path = os.path.abspath(folder / text)
     if not os.path.exists(path):
-        relative = "" if os.path.isabs(text) else f"looked for in {folder}"
+        relative = "" if os.path.isabs(text) else f"searched for in {folder}"
         fault(f"there is no such {what}: {shown(text, _SHOWN)}", relative)
     return path
 
@@ -151,13 +151,13 @@ def _named_file(text: str, folder: Path, what: str, fault: Fault) -> str:
     if not separator or os.path.exists(folder / text):  # a file may have = in its name
         return existing(text, folder, fault, what)
     if not name or not path:
-        fault(f"{shown(text, _SHOWN)} is no {what}", "write NAME=PATH or PATH")
+        fault(f"{shown(text, _SHOWN)} is not a {what}", "write NAME=PATH or PATH")
         return text
     return f"{name}={existing(path, folder, fault, what)}"
 
 
 def _texts(column: Column, given: Any, folder: Path, fault: Fault) -> list[str] | None:
-    """A cell as the words of a command line."""
+    """A cell as arguments of a command line."""
     if isinstance(given, (str, Path)):
         text = str(given).strip()
         if not column.several or isinstance(given, Path) or os.path.exists(folder / text):

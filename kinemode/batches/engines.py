@@ -1,4 +1,4 @@
-"""Who does the work of a batch: processes of this machine, by pebble, or the workers of a Dask scheduler. Both answer a
+"""The engines of a batch: processes of this machine, by pebble, or the workers of a Dask scheduler. Both answer a
 task with a future of `concurrent.futures`."""
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ _DASK = "a batch on several machines"
 
 
 class Engine(Protocol):
-    """Who does work, while it is entered; what is not finished at its end is ended. deaths: after so many of processes
+    """Runs work while it is entered; unfinished work is stopped at its end. deaths: after so many of processes
     that worked on a task it is the task's fault."""
 
     deaths: int
 
     def workers(self) -> int:
-        """How many work at once now."""
+        """The current number of workers."""
         ...
 
     def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
-        """Have it done. The future raises one of `died` where the process that did it is gone."""
+        """Submit it. The future raises one of `died` where its process is gone."""
         ...
 
     def once_a_machine(self, work: Callable[[], None]) -> None:
@@ -39,7 +39,7 @@ class Engine(Protocol):
 
     @property
     def died(self) -> tuple[type[Exception], ...]:
-        """What futures raise of which the process is gone."""
+        """The exceptions of futures whose process is gone."""
         ...
 
 
@@ -87,7 +87,7 @@ class ProcessEngine:
         try:
             future: Future[Any] = self._pool.schedule(work, args=arguments)
         except RuntimeError as error:  # a script without its guard runs again in every process, which then ends
-            raise InputError("workers", f"end as soon as they begin ({error})", remedy=GUARD) from None
+            raise InputError("workers", f"end as soon as they start ({error})", remedy=GUARD) from None
         return future
 
 

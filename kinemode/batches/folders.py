@@ -25,7 +25,7 @@ _TO_QUOTE = re.compile(r"[\s'\"]")
 
 @dataclass(frozen=True)
 class MadeManifest:
-    """What was made of a folder.
+    """The recordings found in a folder.
 
     recordings: by the names of their rows. left_out: sentences on what could not be placed, and on what was guessed.
     """
@@ -47,11 +47,11 @@ def manifest_of(folder: str | Path) -> MadeManifest:
 
     Raises
     ------
-    InputError: it is no folder, or no clip is in it.
+    InputError: it is not a folder, or contains no clips.
     """
     top = Path(folder).absolute()
     if not top.is_dir():
-        raise InputError(folder, "is no folder" if top.exists() else "there is no such folder")
+        raise InputError(folder, "is not a folder" if top.exists() else "there is no such folder")
     listing = Listing(top)
     recordings = _with_known_persons(listing, recordings_in(listing, top))
     if not recordings:
@@ -69,7 +69,7 @@ def write_manifest(made: MadeManifest, out: str | Path, *, overwrite: bool = Fal
     """
     out = Path(out)
     if out.suffix.lower() != ".csv":
-        raise InputError(out, "is no name of a CSV file", remedy="one that ends in .csv")
+        raise InputError(out, "is not a .csv file", remedy="one that ends in .csv")
     check_folder(out)
     check_absent([out], False, overwrite, "--overwrite replaces it; it may have been edited")
     rows = made.rows(out.absolute().parent)

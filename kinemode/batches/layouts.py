@@ -18,12 +18,12 @@ _OF_KEYPOINTS = re.compile(r".*(_json|\.keypoints)|keypoints|pose", re.IGNORECAS
 _NO_TRIAL = re.compile(r"calib|extrinsic|intrinsic", re.IGNORECASE)
 _METADATA = "sessionMetadata.yaml"
 _PICKLE = "cameraIntrinsicsExtrinsics.pickle"
-_HEIGHTS = (0.5, 2.5)  # m; others are not taken for a person's
+_HEIGHTS = (0.5, 2.5)  # m; others are not a person's
 _FEWEST_PICTURES = 3  # of a folder that may be a clip
 
 
 def recordings_in(listing: Listing, folder: Path) -> list[ClipFiles]:
-    """The recordings in a folder and below it, each in the layout that it is met in; what is guessed or not placed is
+    """The recordings in a folder and below it, each in its layout; guesses and unplaced files are
     noted."""
     return _walk(listing, folder, frozenset())
 
@@ -97,7 +97,7 @@ def _note_unused(listing: Listing, folder: Path, used: set[Path]) -> None:
 
 
 def _person(folder: Path, top: Path) -> dict[str, str]:
-    """Who it is by Pose2Sim's names of folders, S01_P02_...; nobody where several are meant."""
+    """The person by Pose2Sim's folder names, S01_P02_...; none for several people."""
     for place in (folder, *folder.parents):
         named = _PARTICIPANT.fullmatch(place.name)
         if named is not None:

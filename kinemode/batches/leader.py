@@ -25,7 +25,7 @@ from kinemode.target import check_absent, made_folder
 from viz.report.thumbnail import DONE, FAILED
 
 TABLE, PAGE = SHOWN = ("summary.csv", "index.html")
-"""What is shown of all clips."""
+"""The display of all clips."""
 _AHEAD = 2  # tasks a worker, that none waits for the leader
 _LONGEST = 200  # characters of why a process died
 _LOOK = 1.0  # s
@@ -36,7 +36,7 @@ Told = Callable[[ClipOutcome], None]
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """What is to be done. rows: the clips. root: the batch's folder, absolute. exports, report: for every clip."""
+    """The plan of a batch. rows: the clips. root: the batch's folder, absolute. exports, report: for every clip."""
 
     rows: Sequence[BatchRow]
     root: Path
@@ -66,7 +66,7 @@ def opened_root(root: Path) -> Iterator[str]:
 class Leader:
     """Hands the tasks of a plan to an engine.
 
-    Nothing is kept in memory of a clip that was reported, so that a batch may be as long as one likes.
+    A reported clip leaves nothing in memory, so that a batch may have any length.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Leader:
             after()
 
     def prepare(self, progress: Reporter) -> None:
-        """Tell what is done already; where there is more to do compile functions before all workers need them."""
+        """Report what is done already; where there is more to do compile functions before all workers need them."""
         first = self._next()
         if first is None:
             return
@@ -112,7 +112,7 @@ class Leader:
         return self._again.popleft() if self._again else next(self._tasks, None)
 
     def _planned(self) -> Iterator[BatchTask]:
-        """Persons first, so that nobody waits for them at the end; then the clips that have their subjects."""
+        """Persons first, so that no clip waits for them at the end; then the clips that have their subjects."""
         fitted_from = {row.person: row for row in self._rows if row.fits}
         self._waiting = {person: [] for person in fitted_from}
         for row in fitted_from.values():
@@ -141,7 +141,7 @@ class Leader:
             yield task
 
     def _fitted(self, person: str, subject: str) -> None:
-        """What becomes of a person's clips once it is known: of an empty subject nothing."""
+        """Queue a person's clips once the fit has ended, with its subject unless that is empty."""
         if subject:
             self._subjects[person] = subject
         for row in self._waiting.pop(person, []):

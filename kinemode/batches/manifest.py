@@ -34,7 +34,7 @@ class BatchRow:
     ----------
     name: unique, and fit for a folder: letters, digits, dots, underscores and hyphens, at most 100 characters.
     place: where it is in the manifest, for messages: "row 3", the line of a CSV file, or of TOML the third [[clip]].
-    person: who is seen, "" where that is unknown.
+    person: the person in the clip, "" where unknown.
     fits: whether the person's subject is fitted from this clip.
     subject: a built-in name or the absolute path of a URDF, as `kinemode.track` takes it.
     clips: absolute paths or NAME=PATH texts; none where the keypoints are enough.
@@ -94,7 +94,7 @@ def _known(rows: Sequence[RowValues], person: str, faults: FaultList) -> RowValu
 
 def fitting_rows(rows: Sequence[RowValues], faults: FaultList) -> set[int]:
     """Indices of the rows from which the subjects of their persons are fitted: the named row of each, or the first that
-    may be; nobody is fitted whose subject is a file, which is taken as measured."""
+    may be; subjects from files are taken as measured and not fitted."""
     by_person: dict[str, list[int]] = defaultdict(list)
     for i, row in enumerate(rows):
         person = row.get(PERSON, "")
@@ -103,7 +103,7 @@ def fitting_rows(rows: Sequence[RowValues], faults: FaultList) -> set[int]:
         elif row.get(FITS):
             faults.add(row.place, "is for clips of a person", "name the person in the column person", column=FITS)
         if person and wants_all(row.get(PERSON_ID)):
-            problem = f"is everybody in the clip, and the column person has {shown(person)}"
+            problem = f"is all people in the clip, and the column person has {shown(person)}"
             faults.add(row.place, problem, "leave one of them empty", column=PERSON_ID)
     return {i for indices in by_person.values() for i in _fitting(rows, indices, faults)}
 
@@ -113,7 +113,7 @@ def _fitting(rows: Sequence[RowValues], indices: Sequence[int], faults: FaultLis
     named = [i for i in indices if rows[i].get(FITS)]
     for i in named[1:]:
         problem = f"{shown(rows[i].get(PERSON))} is fitted from {rows[named[0]].place} already"
-        faults.add(rows[i].place, problem, "yes stands in a single row of a person", column=FITS)
+        faults.add(rows[i].place, problem, "yes may be in a single row of a person", column=FITS)
     for i in named[:1]:
         if (why := _never(rows[i])) is not None:
             faults.add(rows[i].place, why, "leave it empty", column=FITS)
@@ -205,7 +205,7 @@ def _row(name: str, row: RowValues, fits: bool) -> BatchRow:
 
 
 def _names(rows: Sequence[RowValues], faults: FaultList) -> list[str]:
-    """The name of each row; names that are no folder's, or that two rows have, are faults."""
+    """The name of each row; names that are not valid folders, or that two rows have, are faults."""
     names = [row.get(NAME) or _derived(row) for row in rows]
     places: dict[str, tuple[str, str]] = {}
     for row, name in zip(rows, names, strict=True):
@@ -215,7 +215,7 @@ def _names(rows: Sequence[RowValues], faults: FaultList) -> list[str]:
             continue
         if not _NAME.fullmatch(name) or len(name.encode()) > _BYTES:
             remedy = f"at most {LONGEST_NAME} letters, digits, . _ and -, not with a . at the beginning"
-            faults.add(row.place, f"{shown(name)} is no name for a folder", remedy, column=NAME)
+            faults.add(row.place, f"{shown(name)} is not a valid folder name", remedy, column=NAME)
             continue
         folded = unicodedata.normalize("NFC", name).casefold()  # some disks keep a and A apart, some do not
         place, first = places.setdefault(folded, (row.place, name))

@@ -1,4 +1,4 @@
-"""What became of a clip of a batch, as it is kept in its folder, with digests of what it depends on."""
+"""The outcome of a batch's clip, as stored in its folder, with digests of its dependencies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FileStamp(NamedTuple):
 
 
 def options_digest(subject: str, clips: Sequence[str], options: Mapping[str, Any]) -> str:
-    """Of what a row has, names of files included, not what is in them."""
+    """The digest of a row's values, with file names but not their content."""
     given = json.dumps([subject, list(clips), dict(options)], sort_keys=True)
     return hashlib.sha256(given.encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -46,7 +46,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 def _files(text: str) -> Iterator[Path]:
     path = text if os.path.exists(text) else text.partition("=")[2]
-    if not os.path.isabs(path):  # a word like any other: paths of rows are absolute
+    if not os.path.isabs(path):  # a value like any other: paths of rows are absolute
         return
     if os.path.isfile(path):
         yield Path(path)
@@ -69,7 +69,7 @@ def _stamp(file: Path) -> FileStamp | None:
 
 
 def unchanged(files: Sequence[Path], stamps: Mapping[str, FileStamp]) -> bool:
-    """Whether files are what they were; only those whose time or size is another are read."""
+    """Whether files are unchanged; only those with another time or size are read."""
     return {str(file) for file in files} == set(stamps) and all(_same(file, stamps[str(file)]) for file in files)
 
 
@@ -89,7 +89,7 @@ FILE = "outcome.json"
 
 @dataclass(frozen=True)
 class ClipOutcome:
-    """What became of a clip.
+    """The outcome of a clip.
 
     status: done or failed, see `viz.report.thumbnail`. message: why it failed. runs: of one that was tracked, several
     where everybody is; files relative to the folder of the batch. options, inputs: what it depends on, see

@@ -1,4 +1,4 @@
-"""What lies in a folder: videos, keypoints and cameras, and which of them belong together."""
+"""The videos, keypoints and cameras in a folder, and which of them belong together."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Listing:
             self.notes.append(text)
 
     def of(self, folder: Path) -> list[Path]:
-        """What a folder holds, in natural order; nothing where there is none."""
+        """The content of a folder in natural order, empty without one."""
         if folder not in self._content:
             self._content[folder] = self._read(folder)
         return self._content[folder]
@@ -78,7 +78,7 @@ class Listing:
         return [path for path in self.of(folder) if path.is_dir()]
 
     def subfolder(self, folder: Path, name: str) -> Path:
-        """Its subfolder of a name, however that is capitalised."""
+        """Its subfolder of a name, ignoring case."""
         named = [path for path in self.folders(folder) if path.name.lower() == name]
         return named[0] if named else folder / name
 
@@ -93,7 +93,7 @@ class Listing:
         return videos
 
     def pictures(self, folder: Path) -> int:
-        """How many pictures it has."""
+        """The number of its pictures."""
         return sum(path.suffix.lower() in _PICTURES for path in self.of(folder))
 
     def keypoints(self, stem: str, folders: Iterable[Path]) -> Path | None:
@@ -123,7 +123,7 @@ class Listing:
                 usable.sort(key=lambda path: (path.stem.lower() not in _BEST_STEMS, *natural(path)))
                 if len(usable) > 1:
                     others = ", ".join(path.name for path in usable[1:])
-                    self.note(usable[0], f"taken for the cameras; {others} could be too")
+                    self.note(usable[0], f"used for the cameras; {others} could be too")
                 return usable[0]
             if place == self.top:
                 break
@@ -138,7 +138,7 @@ class Listing:
                 self._loaded[path] = list(load_cameras(path))
             except InputError as error:
                 self._loaded[path] = None
-                self.note(path, f"not taken for the cameras: {error.problem}")
+                self.note(path, f"not used for the cameras: {error.problem}")
         return self._loaded[path]
 
 
@@ -178,7 +178,7 @@ def with_cameras(
 
 
 def _paired(listing: Listing, file: Path, folder: Path, stems: Sequence[str]) -> dict[str, str] | None:
-    """The camera of each video: that of its name, or in order where none has one; None where there is no telling."""
+    """The camera of each video: that of its name, or in order where none has one; None where undecidable."""
     cameras = listing.camera_names(file) or []
     if set(stems) <= set(cameras) or (len(stems) == len(cameras) == 1):
         return {stem: stem for stem in stems}

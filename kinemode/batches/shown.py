@@ -42,7 +42,7 @@ COLUMNS = {
 
 
 class ShownBatch:
-    """What is shown of the clips so far. rows: all of them. root: the batch's folder."""
+    """The page and table of the clips so far. rows: all of them. root: the batch's folder."""
 
     def __init__(self, rows: Sequence[BatchRow], root: Path, title: str) -> None:
         self._root, self._title = root, title
@@ -55,12 +55,12 @@ class ShownBatch:
         self._entries[outcome.name] = tuple(_entries(outcome, self._persons[outcome.name]))
         begin = time.monotonic()
         if begin >= self._next:
-            self.write()  # a full disk may be emptied: what is not written is reported at the end
+            self.write()  # a full disk may get room: files that could not be written are reported at the end
             now = time.monotonic()
             self._next = now + max(_SELDOM, (now - begin) / _SHARE)
 
     def entries(self) -> list[BatchEntry]:
-        """Of all clips, in the order of the manifest."""
+        """Entries of all clips, in the order of the manifest."""
         return [
             entry
             for name, person in self._persons.items()
@@ -93,7 +93,7 @@ def _entries(outcome: ClipOutcome, person: str) -> Iterator[BatchEntry]:
 
 
 def batch_table(entries: Sequence[BatchEntry]) -> str:
-    """The text of the table: a head, and the clips in the order that is given; nothing stands where a number is not
+    """The text of the table: a head, and the clips in the given order; cells are empty where a number is not
     known."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")

@@ -16,7 +16,7 @@ from kinemode.batches.columns import CLIPS, FITS, NAME, SUBJECT, column_of, is_g
 
 
 class ManifestError(InputError):
-    """A manifest that cannot be used: nothing of it was begun.
+    """An unusable manifest: no clip of it was started.
 
     Its message is a line for the manifest and one for each fault, of at most 500 characters each.
 
@@ -29,7 +29,7 @@ class ManifestError(InputError):
     def __init__(self, source: str | Path, faults: Sequence[InputError]) -> None:
         self.faults = tuple(faults)
         count = f"{len(self.faults)} fault{'' if len(self.faults) == 1 else 's'}"
-        super().__init__(source, f"{count}, nothing was begun")
+        super().__init__(source, f"{count}, nothing was started")
         self.args = ("\n".join([str(self), *(f"  {_without_source(fault)}" for fault in self.faults)]),)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -54,7 +54,7 @@ class FaultList:
         """Note a fault of a row, or of a column in it."""
         where = ", ".join(part for part in (place, f"column {column}" if column else "") if part)
         fault = InputError(self.source, problem, place=where, remedy=remedy)
-        self._faults.setdefault((where, problem), fault)  # what holds for all rows is wrong once
+        self._faults.setdefault((where, problem), fault)  # a fault of all rows is listed once
 
     def with_last(self, place: str, problem: str, remedy: str) -> ManifestError:
         """The error of all faults and of one that nothing can be read after."""
@@ -75,7 +75,7 @@ class FaultList:
 
 
 def _row_number(fault: InputError) -> int:
-    """Of the row that a fault is in, 0 where it is of all."""
+    """The row number of a fault, 0 for a fault of all rows."""
     row = re.match(r"row (\d+)", fault.place)
     return int(row[1]) if row else 0
 
@@ -86,7 +86,7 @@ else:
     import tomli as tomllib
 
 OF_PEOPLE = (SUBJECT, "height")
-"""What a manifest may have of a person once, for all the clips of that person."""
+"""Keys that a manifest may have once for a person, for all of that person's clips."""
 _OF_A_CLIP = (NAME, CLIPS, FITS)
 _SEPARATORS = ",;\t"
 _LINE = re.compile(r"\(at (line \d+), column \d+\)$")
@@ -160,7 +160,7 @@ def _csv_row(cells: list[str], head: list[str | None], place: str, faults: Fault
     beyond = [cell for cell in cells[len(head) :] if is_given(cell)]
     if beyond:
         problem = f"has {len(cells)} cells, the head has {len(head)}: {shown(beyond[0])} has no column"
-        faults.add(place, problem, "a cell that has the separator in it stands in quotation marks")
+        faults.add(place, problem, "put a cell that contains the separator in quotation marks")
     elif nameless:
         faults.add(place, f"{shown(nameless[0])} is in a column without a name", "name the column in the head")
     return TableRow(place, {name: cell for name, cell in zip(head, cells, strict=False) if name and is_given(cell)})
@@ -178,7 +178,7 @@ def toml_table(text: str, faults: FaultList) -> ManifestTable:
         faults.add("", f"there is no {shown(name)}", "[[clip]] for each clip, [defaults] and [people.NAME] are taken")
     clips, defaults, people = content.get("clip", []), content.get("defaults", {}), content.get("people", {})
     if not (isinstance(clips, list) and all(isinstance(clip, dict) for clip in clips)):
-        faults.add("", "clip is no list of tables", "write [[clip]] above each")
+        faults.add("", "clip is not a list of tables", "write [[clip]] above each")
         clips = []
     if not isinstance(defaults, dict) or not isinstance(people, dict):
         faults.add("", "defaults and people are tables", "write [defaults], [people.NAME]")

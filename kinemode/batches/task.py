@@ -1,4 +1,4 @@
-"""What a worker is asked to do, and what it answers: small, and made of plain values, for they travel."""
+"""A worker's task and its answer: small and of plain values, as they are sent between processes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from kinemode.target import made_folder
 from viz.report.thumbnail import DONE
 
 TOKEN = ".batch"
-"""The file in the folder of a batch by whose content a worker knows that it sees the same folder as the leader."""
+"""The file in the folder of a batch whose content shows a worker that it has the same folder as the leader."""
 LOCK = ".lock"
-"""The file by which a folder is known as one of a batch, and held by who works in it."""
+"""The file that marks a folder as one of a batch, locked by the batch working in it."""
 _LIBRARIES = ("numpy", "pin")
 _OF_THE_FIT = (
     "fit",
@@ -78,7 +78,7 @@ class BatchTask:
 
     @property
     def digest(self) -> str:
-        """Of what is asked, files by name alone."""
+        """The digest of the request, files by name alone."""
         what = self.subject or self.row.subject
         return options_digest(f"fit {what}" if self.fits else what, self.row.clips, self.options)
 
@@ -94,8 +94,8 @@ class BatchTask:
         return input_files(self.row.reference)
 
     def is_done(self, outcome: ClipOutcome | None) -> bool:
-        """Whether an outcome that was kept is that of this task: of the same options, inputs as they are, with all that
-        is asked besides."""
+        """Whether an outcome that was kept is that of this task: of the same options and unchanged inputs, with all
+        additional requests."""
         if outcome is None or outcome.status != DONE or outcome.options != self.digest:
             return False
         if self.fits:
@@ -111,7 +111,7 @@ class BatchTask:
 
 @dataclass(frozen=True)
 class TaskAnswer:
-    """What became of a task. subject: the URDF that was fitted. files: by their paths relative to the batch's folder,
+    """The outcome of a task. subject: the URDF that was fitted. files: by their paths relative to the batch's folder,
     where the worker does not see that."""
 
     outcome: ClipOutcome
@@ -134,14 +134,14 @@ def own_folder(folder: Path) -> Path:
 
 
 def versions() -> dict[str, str]:
-    """Those of what results depend on."""
+    """Versions of the packages on which results depend."""
     from kinemode import __version__
 
     return {"kinemode": __version__, **{name: metadata.version(name) for name in _LIBRARIES}}
 
 
 def check_versions(leaders: Mapping[str, str], workers: Mapping[str, str], where: str) -> None:
-    """Raise InputError unless a worker has what the leader has; where: its address."""
+    """Raise InputError unless a worker has the leader's versions; where: its address."""
     for name, version in leaders.items():
         if workers.get(name) != version:
             problem = f"has {name} {workers.get(name, 'in no version')}, and the leader has {version}"

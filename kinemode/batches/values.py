@@ -20,7 +20,7 @@ _BARE = re.compile(r"[\w:-]+")
 
 @dataclass(frozen=True)
 class RowValues:
-    """A row's values by column, as JSON knows them.
+    """A row's values by column, as JSON has them.
 
     places: where each column is given, also those that could not be read: in the row itself, or for several. faulty:
     columns with a fault.
@@ -44,7 +44,7 @@ class RowValues:
 
 
 def row_values(row: TableRow, folder: Path, faults: FaultList) -> RowValues:
-    """Every cell of a row read; what is wrong with it is added to the faults."""
+    """Every cell of a row read; faults are collected."""
     values: dict[str, Any] = {}
     faulty = set()
     for name, given in row.cells.items():
@@ -97,7 +97,7 @@ def _is_robot(subject: str) -> bool:
     try:
         find(subject)
     except InputError:
-        return False  # what is wrong is reported where it is loaded
+        return False  # errors are reported where it is loaded
     return True
 
 

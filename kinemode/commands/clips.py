@@ -105,7 +105,7 @@ def render(
         Share of the keypoints that are missing.
     stereo
         Metres from every camera to another one to its right, NAME_right, parallel to it; 0 for none. Stereo needs
-        --background textured: the walls of the others look alike everywhere.
+        --background textured: the walls of the others look the same everywhere.
     parallel
         Parallel (orthographic) cameras: the person looks as large at any distance.
     """
@@ -150,7 +150,7 @@ def detect(**given: Any) -> None:
 def annotate(**given: Any) -> None:
     """Click a subject's landmarks on frames of a clip, in the browser, and save them as keypoints.
 
-    The page is served on this machine only. Ctrl-C ends it; what was saved stays.
+    The page is served on this machine only. Ctrl-C ends it; saved files stay.
 
     For example:
 

@@ -61,7 +61,7 @@ class _Calibration(SyncOptions, RigRequest):
 )
 def calibrate(*, from_person: Flag = False, check: Path | None = None, **given: Any) -> None:
     """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
-    Or find several from a person who moves before them, without a board; or check a calibration by a person.
+    Or find several cameras from a moving person, without a board; or check a calibration with a person.
 
     For example:
 
@@ -78,11 +78,11 @@ def calibrate(*, from_person: Flag = False, check: Path | None = None, **given: 
     Parameters
     ----------
     from_person
-        Find the cameras from a person whom all see; the arguments are the cameras' clips. Places, clocks, focal lengths
-        and how sure they are, in a world with z up and the floor about 0. The cameras stand still.
+        Find the cameras from a person visible in all; the arguments are the cameras' clips. Places, clocks, focal
+        lengths and their uncertainty, in a world with z up and the floor about 0. The cameras stand still.
     check
-        A camera file to check by a person whom all see: whether rays meet, and which camera
-        stands otherwise. The arguments are the cameras' clips.
+        A camera file to check with a person visible in all: whether rays meet, and which camera stands otherwise. The
+        arguments are the cameras' clips.
     """
     import kinemode as km
 
@@ -132,7 +132,7 @@ def _refuse_others(given: Mapping[str, Any], request: type, problem: str) -> Non
 def train_index(**given: Any) -> None:
     """Paint examples of a subject's poses into an index, for `track --tracker elmo --index FILE`.
 
-    Where it was interrupted the same command goes on.
+    The same command resumes after an interruption.
 
     Example: kinemode train-index human34 --legs --workers 2 --out human34-legs.npz
     """
@@ -153,7 +153,7 @@ def train_templates(**given: Any) -> None:
 
 
 def settings(*, tracker: str = "css", out: Path | None = None) -> None:
-    """Print all settings of a tracker as a TOML file, each with what it means, to be edited and given to `track`.
+    """Print all settings of a tracker as a TOML file, each with its meaning, to be edited and passed to `track`.
 
     Example: kinemode settings --out slow.toml
 
@@ -179,11 +179,11 @@ def subjects(
     set_: Annotated[str | None, Parameter(name="--set")] = None,
     out: Path | None = None,
 ) -> None:
-    """List the subjects that have a name, or begin a landmark file for a URDF, or a set of markers for a laboratory.
+    """List the built-in subjects, or write a landmark template for a URDF, or a marker set template for a laboratory.
 
-    Any other URDF is loaded by its path; its landmarks stand in NAME.landmarks.toml next to NAME.urdf. The file that is
-    begun loads as it is: a landmark at every joint, under COCO's names where the links' names identify a person's
-    joints, the tips of the last links, and in comments what else there is.
+    Any other URDF is loaded by its path; its landmarks are in NAME.landmarks.toml next to NAME.urdf. The file that is
+    written loads unchanged: a landmark at every joint, under COCO's names where the links' names identify a person's
+    joints, the tips of the last links, and everything else as comments.
 
     For example:
 
@@ -199,7 +199,7 @@ def subjects(
         A URDF, by path or by name: print the beginning of its landmark file.
     markers
         A file of points (.trc, .c3d, .npz, .npy, .csv): print the beginning of a set of markers with its names. Those
-        that a built-in set knows have their places, the others wait in comments for theirs.
+        known to a built-in set have their places, the others are comments to be completed.
     set_
         The set whose places go before those of the others: a built-in one, or a file.
     out
@@ -209,7 +209,7 @@ def subjects(
         import kinemode as km
 
         if landmarks is not None and markers is not None:
-            raise km.InputError("--markers", "begins another file than --landmarks", remedy="give one of them")
+            raise km.InputError("--markers", "writes another file than --landmarks", remedy="give one of them")
         begun = km.landmark_start(landmarks, out=out) if landmarks is not None else None
         text = begun if begun is not None else km.marker_start(markers or "", begin=set_, out=out)
         print(out if out is not None else text, end="\n" if out is not None else "")

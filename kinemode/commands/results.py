@@ -82,7 +82,7 @@ def report(**given: Any) -> None:
 
 
 def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: int | None = None) -> None:
-    """Show what a frame's energy is made of, term by term and camera by camera.
+    """Show the parts of a frame's energy, term by term and camera by camera.
 
     For example:
 
@@ -184,8 +184,8 @@ def gait(
     """Report heel strikes, toe-offs and strides of a person who walks or runs.
 
     By when the feet stand and, for toe-offs in walking, where they are relative to the hips (Zeni et al. 2008); by the
-    hips alone where keypoints have no feet; of the best hypothesis. Where nobody walks, or the clip is too short for a
-    stride, that is printed.
+    hips alone where keypoints have no feet; of the best hypothesis. Without walking, or where the clip is too short for
+    a stride, that is printed.
 
     Example: kinemode gait walk.run --out strides.csv
     """
@@ -205,7 +205,7 @@ def evaluate(**given: Any) -> None:
 
     Of landmarks the twelve limb joints are compared, or all that both sides have where fewer than three are limb
     joints; of joint angles [deg] all that both sides have by name, that of our joint or of OpenSim's gait models: mean
-    absolute error and RMSE, as they are and without the bias, the mean error over the clip. Differences are taken the
+    absolute error and RMSE, with and without the bias, the mean error over the clip. Differences are taken the
     shorter way round. Best of K counts the K hypotheses of each frame.
 
     Example: kinemode evaluate cam01.run --reference reference3d.npz

@@ -92,7 +92,7 @@ def live(**given: Any) -> None:
 def retarget(*, metrics: Path | None = None, **given: Any) -> None:
     """Make a person's motion a robot's, or any other body's: within its limits, feet on the ground.
 
-    Without a source it begins a correspondence: --match names the subject, --out the TOML file.
+    Without a source it writes a correspondence template: --match names the subject, --out the TOML file.
 
     For example:
 
@@ -112,7 +112,7 @@ def retarget(*, metrics: Path | None = None, **given: Any) -> None:
     if given.get("source") is None:
         if given.get("match") is None:
             raise km.InputError(
-                "retarget", "nothing to retarget", remedy="name a run or a file; --match SUBJECT begins"
+                "retarget", "nothing to retarget", remedy="name a run or a file; --match SUBJECT writes a template"
             )
         km.match_start(given["match"], out=given["out"])
         print(given["out"])
@@ -163,7 +163,7 @@ def batch(*, make: Path | None = None, overwrite: Flag = False, **given: Any) ->
     if manifest is None:
         raise km.InputError("manifest", "is missing", remedy="name a CSV or TOML file, or --make FOLDER writes one")
     if overwrite:
-        raise km.InputError("--overwrite", "is for --make", remedy="leave it out: what has changed is done anew")
+        raise km.InputError("--overwrite", "is for --make", remedy="leave it out: what has changed is done again")
     done = km.batch(**given, progress=km.reported)
     failed = done.failed
     page = "" if done.page is None else f": {done.page}"

@@ -31,7 +31,7 @@ Frame = dict[int, PersonContent]
 
 @dataclass(frozen=True)
 class _Done:
-    """What was done: the people of the frames, who is followed, and how long the part file is [bytes]."""
+    """The progress: the people of the frames, those followed, and the size of the part file [bytes]."""
 
     frames: list[Frame]
     people: People
@@ -41,12 +41,12 @@ class _Done:
 def detect_clip(path: Path, out: Path, wanted: DetectorChoice, progress: Progress) -> Path:
     """The keypoints of all people in a clip, into a file in MediaPipe's layout or that of the model's keypoints.
 
-    What is done stands in OUT.part, from which the same call goes on.
+    Finished frames are in OUT.part, from which the same call resumes.
 
     Raises
     ------
     InputError: a clip that cannot be read, a detector that cannot be had or fails, a file that cannot be written.
-    KeyboardInterrupt: on Ctrl-C, saying what there is by then.
+    KeyboardInterrupt: on Ctrl-C, with what is finished by then.
     """
     part = out.with_name(f"{out.name}.part")
     with closing(Clip.open(path)) as clip, DetectorProcess(wanted) as detector:
@@ -55,7 +55,7 @@ def detect_clip(path: Path, out: Path, wanted: DetectorChoice, progress: Progres
         rate = clip.fps if clip.rate_known else None
         if not any(frames):
             part.unlink(missing_ok=True)
-            raise InputError(path, f"{wanted.name} finds nobody in {len(frames)} frames")
+            raise InputError(path, f"{wanted.name} finds no person in {len(frames)} frames")
         write_people(out, layout, names, frames, image_size=clip.image_size, fps=rate, detector=wanted.identity)
     part.unlink(missing_ok=True)
     return out
@@ -85,7 +85,7 @@ def _frames(clip: Clip, part: Path, wanted: DetectorChoice, detector: Asked, pro
                 frames.append(people)
                 progress(len(frames), max(len(frames), clip.frame_count or 0))
         except KeyboardInterrupt as stop:
-            kept = f"{len(frames)} frames are kept in {part}, the same call goes on"
+            kept = f"{len(frames)} frames are kept in {part}, the same call resumes"
             raise KeyboardInterrupt(f"interrupted; {kept}") from stop
     return frames
 
@@ -96,7 +96,7 @@ def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, 
     layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count, "")
     if count and not layout:
         remedy = "counts: " + ", ".join(f"{len(names)} ({name})" for name, names in FORMATS.items())
-        raise InputError("model", f"its {count} keypoints are of no known layout", remedy=remedy)
+        raise InputError("model", f"its {count} keypoints have no known layout", remedy=remedy)
     labels = FORMATS.get(layout, ())
     return layout, detector.names or [name or f"keypoint_{j}" for j, name in enumerate(labels)]
 
@@ -118,7 +118,7 @@ def _line(content: dict[str, Any]) -> bytes:
 
 
 def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
-    """What the part file has of the same clip by the same detector, without a last line that is not whole."""
+    """The content of the part file for the same clip and detector, without an incomplete last line."""
     try:
         head, *lines = part.read_bytes().splitlines(keepends=True)
         if json.loads(head) != key:

@@ -18,7 +18,7 @@ SCRIPTS = Path(__file__).parent / "scripts"
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a detector is waited for [s].
+    """Timeouts of a detector [s].
 
     answer: until it must have answered, at its start and of each picture. end: that it may take to end. python:
     until it is known what packages a Python has. installation: that making the environment may take, some 150 MB over
@@ -33,7 +33,7 @@ class Patience:
 
 @dataclass(frozen=True)
 class DetectorChoice:
-    """A detector as the user asks for it.
+    """A detector as requested by the user.
 
     name: one of `DETECTORS`. model: the file that the detector works by, where it brings none. boxes: a second model,
     which finds people in a picture. people: at most so many are followed. python: see `environment.python_for`.
@@ -47,7 +47,7 @@ class DetectorChoice:
 
     @staticmethod
     def of(options: DetectorOptions) -> DetectorChoice:
-        """The detector that is asked for."""
+        """The requested detector."""
         model, boxes, python = (None if p is None else Path(p) for p in (options.model, options.boxes, options.python))
         return DetectorChoice(options.detector, model, boxes, options.people, python)
 
@@ -58,18 +58,18 @@ class DetectorChoice:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What the program gets when it starts."""
+        """The options passed to the program."""
         models = {"model": self.model, "boxes": self.boxes}
         return {name: str(path.absolute()) for name, path in models.items() if path is not None}
 
     @property
     def most(self) -> int:
-        """How many people are followed: where nothing finds several in a picture, one."""
+        """The number of people to follow; one where the detector cannot find several."""
         return self.people if not DETECTORS[self.name].needs_model or self.boxes is not None else 1
 
     @property
     def patience(self) -> Patience:
-        """How long it is waited for."""
+        """Its timeouts."""
         return DETECTORS[self.name].patience
 
     @property
@@ -97,7 +97,7 @@ class DetectorChoice:
 
 @dataclass(frozen=True)
 class About:
-    """What is known of a detector: its program, whether the user gives the model, and how long it is waited for."""
+    """A known detector: its program, whether the user gives the model, and its timeouts."""
 
     script: str
     needs_model: bool

@@ -1,4 +1,4 @@
-"""Who is who from picture to picture: a detector finds people anew and follows each; here they get their numbers."""
+"""People from picture to picture: a detector finds new people and follows each; here they get their numbers."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import numpy as np
 State = dict[str, Any]
 SEEN = ("keypoints", "world")
 Seen = dict[str, np.ndarray]
-"""Of a person the keypoints (K, 3; x, y [px], confidence), and where the detector gives it their world (K, 3) [m], see
+"""The keypoints (K, 3; x, y [px], confidence) of a person, and where the detector gives it their world (K, 3) [m], see
 `estimator.data.formats.keypoints_own`."""
 Search = Literal["whole", "parts"] | None
-SEARCHED = 10  # pictures: people are searched for in every so many, and in the one after somebody was lost
+SEARCHED = 10  # pictures: people are searched for in every so many, and in the one after a person was lost
 CLOSELY = 30  # pictures: so that people are found who are small in them
 _SAME_BOX = 0.5  # of two boxes' union that they share: a person who is followed already, as MediaPipe has it
 _SAME_POINTS = 0.1  # mean distance of two people's keypoints by the larger one's size: one person twice
-_REMEMBERED = 30  # pictures: somebody found where another was lost is that person
+_REMEMBERED = 30  # pictures: a person found where another was lost is that person
 _BACK = 0.3  # of two boxes' union that they share then
 
 
 class Asked(Protocol):
-    """What is shown pictures; see `process.DetectorProcess.ask`."""
+    """Answers requests about pictures; see `process.DetectorProcess.ask`."""
 
     def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: Search = None) -> dict[str, Any]:
-        """What it sees."""
+        """The detections."""
 
 
 @dataclass
 class People:
     """The people who are followed; `content` and `of` keep them in a file.
 
-    states: by number, what the detector looks for them with. lost: by number, box and picture of those not seen since.
+    states: by number, the detector's state for finding them. lost: by number, box and picture of those not seen since.
     index: of the next picture. born: how many numbers were given. search: whether the next picture is searched anyway.
     """
 
@@ -52,7 +52,7 @@ class People:
 
     @staticmethod
     def of(content: dict[str, Any], most: int) -> People:
-        """What `content` gave."""
+        """The inverse of `content`."""
         states = {int(number): state for number, state in content["states"].items()}
         lost = {int(number): (box, index) for number, (box, index) in content["lost"].items()}
         return People(most, states, lost, content["index"], content["born"], content["search"])
@@ -75,7 +75,7 @@ class People:
         return {n: {name: np.array(person[name]) for name in SEEN if name in person} for n, person in seen.items()}
 
     def _joined(self, seen: dict[int, State], newcomers: Sequence[State]) -> dict[int, State]:
-        """Those who are followed with those who are new or back again."""
+        """The followed people with new and returning ones."""
         for newcomer in newcomers:
             number = self._number(newcomer["state"]["box"])
             together = _without_doubles({**seen, number: newcomer})
@@ -86,7 +86,7 @@ class People:
         return seen
 
     def _number(self, box: list[float]) -> int:
-        """Of a person who was lost there not long ago, else a new one."""
+        """The number of a person lost there recently, otherwise a new one."""
         self.lost = {n: where for n, where in self.lost.items() if self.index - where[1] <= _REMEMBERED}
         likeness = {n: shared(box, where[0]) for n, where in self.lost.items()}
         best = max(likeness, key=lambda n: likeness[n], default=None)
@@ -103,7 +103,7 @@ def shared(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def _apart(starts: Sequence[State], boxes: list[list[float]]) -> list[State]:
-    """Those of the states that are not about a person with one of the boxes, nor about one of an earlier state."""
+    """The states that are not about a person with one of the boxes, nor about one of an earlier state."""
     kept: list[State] = []
     for state in starts:
         if all(shared(state["box"], box) < _SAME_BOX for box in (*boxes, *(other["box"] for other in kept))):
@@ -112,7 +112,7 @@ def _apart(starts: Sequence[State], boxes: list[list[float]]) -> list[State]:
 
 
 def _without_doubles(seen: dict[int, State]) -> dict[int, State]:
-    """The people without those who are an earlier one once more."""
+    """The people without duplicates of earlier ones."""
     kept: dict[int, State] = {}
     for number, person in sorted(seen.items()):
         points = np.array(person["keypoints"])[:, :2]

@@ -2,7 +2,7 @@
 environment: made once in the user's cache, with packages that never meet ours.
 
 The package uv, a dependency of ours, makes the environment: it reads what a program declares that it needs (PEP 723:
-inline script metadata), finds or fetches a Python, and is there wherever we are, so that there is no second way by pip.
+inline script metadata), finds or fetches a Python, and is installed with kinemode, so no second way by pip is needed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PATIENCE = Patience()
 def python_for(detector: str, script: Path, given: Path | None = None, patience: Patience = PATIENCE) -> Path:
     """The Python that runs a detector's program: of the environment in the cache, which is made where it is not there.
 
-    given: a Python to make it with; one that has the packages itself is taken as it is.
+    given: a Python to make it with; one that has the packages itself is used unchanged.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def python_for(detector: str, script: Path, given: Path | None = None, patience:
     """
     base = None if given is None else shutil.which(given)
     if given is not None and base is None:
-        raise InputError(given, "is no Python", remedy=f"name the file of a CPython {_needs(script)[0]}")
+        raise InputError(given, "is not a Python", remedy=f"name the file of a CPython {_needs(script)[0]}")
     python = None if base is None else Path(base).absolute()
     if python is not None and _has_packages(python, script, patience.python):
         return python
@@ -124,7 +124,7 @@ def _make(folder: Path, detector: str, script: Path, base: Path | None, seconds:
 
 
 def _packages(python: Path, script: Path) -> list[str]:
-    """The words for the packages that a program lists, in a Python or its environment: these and no others."""
+    """The arguments for the packages that a program lists, in a Python or its environment: these and no others."""
     return ["--no-deps", "--python", str(python), "--requirements", str(script)]
 
 
@@ -177,7 +177,7 @@ class DetectorProcess:
         self.close()
 
     def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: Search = None) -> dict[str, Any]:
-        """What it sees in a picture (height, width, 3; uint8, BGR), or in the picture before.
+        """The detections in a picture (height, width, 3; uint8, BGR), or in the picture before.
 
         Returns "people", for each state None or its keypoints (K rows of x, y [px], confidence), perhaps their world (K
         rows of x, y, z [m]), and next state, and with `search` "starts", states of the people who seem to be there;
@@ -224,7 +224,7 @@ class DetectorProcess:
         return cast("dict[str, Any]", answer)
 
     def _last_words(self) -> str:
-        """What a program that has ended wrote last."""
+        """The last output of a program that has ended."""
         code = self._child.wait()
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]

@@ -1,1 +1,1 @@
-"""What a user names: clips, keypoints, cameras, and what the files do not have, made into observations."""
+"""A user's input (clips, keypoints, cameras, and what the files lack) made into observations."""

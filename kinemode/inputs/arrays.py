@@ -1,4 +1,4 @@
-"""Pictures and keypoints that a program has as arrays, or makes as they are asked for, written as files.
+"""Pictures and keypoints that a program has as arrays, or makes on demand, written as files.
 
 What reads clips goes through them more than once and from anywhere, which only files allow for pictures that do not
 all fit into memory. They are PNG and JSON, which lose nothing: the run is that of the arrays, to the last bit.
@@ -28,7 +28,7 @@ _QUICK = 1  # compression of PNG, of 9
 
 
 class Spool:
-    """Makes files of the clips and keypoints that are given as arrays; what is given as files stays as it is.
+    """Makes files of the clips and keypoints that are given as arrays; inputs given as files are unchanged.
 
     clips: also arrays (T, H, W, 3) uint8 BGR, or iterators of pictures (H, W, 3). keypoints: also arrays (T, K, 2) or
     (T, K, 3), see `estimator.data.formats.keypoints`, which has `layout` too. Both alone or in a mapping by
@@ -108,7 +108,7 @@ class Spool:
             self.folder = TemporaryFolder()
         path = self.folder.path / name
         if path.parent != self.folder.path or not name.strip("."):
-            raise InputError(name, "is no name of a camera here", remedy="leave out slashes")
+            raise InputError(name, "is not a valid camera name", remedy="leave out slashes")
         self._arguments[str(path)] = argument
         return path
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 BY_PERSON = AUTO
-"""What stands for a camera file where the cameras are found from the person."""
+"""In place of a camera file: the cameras are found from the person."""
 
 
 def rig_by_person(
@@ -45,7 +45,7 @@ def rig_by_person(
 ) -> PersonCalibration:
     """The cameras, of pictures of the size that the detectors saw, and how much later each clock began.
 
-    persons: who is followed in each camera. lenses: of the cameras, of that size. Clocks are found unless every
+    persons: the followed person in each camera. lenses: of the cameras, of that size. Clocks are found unless every
     camera but one has an offset.
 
     Raises InputError: as `estimator.data.rigs.calibrate.calibrate_by_person`; no keypoint files.
@@ -88,7 +88,7 @@ def check_by_cameras(
 
 
 def with_offsets(clocks: Mapping[str, CameraClock], rig: PersonCalibration) -> dict[str, CameraClock]:
-    """The clocks that begin as they were found to."""
+    """The clocks with the offsets found."""
     return {
         name: replace(clock, offset=round(clock.offset + rig.offsets.get(name, 0.0), 4))
         for name, clock in clocks.items()
@@ -96,7 +96,7 @@ def with_offsets(clocks: Mapping[str, CameraClock], rig: PersonCalibration) -> d
 
 
 def rig_notes(rig: PersonCalibration) -> list[str]:
-    """What the user should know."""
+    """Notes for the user."""
     first, *others = rig.cameras
     places = ", ".join(
         f"{name} to {rig.turn_stds[name]:.1f} degrees and {100.0 * rig.shift_stds[name]:.0f} cm" for name in others
@@ -128,7 +128,7 @@ class KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
     clips' pixels, by name, where they are known. up, floor: the file's axis that points up, and how high along
     it the floor is [m]; None where it has none. clips: by name, whose tags may have the lens. focal, phone: the
-    user's. by_person: whether they are found from the person: what is given then are their lenses."""
+    user's. by_person: whether they are found from the person: then their lenses are given."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
@@ -149,7 +149,7 @@ class KnownCameras(NamedTuple):
 
     @staticmethod
     def read(given: Cameras, what: str) -> KnownCameras:
-        """Those of a file, or by name; what: they are called so where no file has them."""
+        """The cameras of a file, or by name; what: their label without a file."""
         if given is None or isinstance(given, Mapping):
             return KnownCameras(given, what)
         return KnownCameras(load_cameras(given), str(given), up=declared_up(given), floor=declared_floor(given))
@@ -213,7 +213,7 @@ def _cameras(
         chosen = {name: _choose(name, known, alone=serves and len(known.cameras) == 1) for name in tracks}
         served = ", ".join(repr(name) for name in tracks if name not in known.cameras)
         only = next(iter(known.cameras.values())).name
-        note = f"the camera {only!r} of {known.source} is taken for {served}, there being no other"
+        note = f"the camera {only!r} of {known.source} is used for {served}, as the only one"
         return chosen, [note] if served else []
     if len(tracks) > 1 and not known.by_person:
         problem = f"several views ({', '.join(tracks)}) need their placements"

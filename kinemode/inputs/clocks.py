@@ -1,4 +1,5 @@
-"""The clocks of the cameras that a user gives: frame rates from files and from the user, and what they leave open."""
+"""The clocks of the cameras that a user gives: frame rates from files and from the user, and what they leave
+undetermined."""
 
 from __future__ import annotations
 
@@ -73,7 +74,7 @@ def _with_clip(
 
 
 def _at_rate(clip: Clip, rate: float | None) -> ClipReport:
-    """What a clip without a rate has at this one."""
+    """The report of a clip without a rate at this one."""
     with closing(Clip.open(clip.path, fps=rate)) as again:
         return again.report
 
@@ -114,7 +115,7 @@ def _refuse_unused(rates: Mapping[str, float], used: set[str], files: FileOption
 
 
 def notes_on_time(clocks: Mapping[str, CameraClock], line: Timeline) -> list[str]:
-    """How the cameras are matched, where they are not simply frame by frame."""
+    """A note on how cameras are matched, unless frame by frame."""
     lengths = {name: len(clock.frames) for name, clock in clocks.items()}
     if not in_step(list(clocks.values())):
         each = ", ".join(f"{n} {c.rate:g} from {c.offset:g} s" for n, c in clocks.items())

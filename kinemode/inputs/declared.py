@@ -1,4 +1,4 @@
-"""What a user gives where files do not have it: sizes, rates, offsets, the floor, which part of a clip, which
+"""Values given by the user where files lack them: sizes, rates, offsets, the floor, which part of a clip, which
 person.
 """
 
@@ -56,7 +56,7 @@ def known_floor(floor: float | str) -> KnownFloor:
 
 
 def part(files: FileOptions) -> tuple[float | None, float | None]:
-    """Start and end of what is tracked [s], checked; None for those of the clip."""
+    """Start and end of the tracked part [s], checked; None for those of the clip."""
     given = (("--start", None if files.begins_by_index else files.start), ("--end", files.end))
     start, end = (None if value is None else value_of(value, option, _seconds, _SECONDS) for option, value in given)
     if start is not None and end is not None and start > end:
@@ -65,7 +65,7 @@ def part(files: FileOptions) -> tuple[float | None, float | None]:
 
 
 def wants_all(person: Persons) -> bool:
-    """Whether `--person` means everybody."""
+    """Whether `--person` means all people."""
     return person == ALL or (isinstance(person, (list, tuple)) and list(person) == [ALL])
 
 
@@ -100,14 +100,14 @@ def persons_of(given: Persons, names: Iterable[str]) -> dict[str, str]:
     """The person of each camera, "auto" where none is given; see `named_values` for what may be given and raised."""
     names = list(names)
     if any(person == ALL for _, person in named_pairs(given)):
-        problem = "all is everybody in all cameras, each tracked into a run of their own"
+        problem = "all means everyone in all cameras, each tracked into a run of their own"
         raise InputError("--person", problem, remedy="of `kinemode track` only, and nothing beside it")
     needed = "auto, an id of the keypoint file, or CAMERA=ID"
     return dict.fromkeys(names, AUTO) | named_values(given, names, "--person", _person, needed)
 
 
 def plain(given: Persons) -> str | int | dict[str, str]:
-    """The same as a value that JSON knows: one for all, or by camera."""
+    """The same as a JSON value: one for all, or by camera."""
     if isinstance(given, (str, int)) and "=" not in str(given):
         return given
     pairs = named_pairs(given)

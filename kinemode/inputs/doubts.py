@@ -21,7 +21,7 @@ _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "
 _LOOKED_AT, _FEWEST = 60, 30  # instants; bones that were seen
 _DOUBTFUL = 0.005  # of the picture's longer side, from which other orders of the cameras are tried
 _LIKELY = (0.4, 1.5)  # of the subject's lengths: people of 0.7 to 2.6 m
-_LONGEST = 1.0  # offsets looked for [s]
+_LONGEST = 1.0  # largest offset searched for [s]
 _STEP = 1.0 / 60.0  # finer instants are thinned out to this [s]
 _MOST = 1200  # instants used
 _STILL = 0.7  # share of the points, the slower ones, that are left out
@@ -75,7 +75,7 @@ def checked_agreement(
 
 
 def _unlikely_size(body: Body, cameras: Sequence[Camera], pixels: np.ndarray) -> list[str]:
-    """A note where the rays meet in somebody whose limbs nobody has, as with translations in another unit."""
+    """A note where the rays meet in a person with impossible limbs, as with translations in another unit."""
     names = body.landmark_names
     if any(camera.parallel for camera in cameras) or not {"left_hip", "head_top"} <= set(names):
         return []

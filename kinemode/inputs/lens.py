@@ -21,8 +21,8 @@ from humanoid.support.errors import InputError, shown
 from kinemode.inputs.phones import checked_phone, phone
 
 PHONES = 0.74
-"""Of the longer side: what calibrations of phones and tablets have in the middle, two from 0.67 to 0.91 (the lenses
-that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
+"""Focal length over the longer side: the median of calibrations of phones and tablets, two from 0.67 to 0.91 (the
+lenses that OpenCap's calibrations list; Uhlrich et al. 2023). Web cameras of 60 to 78 degrees have 0.7 to 0.9."""
 PHONES_STD = 0.09
 """Standard deviation of its logarithm over these."""
 _MODEL_STD = 0.03  # between calibrations of one kind of lens
@@ -50,11 +50,11 @@ class Lens(NamedTuple):
 def lens_of(said: str | None, path: Path | None, longer_side: float, model: str | None = None) -> Lens:
     """The lens of a clip: the user's, else its tags', else the lens of the phone that its tags name.
 
-    said: by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path: of the clip.
+    said: given by the user, as "26mm" (on 35 mm film), "1400px" or "0.72" (of the longer side). path: of the clip.
     longer_side: of the picture [px]. model: of the phone, by the user, see `kinemode.inputs.phones.phone` for what its
     focal length is of.
 
-    Raises InputError: it is none of these; the phone is not known.
+    Raises InputError: it is none of these; the phone is unknown.
     """
     if model is not None:
         chosen = checked_phone(model)
@@ -81,7 +81,7 @@ def _written(said: str, longer_side: float) -> tuple[float, float]:
     low, high = _PIXELS if unit == "px" else _SHARES
     focal = _of_film(value) if unit == "mm" else value
     if not low <= focal <= high:
-        problem = f"{shown(said)} is no focal length"
+        problem = f"{shown(said)} is not a focal length"
         remedy = "as 26mm (on 35 mm film), 1400px, or 0.72 (of the picture's longer side)"
         raise InputError("--focal", problem, remedy=remedy)
     return focal / longer_side if unit == "px" else focal, _FILM_STD if unit == "mm" else 0.0

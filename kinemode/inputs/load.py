@@ -1,4 +1,4 @@
-"""What the user names: clips, keypoint files and cameras, matched by name, made into observations."""
+"""The user's clips, keypoint files and cameras, matched by name, made into observations."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What there is to track.
+    """The input to be tracked.
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
     notes: what the user should know of the input.
@@ -103,7 +103,7 @@ class Inputs:
 def load_inputs(body: Body, files: FileOptions, keypoints_needed: Callable[[], bool] = lambda: True) -> Inputs:
     """Read everything a body is tracked from; of the pictures only what there is of them.
 
-    keypoints_needed: asked where there are clips and no keypoints.
+    keypoints_needed: called where there are clips and no keypoints.
 
     Raises InputError: no keypoints, files without a partner, no camera for one of several clips, too few masks, sizes
     or times that contradict each other.
@@ -120,7 +120,7 @@ def load_everybody(body: Body, files: FileOptions) -> tuple[list[Inputs], tuple[
     """As `load_inputs`, once for each person in the keypoint files, from when the person is first seen to the last; and
     notes on who is left out.
 
-    Raises InputError: as `load_inputs` does; no keypoints; nobody who is seen long enough.
+    Raises InputError: as `load_inputs` does; no keypoints; no person who is seen long enough.
     """
     read = _read(body, files, dict.fromkeys(_names(files), AUTO), lambda: True)
     people, notes = everybody(read.people, read.detectors, read.times)
@@ -134,7 +134,7 @@ def load_everybody(body: Body, files: FileOptions) -> tuple[list[Inputs], tuple[
     if absent := len(people) - len(inputs):
         notes += (f"{absent} of {len(people)} people are not there between --start and --end",)
     if not inputs:
-        raise InputError("--person all", "finds nobody between --start and --end", remedy="choose another part")
+        raise InputError("--person all", "finds no person between --start and --end", remedy="choose another part")
     return _upright(body, read, inputs), notes
 
 
@@ -160,7 +160,7 @@ def checked_cameras(body: Body, files: FileOptions) -> RigCheck:
 
 
 def _upright(body: Body, read: _Read, inputs: Sequence[Inputs]) -> list[Inputs]:
-    """The same in a world whose z points up, one for all people: by the one who is seen longest."""
+    """The same in a world whose z points up, one for all people: by the one seen longest."""
     longest = max(inputs, key=lambda each: len(each.observations)).observations
     R_upright_given, notes = upright_turn(
         body, longest, read.files.up or read.known.up, given=read.known.cameras is not None
@@ -185,7 +185,7 @@ def _floor(read: _Read) -> KnownFloor:
 
 
 def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarray]) -> tuple[float, float]:
-    """When somebody is first seen and last [s]; times: of each camera's frames."""
+    """When a person is first and last seen [s]; times: of each camera's frames."""
     seen = {name: np.any(track.confidence[: len(times[name])] > 0.0, axis=1) for name, track in tracks.items()}
     every = np.concatenate([times[name][np.flatnonzero(there)] for name, there in seen.items()])
     return (float(every.min()), float(every.max())) if len(every) else (np.inf, -np.inf)
@@ -193,7 +193,7 @@ def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarra
 
 @dataclass(frozen=True)
 class _Read:
-    """What was read of the files: people is empty, and outlines have no points, where there are no keypoints.
+    """The content of the files: people is empty, and outlines have no points, where there are no keypoints.
 
     detectors: the cameras of pictures of the size that the detectors saw. times: of each file's frames, on one clock.
     rig: where the cameras are found from the person.
@@ -223,7 +223,7 @@ class _Read:
 
 
 def _names(files: FileOptions) -> list[str]:
-    """What the cameras with keypoints are called."""
+    """Names of the cameras with keypoints."""
     clips, keypoints = named_paths(files.clip_files, CLIP), named_paths(files.keypoint_files, KEYPOINTS)
     return list(_of_clips(clips, keypoints, chosen_names(files.keypoint_files, KEYPOINTS))[0]) if keypoints else []
 
@@ -281,7 +281,7 @@ def _inputs(
     choice_notes: tuple[str, ...],
     during: tuple[float | None, float | None] | None = None,
 ) -> Inputs:
-    """What there is to track of one person, whose keypoints were chosen; during [s]: the user's unless given."""
+    """The input of one person, whose keypoints were chosen; during [s]: the user's unless given."""
     files, clocks, pairs = read.files, read.clocks, read.pairs
     chosen = {name: measured_keypoints(track, clocks[name].keypoints) for name, track in chosen.items()}
     tracks, used, *size_notes = in_one_size(chosen, read.pictures, read.known, read.named, files)
@@ -327,7 +327,7 @@ def common_layout(tracks: Mapping[str, KeypointTrack]) -> str:
 
 
 def _alternatives(tracks: Mapping[str, KeypointTrack]) -> list[str]:
-    """The other layouts that all keypoints could be of, as many points as there are."""
+    """The other layouts that all keypoints could be of, with the same number of points."""
     names = {track.names for track in tracks.values()}
     if len(names) != 1 or (own := next(iter(names))) not in FORMATS.values():
         return []
@@ -362,7 +362,7 @@ def _of_clips(
     if set(files) == set(keypoints):
         return files, []
     ((name, path),) = files.items()
-    return files, [f"the keypoints {path} are taken for the clip {clips[name]}, which is called otherwise"]
+    return files, [f"the keypoints {path} are used for the clip {clips[name]}, which has another name"]
 
 
 def _check_masks(path: Path, count: int) -> None:
@@ -405,7 +405,7 @@ def pairs_of(given: Pairs, cameras: Collection[str]) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for left, right in named_pairs(given):
         if left is None:
-            raise InputError(f"{OPTION} {right}", "is no pair of cameras", remedy="write LEFT=RIGHT")
+            raise InputError(f"{OPTION} {right}", "is not a pair of cameras", remedy="write LEFT=RIGHT")
         place = f"{OPTION} {left}={right}"
         for name in (left, right):
             if name not in cameras:

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 _BVH_NAMES = {"left_toe": "left_big_toe", "right_toe": "right_big_toe", "head_base": "head"}
 _POINTS, _RUN, _ARRAYS = (".trc", ".c3d", ".csv", ".npz"), ".run", ".npz"
 _KINDS = "a run (.run), BVH (.bvh), points (.trc, .c3d, .csv, .npz) or joints in a known order (.npz)"
-_FEWEST = 6  # landmarks, where a file has points that are none
+_FEWEST = 6  # landmarks, where a file has other points too
 _OWN = "of a run is known"
 
 
 class SourceOptions(NamedTuple):
-    """What a file does not give. fps: frames per second, instead of the file's where both are there. up: the axis that
+    """Values that a file lacks. fps: frames per second, instead of the file's where both are there. up: the axis that
     points up, one of `UPS`. unit: of length, m, cm or mm. layout: the order of joints without names, one of
     `estimator.retargeting.joint_orders.ORDERS`."""
 
@@ -62,7 +62,7 @@ class MotionFormat:
 def load_source(source: PathLike | Run | SourceMotion, given: SourceOptions = NOTHING_GIVEN) -> SourceMotion:
     """The motion in a file, or in a run: its drawn trajectory, which is the smoothed one of a complete run.
 
-    A motion that was read already stays as it is.
+    A motion that was read already is unchanged.
 
     Raises
     ------

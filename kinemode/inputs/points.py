@@ -33,11 +33,11 @@ _BETTER = 0.7  # residual of the mirrored fit over that of the other, from which
 def load_point_inputs(subject: Subject, files: InputOptions) -> tuple[Subject, Inputs]:
     """The subject with its markers, and what there is to track.
 
-    Raises InputError: files that cannot be read, names that no set knows, nothing between start and end.
+    Raises InputError: files that cannot be read, names unknown to all sets, nothing between start and end.
     """
     paths = tuple(named_paths(files.points, POINTS).values())
     if not paths:
-        raise InputError("points", "there are none", remedy="a .trc, .c3d, .npz, .npy or .csv")
+        raise InputError("points", "none given", remedy="a .trc, .c3d, .npz, .npy or .csv")
     track = load_points(paths, up=files.up, unit=files.unit, fps=_rate(files))
     marked = _marked(subject, files.markers, track)
     body = Body(marked.subject)
@@ -128,7 +128,7 @@ def _marked(subject: Subject, chosen: PathLike, track: MarkerTrack) -> _Marked:
 
 
 def _pairs_of(names: Sequence[str], subject: Subject) -> tuple[tuple[str, str], ...]:
-    """Those of the set that knows the names; none where no set does."""
+    """The pairs of the set that contains the names; none without one."""
     try:
         return matching_set(names, subject).pairs
     except InputError:
@@ -152,7 +152,7 @@ def _set_of(subject: Subject, chosen: PathLike, names: Sequence[str]) -> MarkerS
     unknown = sorted({m.link for m in taken.markers} - links)
     if unknown:
         problem = f"the marker set {taken.name} has links that {subject.source} has not: {first_of(unknown, _LISTED)}"
-        raise InputError("markers", problem, remedy="give an own set: kinemode subjects --markers FILE begins one")
+        raise InputError("markers", problem, remedy="give your own set (kinemode subjects --markers FILE)")
     return taken
 
 

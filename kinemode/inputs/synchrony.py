@@ -36,7 +36,7 @@ def synchronised_clocks(
 
     Raises
     ------
-    InputError: fewer than two cameras with keypoints, or none without an offset; an offset that is not sure.
+    InputError: fewer than two cameras with keypoints, or none without an offset; an uncertain offset.
     """
     names = list(people)
     if len(names) < 2:
@@ -82,7 +82,7 @@ def _rates(names: Sequence[str], clocks: Mapping[str, CameraClock], result: Sync
 
 
 def _rate_notes(names: Sequence[str], clocks: Mapping[str, CameraClock], result: Synchrony) -> list[str]:
-    """What was found of clocks that run at different rates."""
+    """Results for clocks that run at different rates."""
     if result.rates is None or not result.rates.differ:
         return []
     clauses = [
@@ -95,7 +95,7 @@ def _rate_notes(names: Sequence[str], clocks: Mapping[str, CameraClock], result:
 
 
 def _pixels(landmarks: Sequence[str], tracks: Sequence[KeypointTrack], counts: Sequence[int]) -> list[np.ndarray]:
-    """Of each camera pixels (count, L, 2), NaN where missing: of all keypoints where all have one layout, else of those
+    """Pixels (count, L, 2) of each camera, NaN where missing: of all keypoints where all have one layout, else of those
     that are the body's landmarks."""
     alike = len({(track.layout, track.names) for track in tracks}) == 1
     made = []
@@ -133,8 +133,8 @@ def _note(offsets: Mapping[str, float], held: Sequence[int], result: Synchrony) 
 
 
 def _reasons(names: Sequence[str], clocks: Mapping[str, CameraClock], result: Synchrony) -> str:
-    """Why clocks are not sure."""
-    usual = "too little moves, two moments look alike, or too little time is in common"
+    """Why clocks are uncertain."""
+    usual = "too little moves, two instants look alike, or too little time is in common"
     if result.rates is None:
         return usual
     if result.rates.doubtful.any():

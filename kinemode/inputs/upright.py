@@ -26,13 +26,13 @@ _ASKED = "give which way is up with --up AXIS: exports, gait and previews depend
 def upright_turn(
     body: Body, observations: Sequence[Observation], up: str | None, *, given: bool
 ) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    """R_upright_given (3, 3), None where z points up already or nobody can know; and notes.
+    """R_upright_given (3, 3), None where z points up already or up is undeterminable; and notes.
 
     up: the user's axis or the camera file's, else it is found: from balance and floor where several cameras
-    see the person, and z where one does. A world with z up is left as it is to the last bit. given: whether the
+    see the person, and z where one does. A world with z up is unchanged to the last bit. given: whether the
     cameras are, and not guessed.
 
-    Raises InputError: up is no axis, or there is no camera whose world it could be of.
+    Raises InputError: up is not an axis, or there is no camera whose world it could be of.
     """
     if up is not None:
         return _by_word(up, given)
@@ -65,7 +65,7 @@ def _direction(up: str) -> np.ndarray:
         direction = np.zeros(0)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 1e-6:
         remedy = f"one of {', '.join(UPS)}, or a direction as three numbers: 0.1,0.97,0.2"
-        raise InputError("--up", f"{shown(up)} is no axis", remedy=remedy)
+        raise InputError("--up", f"{shown(up)} is not an axis", remedy=remedy)
     return np.asarray(direction / np.linalg.norm(direction))
 
 
@@ -101,12 +101,12 @@ def _by_person(up: UpDirection | None, level: np.ndarray) -> tuple[np.ndarray | 
         kept = f"which way is up? The person stands {degrees} off z, which is kept. {_ASKED}"
         return None, () if off < min(tolerance, _QUIET) else (kept,)
     if off < tolerance:
-        held = f"up in the cameras' world is taken for {axis}: the person stands along it (within {degrees})"
+        held = f"{axis} is used as up in the cameras' world: the person stands along it (within {degrees})"
         return world_with_up(axis_of(axis)), (f"{held}. {_ASKED}",)
     numbers = ",".join(f"{x:.3f}" for x in up.direction)
-    known = f"to about {max(np.degrees(up.std), 1.0):.0f} degrees" if up.sure else "not surely"
+    known = f"to about {max(np.degrees(up.std), 1.0):.0f} degrees" if up.sure else "without certainty"
     source = "balance and floor" if up.agree else "the person's balance alone"
-    note = f"up in the cameras' world, which is none of its axes, is found from {source}, {known}: {numbers}. {_ASKED}"
+    note = f"up in the cameras' world, along none of its axes, is found from {source}, {known}: {numbers}. {_ASKED}"
     return world_with_up(up.direction), (note,)
 
 

@@ -1,1 +1,1 @@
-"""The functions of the package that users call, and the check of what they are given."""
+"""The functions of the package that users call, and the check of their arguments."""

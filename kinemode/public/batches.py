@@ -22,7 +22,7 @@ from viz.report.thumbnail import DONE
 
 @dataclass(frozen=True)
 class Batch:
-    """What became of the clips of a batch.
+    """The outcomes of a batch's clips.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Batch:
 
 @takes(BatchRequest)
 def batch(request: BatchRequest) -> Batch:
-    """Track many clips, each as `kinemode.track` does; what is finished is not done again by the same call.
+    """Track many clips, each as `kinemode.track` does; finished clips are not done again by the same call.
 
-    A clip that fails stops no other. What was made of a clip is kept as long as its options and the content of its
+    A clip that fails stops no other. The results of a clip are kept as long as its options and the content of its
     files are the same. A person that several rows name is fitted once, from the first clip or that whose `fits` is set
     so. Every clip is worked on by one thread, and its run is that of a single `track`.
 
@@ -58,7 +58,7 @@ def batch(request: BatchRequest) -> Batch:
 
     Raises
     ------
-    ManifestError: with all faults of the manifest, before anything is begun.
+    ManifestError: with all faults of the manifest, before any clip is tracked.
     InputError: other invalid arguments; another batch in the folder; a scheduler that cannot be reached, or
         whose workers have other versions.
     """
@@ -89,7 +89,7 @@ def batch(request: BatchRequest) -> Batch:
             raise KeyboardInterrupt(f"interrupted; {done}: the same command resumes it") from stop
         finally:
             faults = shown.write()
-            for full in faults.values():  # what became of the clips is returned all the same
+            for full in faults.values():  # the outcomes of the clips are returned nevertheless
                 warnings.warn(str(full), InputWarning, stacklevel=2)
     table, page = (None if name in faults else root / name for name in (TABLE, PAGE))
     return Batch(root, {row.name: outcomes[row.name] for row in rows}, table, page)
@@ -120,7 +120,7 @@ def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -
 
 
 def _formats(export: str | Iterable[str]) -> tuple[str, ...]:
-    """Names of formats that there are, each once."""
+    """Names of existing formats, each once."""
     named = export.split(",") if isinstance(export, str) else list(export)
     names = tuple(dict.fromkeys(name.strip().lstrip(".") for name in named if name.strip()))
     if not names:

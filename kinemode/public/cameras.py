@@ -65,7 +65,7 @@ def check_png(picture: Path) -> None:
     """Raise InputError unless a picture of a calibration can be written there."""
     check_folder(picture)
     if picture.suffix.lower() != ".png":
-        raise InputError(picture, "is no name for a PNG", remedy="as cameras.png")
+        raise InputError(picture, "is not a .png file", remedy="as cameras.png")
 
 
 def _sources(pictures: Named) -> dict[str, list[Path]]:
@@ -95,11 +95,11 @@ def _columns_and_rows(size: str | tuple[int, int]) -> tuple[int, int]:
 
 @takes(RigRequest)
 def calibrate_from_person(request: RigRequest) -> PersonCalibration:
-    """Find two or more cameras from a person who moves before them: where they stand, when they began, how long their
+    """Find two or more cameras from a moving person: where they stand, when they started, how long their
     lenses are.
 
     The cameras stand still. Their joints are found in each; what places the cameras is that the rays to a joint meet,
-    and that the person's limbs keep their lengths. Twenty seconds of somebody who walks to and fro, turns and lifts the
+    and that the person's limbs keep their lengths. Twenty seconds of a person who walks to and fro, turns and lifts the
     arms place them to about a degree. The height makes the metres right; without it an average person is assumed.
     Without a focal length, a phone or lenses these are found from the person as well, around those of most phones.
     Clocks are found as well unless all cameras but one have an offset.
@@ -113,7 +113,7 @@ def calibrate_from_person(request: RigRequest) -> PersonCalibration:
     Raises
     ------
     InputError: as `kinemode.track`; fewer than two cameras; too little that two cameras see at once; motion that does
-    not show where they stand, or when they began.
+    not show where they stand, or when they started.
     """
     out, picture = (None if file is None else Path(file) for file in (request.out, request.picture))
     if out is not None:
@@ -129,11 +129,11 @@ def calibrate_from_person(request: RigRequest) -> PersonCalibration:
 
 @takes(CheckRequest)
 def check_cameras(request: CheckRequest) -> RigCheck:
-    """Check two or more calibrated cameras by a person who moves before them: whether any was moved since.
+    """Check two or more calibrated cameras with a moving person: whether any was moved since.
 
     Rays of right cameras meet about as well as those of cameras that `calibrate_from_person` places; where they meet
-    much worse, the camera is named that, placed anew alone, lets them meet. Of two cameras both are named. A degree
-    shows in seconds of film, since it is enough that rays meet. Wrong clocks look like wrong cameras.
+    much worse, the camera is named that lets them meet when it alone is placed again. Of two cameras both are named. A
+    degree shows in seconds of film, since it is enough that rays meet. Wrong clocks look like wrong cameras.
 
     Returns for each camera how far keypoints are off, and by how much the person places it otherwise; which camera
     disagrees; notes (`estimator.data.rigs.check.RigCheck`).

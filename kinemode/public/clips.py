@@ -48,7 +48,7 @@ def annotate(request: AnnotateRequest) -> str:
     Raises
     ------
     InputError: anything that is wrong with the input.
-    KeyboardInterrupt: on Ctrl-C, saying what there is by then.
+    KeyboardInterrupt: on Ctrl-C, with what is finished by then.
     """
     for path in (request.clip, *([] if request.keypoints is None else [request.keypoints])):
         check_exists(path)

@@ -32,13 +32,13 @@ def detect(request: DetectRequest) -> dict[str, Path]:
 
     Raises
     ------
-    InputError: anything that is wrong with the input; an environment that cannot be made; nobody in a clip.
+    InputError: anything that is wrong with the input; an environment that cannot be made; no person in a clip.
     """
     wanted = DetectorChoice.of(request)
     wanted.check()
     paths = named_paths(request.clip_files, CLIP)
     if not paths:
-        raise InputError("clips", "there is none", remedy="name a video or a folder of images")
+        raise InputError("clips", "none given", remedy="name a video or a folder of images")
     files = _files(paths, Path(request.out))
     check_absent(list(files.values()), False, request.overwrite, "--overwrite replaces it")
     for name, path in paths.items():
@@ -88,7 +88,7 @@ def _detect(name: str, clip: Path, file: Path, wanted: DetectorChoice, progress:
 
 
 def _still_good(file: Path, clip: Path, wanted: DetectorChoice) -> bool:
-    """Whether a keypoint file was made from the clip as it is, by the same detector."""
+    """Whether a keypoint file was made from the unchanged clip by the same detector."""
     if not file.is_file() or file.stat().st_mtime < clip.stat().st_mtime:
         return False
     from kinemode.detection.clip import detector_of
@@ -97,7 +97,7 @@ def _still_good(file: Path, clip: Path, wanted: DetectorChoice) -> bool:
 
 
 def _as_texts(keypoints: Named) -> list[PathLike]:
-    """Keypoint files as they are given, in a list."""
+    """Keypoint files in the given form, as a list."""
     if isinstance(keypoints, Mapping):
         return [f"{name}={path}" for name, path in keypoints.items()]
     return [] if keypoints is None else [keypoints] if isinstance(keypoints, (str, Path)) else list(keypoints)

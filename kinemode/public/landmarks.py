@@ -1,4 +1,4 @@
-"""`landmark_start`: a landmark file to begin with, for a robot of one's own."""
+"""`landmark_start`: a landmark template for a user's robot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
-    """The text of a landmark file for a URDF, to be looked through and completed; it loads as it is.
+    """The text of a landmark template for a URDF, to be checked and completed; it loads unchanged.
 
     It has a landmark at every joint (under COCO's names where the names of the links identify a person's joints, the
     rest in comments), the tips of the last links, and stabilisers in comments.
@@ -72,19 +72,19 @@ def _check_without_landmarks(source: str) -> None:
 
 
 def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLike | None = None) -> str:
-    """The text of a set of markers with the names of a file of points, to be looked through and completed.
+    """The text of a set of markers with the names of a file of points, to be checked and completed.
 
-    Markers that a built-in set knows have their places on human34; the others are in comments, with ? for their link.
+    Markers known to a built-in set have their places on human34; the others are comments, with ? for their link.
 
     Parameters
     ----------
     points: a .trc, .c3d, .npz, .npy or .csv file; its unit and axes do not matter.
-    begin: the set whose places go before those of the others, a built-in one by name or a file.
+    begin: the set whose places take precedence over those of the others, a built-in one by name or a file.
     out: a file to write it to.
 
     Raises
     ------
-    InputError: a file that cannot be read, or has no names; no such set; a file that is there already or cannot be
+    InputError: a file that cannot be read, or has no names; no such set; a file that exists already or cannot be
         written.
     """
     check(points=(points, kinds.FILE), begin=(begin, kinds.ONE_FILE), out=(out, kinds.NEW_FILE))

@@ -1,4 +1,4 @@
-"""`open_run`, and what is done with a run: shown, drawn over the video, plotted, reported, exported, measured."""
+"""`open_run`, and the uses of a run: shown, drawn over the video, plotted, reported, exported, measured."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def open_run(path: PathLike) -> Run:
-    """Open a run file, finished or still being written; raises InputError where it is none."""
+    """Open a run file, finished or still being written; raises InputError where it is not one."""
     if not kinds.can_be_opened(path):
         raise misplaced("path", path, "the path of a run file")
     _check_run(path)
@@ -93,7 +93,7 @@ def report(request: ReportRequest) -> Path:
     """Write one self-contained page about a run, to read, print and send on, and return its path.
 
     It has the film with the body drawn over it, the joint angles with 90 % bands, a table of ranges of motion, the
-    frames not to be trusted with their pictures, several cameras, what was assumed, and what repeats the run.
+    unreliable frames with their pictures, several cameras, assumptions, and the command that repeats the run.
 
     Parameters
     ----------
@@ -139,7 +139,8 @@ def plot(request: PlotRequest) -> Path:
 def samples(request: SamplesRequest) -> Path:
     """Draw poses of the posterior over pictures of a run, and from the side, and return the file's path.
 
-    Where a skeleton is bright many of them agree; what the image leaves open, as depth does, lies apart from the side.
+    Where a skeleton is bright many of them agree; what the image leaves undetermined, as depth, is spread in the side
+    view.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def export(request: ExportRequest) -> Path:
     landmarks and joint angles (ezc3d); bvh a skeleton [cm] and its turns; motion-npz and motion-csv root, joints and,
     in the npz, links at one rate, in the order of the URDF, for trainers of policies
     (`estimator.runs.trainer_motion.motion_arrays`); glb the moving body; rrd body, hypotheses, cameras, keypoints and
-    angles for rerun. npz and rrd have all hypotheses, the others the best path. Frames that nobody saw are marked, by
+    angles for rerun. npz and rrd have all hypotheses, the others the best path. Unobserved frames are marked, by
     their status, as missing points or in a line; bvh, glb and motions for trainers have no mark for them, with a
     warning.
 
@@ -205,7 +206,7 @@ def contact(request: ContactRequest) -> Contact:
 
     From how fast and how high they are in the world, z up; see `estimator.inference.contacts` for the method. A
     probability for each point and frame, the floor with its uncertainty, stances with how far the point slides, and
-    when feet begin and cease to stand. Nothing is moved: a trajectory whose feet slide is reported as it is. On a
+    when feet start and stop standing. Nothing is moved: sliding feet are reported as they are. On a
     treadmill, which is found by the velocity that both feet share, feet that move with the belt stand, and `belt` has
     its velocity.
 
@@ -237,11 +238,11 @@ def contact(request: ContactRequest) -> Contact:
 def gait(request: GaitRequest) -> Gait:
     """When the feet of a run's best hypothesis touch and leave the ground, and the strides between.
 
-    A foot strikes when it begins to stand, see `contact`. It leaves the ground when its toes are farthest behind the
+    A foot strikes when it starts to stand, see `contact`. It leaves the ground when its toes are farthest behind the
     pelvis (Zeni et al., Gait & Posture 27(4), 2008) if the other foot stands, when it ceases to stand if not, as in
     running. Where keypoints have no feet, so that contact is not to be trusted, both events are by the pelvis, and
     `method` is "pelvis" rather than "contact". World z is up. See `estimator.runs.gait.Stride` for what a stride
-    has. Where nobody walks there are no strides, and `remark` has the reason. On a treadmill lengths and speeds are
+    has. Without walking there are no strides, and `remark` has the reason. On a treadmill lengths and speeds are
     along the belt, whose speed is `belt`.
 
     Parameters
@@ -280,12 +281,12 @@ def evaluate(request: EvaluateRequest) -> Evaluation:
     if isinstance(reference, (str, os.PathLike)):
         reference = evaluation.Reference.load(reference, up=up, offset=offset)
     elif up is not None or offset:
-        raise InputError("reference", "is no file, for which up and offset are", remedy="leave them out")
+        raise InputError("reference", "is not a file, and up and offset are for files", remedy="leave them out")
     return evaluation.evaluate(opened, reference.in_world_of(opened.header.R_upright_given), joints=request.joints)
 
 
 def _check_run(run: RunLike) -> None:
-    """Raise InputError where a path is no run file's, before everything that reads runs is loaded."""
+    """Raise InputError where a path is not a run file, before everything that reads runs is loaded."""
     if isinstance(run, (str, os.PathLike)):
         from estimator.runs.run_store import check
 

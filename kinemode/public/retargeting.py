@@ -56,7 +56,7 @@ def retarget(request: RetargetRequest) -> Run:
 
 
 def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
-    """The text of a correspondence to begin with, to be looked through and completed.
+    """The template of a correspondence, to be checked and completed.
 
     Parameters
     ----------
@@ -87,16 +87,16 @@ class Retargeter:
     ...     robot.send(frame.q)
 
     Each frame is followed from the one before, as `retarget` does by the method "frames": limits, velocities, parts and
-    floor are kept to alike. Contacts are found from the frames of the last 0.4 s and of those that have come since; a
-    foot that stands is held where the body has it.
+    floor are respected as well. Contacts are found from the frames of the last 0.4 s and of those that have come since;
+    a foot that stands is held where the body has it.
 
     Parameters
     ----------
     subject: a loaded subject, a built-in name, or the path of a URDF. names: of the landmarks (L) that come, as
         subjects have them (left_hip, left_big_toe, ...).
-    match: a TOML file of which limbs and landmarks correspond; those whose names are alike unless given.
+    match: a TOML file of which limbs and landmarks correspond; by default those with matching names.
     look_ahead: seconds that each frame is given out after it came.
-    floor: its height [m]; what the first frames stand on unless given.
+    floor: its height [m]; that on which the first frames stand unless given.
     velocity, clearance, seed: as `retarget` has them.
 
     Raises

@@ -42,7 +42,7 @@ class Tracker:
     ...     step = tracker.step(points, time=time)
     ...     print(step.status, step.angle("left_knee_flexion", degrees=True))
 
-    What comes out is what `kinemode.track` has in its run before smoothing (`run.mode_q`, `run.mode_weight`), to the
+    The results are those of `kinemode.track` in its run before smoothing (`run.mode_q`, `run.mode_weight`), to the
     last bit, if the subject, the settings, the seed and `jitter` are the same and the run measured no noise of its
     cameras, as fits to several cameras do (`run.observation(0).noise`): both treat a frame by
     `estimator.tracking.runner`. The subject is taken as it is: `kinemode.fit` fits it to a person beforehand.
@@ -71,7 +71,7 @@ class Tracker:
 
     @property
     def body(self) -> Body:
-        """What is tracked."""
+        """The tracked body."""
         return self._stepper.body
 
     @property
@@ -85,14 +85,14 @@ class Tracker:
         Parameters
         ----------
         keypoints: of one person, (K, 2) x, y [px], or (K, 3) with confidences from 0 to 1; NaN where one is missing.
-            A mapping by camera where there are several. None where nobody was seen.
+            A mapping by camera where there are several. None where no person was seen.
         picture: (H, W, 3) uint8, BGR, as OpenCV reads it, where cues are used; a mapping by camera where there
             are several.
         time: when the frame was taken [s], later than the one before.
 
         Returns
         -------
-        This frame; with a lag, or a tracker that looks ahead, one before it, and None while there is none yet.
+        This frame; with a lag, or a tracker with lookahead, one before it, and None while there is none yet.
 
         Raises
         ------

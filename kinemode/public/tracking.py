@@ -104,7 +104,7 @@ def compare(request: CompareRequest) -> Comparison:
 def reading(
     request: TrackRequest | FitRequest | CompareRequest | RigRequest | CheckRequest, out: PathLike | None, **more: Any
 ) -> Iterator[tuple[FileOptions, PathLike | None]]:
-    """What a body is tracked from, as files that were checked, with keypoints that were detected; and where a run then
+    """The input of tracking as checked files, with detected keypoints; and where a run then
     goes for which no file is named: beside pictures that were written here, which it keeps. more: options that are not
     of the request. Errors name the arguments."""
     spool = Spool(request.clips, request.keypoints, request.layout)
@@ -117,7 +117,7 @@ def reading(
 
 
 def _work(request: TrackRequest) -> Callable[..., Run | dict[str, Run]]:
-    """What tracks one person, or everybody, or by points."""
+    """The job that tracks one person, all people, or points."""
     from kinemode import jobs
 
     if request.points is not None:
@@ -126,7 +126,7 @@ def _work(request: TrackRequest) -> Callable[..., Run | dict[str, Run]]:
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:
-    """A subject as it is, or loaded from its name or path; raises InputError where there is none."""
+    """A subject unchanged, or loaded from its name or path; raises InputError where there is none."""
     from humanoid.subject.subject import Subject, load_subject
 
     return subject if isinstance(subject, Subject) else load_subject(subject)

@@ -1,4 +1,4 @@
-"""What a body looks like, painted into files: `train_index` for trackers that look poses up, `train_templates` for part
+"""Appearances of a body, painted into files: `train_index` for trackers that look poses up, `train_templates` for part
 detectors."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ LABEL = "training"
 def train_index(request: IndexRequest) -> Path:
     """Paint examples of a subject's poses, and write them as an index for `track(..., tracker="elmo", index=...)`.
 
-    The same call goes on where one was interrupted; the index is the same with any number of workers.
+    The same call resumes an interrupted one; the index is the same with any number of workers.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def train_templates(request: TemplatesRequest) -> Path:
 
     Raises
     ------
-    InputError: cameras that see no place in common, a limb that is none, a subject that cannot be painted, too few
+    InputError: cameras that see no place in common, an unknown limb, a subject that cannot be painted, too few
     poses, a file that is there or cannot be written.
     """
     file, limbs = _new_file(request), request.limbs

@@ -1,4 +1,4 @@
-"""Pictures as a camera takes them or a file has them; who is too slow for all of them gets the newest."""
+"""Pictures as a camera takes them or a file has them; a reader too slow for all of them gets the newest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from humanoid.support.errors import InputError
 
 Clock = Callable[[], float]
 Pause = Callable[[float], None]
-_AGAIN = 0.2  # s, how often a reader who waits looks whether it was interrupted
+_AGAIN = 0.2  # s, how often a waiting reader checks for an interruption
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class CapturedPicture:
 
 
 class CaptureDevice(Protocol):
-    """What takes pictures. name: what its camera is called. image_size: width, height [px]. rate: frames per second."""
+    """A source of pictures. name: of its camera. image_size: width, height [px]. rate: frames per second."""
 
     name: str
     image_size: tuple[int, int]

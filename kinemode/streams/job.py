@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def track_live(subject: Subject, device: int | Path, request: LiveRequest) -> Session:
-    """What `kinemode.live` does once its arguments are checked."""
+    """The work of `kinemode.live` after its arguments are checked."""
     taking: CaptureDevice = (
         DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=request.realtime)
     )
@@ -134,7 +134,7 @@ class Recording:
     def finish(self, header: RunHeader, frames: list[int]) -> None:
         """Complete the run; frames: the number of the clip's frame of each that the stepper was given."""
         writer = self._writer
-        seen = self._seen[: writer.settle()]  # what was seen is kept first
+        seen = self._seen[: writer.settle()]  # observations are stored first
         kept = tuple(frames[o.index] for o in seen)
         own = kept != tuple(range(len(kept)))
         names = [camera.name for camera in header.cameras] if own else []
@@ -153,7 +153,7 @@ def recording(path: Path, header: RunHeader) -> Iterator[Recording]:
 
 
 def live_header(stepper: Stepper, seed: int, clip: Path | None) -> RunHeader:
-    """What a run of a stepper is made from, its times aside; clip: the file that the pictures are from."""
+    """The inputs of a stepper's run without its times; clip: the file that the pictures are from."""
     subject, (camera,) = stepper.body.subject, stepper.cameras
     return RunHeader(
         subject_urdf=subject.urdf,
@@ -203,7 +203,7 @@ class PlayedBack:
 class Detecting:
     """A running detector as a source of keypoints; a context manager, which ends it.
 
-    It keeps to the person who was largest at first, and takes who is largest then where nobody has that number any
+    It stays with the person who was largest at first, and takes the largest when that number no longer
     more.
 
     Raises
@@ -218,7 +218,7 @@ class Detecting:
 
     @property
     def layout(self) -> str | tuple[str, ...]:
-        """What its keypoints are called, as a name or one by one; "auto": by their count."""
+        """The keypoints' layout, as a name or a list of names; "auto": by their count."""
         names = self._process.names
         return self._process.layout or (tuple(names) if names else "auto")
 

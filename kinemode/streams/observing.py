@@ -1,4 +1,4 @@
-"""What a program gives for one frame, checked and made into an observation."""
+"""A program's input for one frame, checked and made into an observation."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Observer:
         return given
 
     def _track(self, name: str, values: Any) -> KeypointTrack:
-        """One frame's; a camera that saw nobody has a track without names."""
+        """One frame's; a camera without a person has a track without names."""
         size = self._cameras[name].image_size
         if values is None:
             return KeypointTrack("none", (), np.zeros((1, 0, 2)), np.zeros((1, 0)), size)

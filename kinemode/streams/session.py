@@ -1,4 +1,4 @@
-"""From pictures to poses while somebody looks: the loop behind `kinemode.live`."""
+"""From pictures to poses in real time: the loop behind `kinemode.live`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Show = Callable[[Step, CapturedPicture, int], None]
 
 @dataclass
 class Session:
-    """What became of a live track.
+    """The result of a live track.
 
     pictures: numbers of those that were tracked, in order. dropped: how many others were overtaken. seconds: by the
     wall's clock. statuses: how many frames were given out of each. interrupted: it was ended by Ctrl-C.
@@ -33,7 +33,7 @@ class Session:
 
     @property
     def frames(self) -> int:
-        """How many frames were given out."""
+        """The number of frames given out."""
         return sum(self.statuses.values())
 
     def summary(self) -> str:

@@ -1,4 +1,4 @@
-"""What is known of the body at one frame of a stream, as the tracker leaves it or smoothed some frames later."""
+"""The body at one frame of a stream, as tracked or smoothed some frames later."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ _KEPT = 2  # a cue reads a picture and the one before
 
 @dataclass(frozen=True)
 class Streamed:
-    """What of a request is known by camera. backgrounds: images of the empty scene. floor: see `known_floor`. jitter:
+    """The parts of a request by camera. backgrounds: images of the empty scene. floor: see `known_floor`. jitter:
     see `kinemode.Tracker`."""
 
     backgrounds: Mapping[str, Path]
@@ -70,7 +70,7 @@ def known_floor(request: StreamOptions, *, placed: bool) -> KnownFloor:
     if given != OFF and not placed:
         raise InputError("floor", "is of the cameras' world, and none is given", remedy="leave it out, or off")
     if given != OFF and not request.lag:
-        raise InputError("floor", "is kept by smoothing, which there is none of", remedy="give a lag, as 8 frames")
+        raise InputError("floor", "needs smoothing, which is off", remedy="give a lag, as 8 frames")
     return given
 
 
@@ -169,7 +169,7 @@ class Stepper:
 
 
 def _chosen_cues(given: str | Iterable[str], chosen: Chosen) -> CueSettings | None:
-    """Settings of the cues to use, None for keypoints alone; raises InputError for those that cannot be."""
+    """Settings of the cues to use, None for keypoints alone; raises InputError for invalid ones."""
     choice = cue_choice(given)
     if choice is None:
         raise InputError("cues", "auto needs a whole clip", remedy=f"off, or some of {', '.join(CUES)}")

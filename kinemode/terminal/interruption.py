@@ -1,4 +1,4 @@
-"""Ctrl-C, and signals that are to end the program just as well; what is there to go on with afterwards."""
+"""Ctrl-C and other terminating signals, and the run to resume afterwards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SOON = 0.05  # s
 
 
 class RunInterrupted(KeyboardInterrupt):
-    """Ctrl-C while there is a run to go on with; frames: how many are in it at least."""
+    """Ctrl-C while there is a run to resume; frames: how many it has at least."""
 
     def __init__(self, frames: int) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class RunInterrupted(KeyboardInterrupt):
 
 
 def is_interruption(error: BaseException) -> bool:
-    """Whether it is KeyboardInterrupt, or what is made of it by compiled code that overlooks it: numba's calls turn it
+    """Whether it is KeyboardInterrupt, or its replacement by compiled code that swallows it: numba's calls turn it
     into SystemError, those that return several arrays more than once."""
     cause: BaseException | None = error
     while isinstance(cause, SystemError):

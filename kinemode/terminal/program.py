@@ -14,7 +14,7 @@ def command(*arguments: str | Path) -> str:
 
 
 def _called() -> list[str]:
-    """The words that called this program; `kinemode` where it is used as a library."""
+    """The arguments that called this program; `kinemode` where it is used as a library."""
     program = Path(sys.argv[0])
     if program.name == "kinemode":
         import shutil  # slow to import, and `kinemode --help` has no use for it

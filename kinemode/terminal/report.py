@@ -1,4 +1,4 @@
-"""What the commands print: summaries and tables."""
+"""The output of the commands: summaries and tables."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def print_run(run: Run) -> None:
         f"subject {run.subject.name}: {run.body.nv} degrees of freedom, {limits} with limits;"
         f" up to {run.hypothesis_count} hypotheses a frame",
         f"deepest interpenetration {1000.0 * deepest:.1f} mm",
-        *(f"look into it: {sentence}" for sentence in findings(run)),
+        *(f"check: {sentence}" for sentence in findings(run)),
         f"run file: {run.file}",
         "",
         "next:",
@@ -82,7 +82,8 @@ def _largest(values: np.ndarray) -> float:
 
 
 def print_evaluation(result: Evaluation) -> None:
-    """What was compared, and the errors: of landmarks in millimetres, of joints in degrees or millimetres."""
+    """The compared landmarks and joints, and the errors: of landmarks in millimetres, of joints in degrees or
+    millimetres."""
     out = console()
     if result.joints:
         _print_landmark_errors(result, out)
@@ -134,7 +135,7 @@ def _error(score: JointScore, value: float, sign: str = "") -> str:
 
 
 def print_contact(contact: Contact) -> None:
-    """The floor, when feet begin and cease to stand, and how far they slide."""
+    """The floor, when feet start and stop standing, and how far they slide."""
     out = console()
     if contact.remark:
         out.print(contact.remark, soft_wrap=True)
@@ -160,7 +161,7 @@ def print_contact(contact: Contact) -> None:
     for name in contact.hand_names:
         spans = ", ".join(f"{s.begin:.2f} to {s.end:.2f}" for s in contact.hand_stances if s.point == name)
         out.print(f"{name.replace('_', ' ')} stands [s]: {spans or 'never'}", soft_wrap=True)
-    _print_events(contact.events, (("strike", "foot begins to stand"), ("off", "foot ceases to stand")), out)
+    _print_events(contact.events, (("strike", "foot starts to stand"), ("off", "foot stops standing")), out)
 
 
 def _print_events(events: Sequence[Event], kinds: Sequence[tuple[str, str]], out: Console) -> None:
@@ -196,7 +197,7 @@ _STRIDE_COLUMNS = (
 
 
 def print_statuses(statuses: Sequence[str]) -> None:
-    """How many frames there are of each status, and what to do about those that need it."""
+    """The number of frames of each status, and advice where needed."""
     console().print(f"frames: {status_counts(statuses)}")
     print_lines(status_lines(statuses))
 
@@ -237,7 +238,7 @@ def print_explanation(explanation: Explanation) -> None:
         parent = f"; continues hypothesis {e.parent} of the frame before" if e.parent >= 0 else ""
         out.print(f"searched as: {e.origin.family}{parent}")
         if e.origin.penalty > 0.0:
-            out.print(f"flat penalty of the jump, paid by the weight and no part of the energy: {e.origin.penalty:g}")
+            out.print(f"constant penalty of the jump, part of the weight but not of the energy: {e.origin.penalty:g}")
             out.print("the transition counts from the pose that it jumped to")
     for name, values in e.extra.items():
         if values.size <= _FEW:
@@ -248,7 +249,7 @@ def print_explanation(explanation: Explanation) -> None:
 
 
 def _print_keypoints(residuals: KeypointResiduals) -> None:
-    """How far the keypoints of one frame lie from where the body has them, those farthest in deviations first."""
+    """Distances of one frame's keypoints from their places on the body, the largest in deviations first."""
     places = residuals.places
     made = table(
         "keypoints, from the body along the trajectory",
@@ -336,8 +337,8 @@ _MOST_VIEWS = 10  # of a camera that are listed
 
 
 def print_rig(rig: PersonCalibration, out: Path, picture: Path | None) -> None:
-    """Where cameras stand that were found from a person, how sure that is, and what was written."""
-    columns = ["camera", "began [s]", "focal length [px]", "turn +- [deg]", "place +- [cm]", "error [px]"]
+    """Places of cameras found from a person, their uncertainty, and the written files."""
+    columns = ["camera", "start [s]", "focal length [px]", "turn +- [deg]", "place +- [cm]", "error [px]"]
     made = table("cameras from the person", *columns)
     for name, camera in rig.cameras.items():
         began = f"{rig.offsets[name]:.3f} +- {rig.offset_stds[name]:.3f}"
@@ -352,7 +353,7 @@ def print_rig(rig: PersonCalibration, out: Path, picture: Path | None) -> None:
 
 
 def print_check(check: RigCheck, cameras: Path) -> None:
-    """How far a person's keypoints are off, by how much the person places each camera otherwise, and the verdict."""
+    """Errors of a person's keypoints, the differences of the cameras placed by the person, and the verdict."""
     made = table(f"{cameras.name} by a person", "camera", "error [px]", "turn [deg]", "place [cm]")
     for name, camera in check.cameras.items():
         turn = f"{camera.turn:.1f} +- {camera.turn_std:.1f}"
@@ -368,7 +369,7 @@ def print_check(check: RigCheck, cameras: Path) -> None:
 
 
 def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:
-    """Errors of the cameras and of their views, the worst first, where the world is, and what was written."""
+    """Errors of the cameras and of their views, the worst first, the place of the world, and the written files."""
     several = len(calibration.cameras) > 1
     columns = ["camera", "pictures", "with the board", "focal length [px]", "error [px]"]
     made = table("cameras", *columns, *(["error across cameras [px]"] if several else []))

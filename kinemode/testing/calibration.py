@@ -85,7 +85,7 @@ class RankStatistics:
         return float(each + 1.0 / (self.samples + 1))
 
     def worst(self) -> str:
-        """What is wrong with the coordinate of the largest deviation, in words."""
+        """A description of the coordinate of the largest deviation."""
         k, count = int(np.argmax(self.deviation)), len(self.ranks)
         bias = self._of_ranks()[k] >= self._of_intervals()[k]
         place = np.sort((self._places() if bias else self._levels())[:, k])
@@ -164,10 +164,10 @@ def simulated_clips(
 
     Parameters
     ----------
-    cameras: that see the body. motion: true configurations (T, nq) at times (T,) [s], drawn anew for each clip; parts
+    cameras: that see the body. motion: true configurations (T, nq) at times (T,) [s], drawn for each clip; parts
         of random motions within the limits (`estimator.synthesis.motion`) unless given.
     frames: of each clip. noise_px: standard deviation of the keypoints [px]. bias [m]: see
-        `DetectorSettings`; drawn anew for each clip. fps: of the frames [1/s].
+        `DetectorSettings`; drawn for each clip. fps: of the frames [1/s].
     """
     for clip in range(count):
         rng = np.random.default_rng((seed, clip))

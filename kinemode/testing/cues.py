@@ -1,4 +1,4 @@
-"""What every cue of the pictures promises (see `estimator.vision.cues.base.Cue`)."""
+"""The contract of cues (see `estimator.vision.cues.base.Cue`)."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def check_cue(
 
     It names and describes itself; its settings are plain and cannot change; what it reads of an instant does not depend
     on what was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
-    is an InputError; what its matcher returns depends on the pose alone; features lie on points that there are, with
-    weights that are none below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
+    is an InputError; what its matcher returns depends on the pose alone; features lie on existing points, with
+    weights not below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
     agreement is one; its pictures have the size of the cues.
 
     Parameters
     ----------
     cue: see `estimator.vision.cues.base.Cue`.
-    body: in the pictures. pictures: opens the clip of one camera, anew each time it is called.
+    body: in the pictures. pictures: opens the clip of one camera, again at each call.
     q (T, nq): poses of the body at the clip's instants, two or more; features are matched a little beside them.
     settings: the cue's own, unless its defaults. curvature: see `check_term`.
 
@@ -95,10 +95,10 @@ class _CueCheck:
         once, back = self.read(range(count)), self.read(range(count - 1, -1, -1))
         for i in range(count):
             apart = differing(parts(once[i]), parts(back[i]))
-            self.require(not apart, "what is read does not depend on what was read before", f"instant {i}: {apart}")
-            sent = self.pickled(once[i], "what is read can be sent to another process")
+            self.require(not apart, "a reading does not depend on earlier readings", f"instant {i}: {apart}")
+            sent = self.pickled(once[i], "a reading can be sent to another process")
             apart = differing(parts(once[i]), parts(sent))
-            self.require(not apart, "what is read can be sent to another process", f"instant {i}: {apart}")
+            self.require(not apart, "a reading can be sent to another process", f"instant {i}: {apart}")
 
     def pickled(self, thing: Any, law: str) -> Any:
         try:
@@ -121,13 +121,13 @@ class _CueCheck:
         """At the last instant of which something was read."""
         instant = max((i for i, thing in self.read(range(len(self.q))).items() if thing is not None), default=None)
         if instant is None:
-            raise ValueError(f"{self.who} reads nothing of this clip")
+            raise ValueError(f"{self.who} reads nothing from this clip")
         view = self.view(instant)
         matching = _Matching(self, view, self.body, self.q[instant], self.q[max(0, instant - 1)])
         before = copied(parts(view.cues[self.cue.name]))
         matching.said_of(matching.q)
         apart = differing(before, parts(view.cues[self.cue.name]))
-        self.require(not apart, "matching leaves what was read as it is", apart)
+        self.require(not apart, "matching does not change a reading", apart)
         matching.depends_on_the_pose_alone()
         count_matched = matching.features_are_some(curvature) + matching.terms_keep_their_contract(curvature)
         count_matched += matching.past_is_followed(curvature)
@@ -154,7 +154,7 @@ class _CueCheck:
 
 
 class _Matching:
-    """A cue's matcher at one instant, asked about a pose beside the true one; `parent`: that of the instant before."""
+    """A cue's matcher at one instant, called with a pose near the true one; `parent`: that of the instant before."""
 
     def __init__(self, check: _CueCheck, view: CameraView, body: Body, q: np.ndarray, parent: np.ndarray) -> None:
         self.check, self.view, self.body = check, view, body
@@ -183,7 +183,7 @@ class _Matching:
         first = self.said_of(self.q)
         self.said_of(self.other)
         apart = differing(first, self.said_of(self.q))
-        self.require(not apart, "what is returned depends on the pose alone", f"after another pose:  {apart}")
+        self.require(not apart, "the result depends on the pose alone", f"after another pose:  {apart}")
 
     def features_are_some(self, curvature: float | None) -> int:
         prediction = self.view.predictor.predict(self.posed)
@@ -192,7 +192,7 @@ class _Matching:
             self.labelled(match.label)
             f = match.features
             outside = np.count_nonzero((f.point < 0) | (f.point >= count))
-            self.require(outside == 0, "features lie on points that there are", f"{outside} do not, of {count} points")
+            self.require(outside == 0, "features lie on existing points", f"{outside} do not, of {count} points")
             wrong = sum(np.count_nonzero(~np.isfinite(a)) for a in (f.target, f.precision, f.weight, match.unassigned))
             self.require(wrong == 0, "features are finite", f"{wrong} numbers are not")
             least = float(f.weight.min(initial=0.0))
@@ -222,7 +222,7 @@ class _Matching:
             some = sum(answer is not None for answer in followed)
             self.require(some == 0, "what follows is declared", f"{some} of {len(pasts)} pasts were followed")
             return 0
-        law = "what is followed can be sent to another process"
+        law = "the followed features can be sent to another process"
         terms = self.matcher.since(followed[0])
         sent = self.matcher.since(self.check.pickled(followed[0], law))
         values = [[term.value(self.posed) for term in some] for some in (terms, sent)]

@@ -11,7 +11,7 @@ from humanoid.kinematics.body import Body
 
 
 class ContractError(AssertionError):
-    """A promise of a contract is not kept. law: which one, in a few words."""
+    """A violated law of a contract. law: its name."""
 
     def __init__(self, who: str, law: str, detail: str) -> None:
         super().__init__(f"{who}: {law}: {detail}")
@@ -25,7 +25,7 @@ def require(kept: bool, who: str, law: str, detail: str) -> None:
 
 
 def differing(ours: Mapping[str, np.ndarray], theirs: Mapping[str, np.ndarray]) -> str:
-    """How two mappings of arrays differ, in value to the last bit, in shape or in type; empty if they do not."""
+    """The difference of two mappings of arrays, in value to the last bit, in shape or in type; empty if they do not."""
     if set(ours) != set(theirs):
         return f"the names are {', '.join(sorted(ours)) or 'none'} and {', '.join(sorted(theirs)) or 'none'}"
     for name in ours:

@@ -1,4 +1,4 @@
-"""What every term of the energy promises (see `estimator.energy.term.Term`)."""
+"""The contract of terms of the energy (see `estimator.energy.term.Term`)."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def check_term(term: Any, body: Body, q: np.ndarray, *, curvature: float | None 
 
     Its name is a text; `value` is what `accumulate` returns, to the last bit; `accumulate` adds and leaves no trace;
     the gradient is the derivative through `pin.integrate`; the Hessian is symmetric, and positive semi-definite unless
-    the exact one is asked for, which changes neither value nor gradient and is the second derivative.
+    the exact one is requested, which changes neither value nor gradient and is the second derivative.
 
     Parameters
     ----------
     term, body: see `estimator.energy.term.Term`.
-    q (nq,): away from kinks, or differences are no derivatives.
+    q (nq,): away from kinks, otherwise differences are not derivatives.
     curvature: how far the exact Hessian may be from differences of the gradient, relative to its largest entry; None
-        for a term that does not know all of its curvature.
+        for a term that omits part of its curvature.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class _TermCheck:
         before = self.at(self.q)
         self.term.accumulate(posed, np.zeros(self.body.nv), np.zeros((self.body.nv, self.body.nv)), True)
         changed = sum(not np.array_equal(a, b, equal_nan=True) for a, b in zip(kept, posed, strict=True))
-        self.require(not changed, "leaves the posed body as it is", f"{changed} of its arrays changed")
+        self.require(not changed, "does not change the posed body", f"{changed} of its arrays changed")
         away = self.body.clamp(self.body.integrate(self.q, np.full(self.body.nv, 0.1)))
         self.at(away, exact=True)
         self.term.value(self.body.at(away))

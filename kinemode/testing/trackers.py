@@ -1,4 +1,4 @@
-"""What every tracker and every result of one promises (`TrackerProtocol`, `FrameResult`)."""
+"""The contract of trackers and of their results (`TrackerProtocol`, `FrameResult`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kinemode.testing.laws import differing, require
 
 _WEIGHTS, _UNIT, _SYMMETRIC, _DEFINITE = 1e-9, 1e-9, 1e-9, 1e-9
 Law = Callable[[bool, str, str], None]
-"""Told whether a law is kept, which one, and what was seen."""
+"""Called with whether a law holds, its name, and what was found."""
 _FINITE = ("q", "weight", "energy", "covariance", "velocity")
 
 
@@ -38,7 +38,7 @@ def check_result(
 
     Parameters
     ----------
-    who: the tracker, for messages. body: what is tracked. seen: the frame. before: the result of the frame before,
+    who: the tracker, for messages. body: the tracked one. seen: the frame. before: the result of the frame before,
     None for the first.
 
     Raises
@@ -98,7 +98,11 @@ def _weights(law: Law, result: FrameResult) -> None:
 def _poses(law: Law, body: Body, result: FrameResult, keeps_limits: bool) -> None:
     for k, q in enumerate(result.q):
         unit = pin.isNormalized(body.model, q, _UNIT)
-        law(unit, "configurations are normalised", f"hypothesis {k} is none of the model's: {np.round(q, 4).tolist()}")
+        law(
+            unit,
+            "configurations are normalised",
+            f"hypothesis {k} is not a configuration of the model: {np.round(q, 4).tolist()}",
+        )
         if keeps_limits:
             beyond = np.maximum(body.lower - q, q - body.upper)
             worst = int(np.argmax(beyond))
@@ -124,9 +128,9 @@ def check_tracker(
     """Check the promises of a tracker on a short clip.
 
     Equal seeds give equal tracks; a frame leaves states and observations of before as they were; a state's arrays,
-    stored and read again, are the same to the last bit, and a track that goes on from them is the uninterrupted one;
+    stored and read again, are the same to the last bit, and a track resumed from them is the uninterrupted one;
     results are well formed and finite (`check_result`); a frame in which nothing is seen is
-    "unobserved", and one of nonsense is flagged: neither raises; nothing is enough to begin with nothing; what it can
+    "unobserved", and one of nonsense is flagged: neither raises; an empty frame is never enough to start; what it can
     do beside tracking is one record (`estimator.trackers.base.Capabilities`).
 
     Parameters
@@ -163,7 +167,7 @@ class _TrackerCheck:
         self.make, self.frames, self.seed, self.keeps_limits = make, observations, seed, keeps_limits
         self.who = type(make()).__name__
         can = getattr(make(), "capabilities", Capabilities())
-        self.require(isinstance(can, Capabilities), "what it can do is one record", f"capabilities is {can!r}")
+        self.require(isinstance(can, Capabilities), "its capabilities are one record", f"capabilities is {can!r}")
         if len(observations) < 3:
             raise ValueError(f"{len(observations)} frames are too few: three or more are needed")
 
@@ -174,7 +178,7 @@ class _TrackerCheck:
         return track_frames(self.make() if of is None else of, frames, (self.seed,), state, first)
 
     def begins(self) -> None:
-        """By its own word, which does not change; and never from nothing."""
+        """By its own decision, which does not change; and never from nothing."""
         tracker, first = self.make(), self.frames[0]
         answers = [tracker.can_start(first) for _ in range(2)]
         if not answers[0]:
@@ -183,12 +187,12 @@ class _TrackerCheck:
             answers == [True, True], "can_start is true or false", f"it returns {answers[0]!r}, {answers[1]!r}"
         )
         blank = tracker.can_start(_nothing_seen(first))
-        self.require(not blank, "nothing is not enough to begin", f"of a frame without anything it returns {blank!r}")
+        self.require(not blank, "an empty frame is no start", f"of a frame without anything it returns {blank!r}")
         needs = getattr(tracker, "needs_keypoints", None)
         self.require(isinstance(needs, bool), "declares whether it needs keypoints", f"needs_keypoints is {needs!r}")
         without = tracker.can_start(_no_keypoints(first))
         detail = f"needs_keypoints, but can_start returns {without!r} of a frame without"
-        self.require(not (needs and without), "does not begin without the keypoints it needs", detail)
+        self.require(not (needs and without), "does not start without the keypoints it needs", detail)
 
     def results_are_well_formed(self, whole: Sequence[Told]) -> None:
         body, before = self.make().body, None
@@ -196,7 +200,7 @@ class _TrackerCheck:
             limits = self.keeps_limits or before is None
             check_result(self.who, body, seen, steps.result, before, keeps_limits=limits)
             detail = f"after the frame of {seen.time} s the state is of {steps.state.time} s"
-            self.require(steps.state.time == seen.time, "a state knows its time", detail)
+            self.require(steps.state.time == seen.time, "a state has its time", detail)
             before = steps.result
 
     def equal_seeds_give_equal_tracks(self, whole: Sequence[Told]) -> None:
@@ -324,7 +328,7 @@ def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _stored(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """As they come back from a file that holds no objects."""
+    """As read back from a file without objects."""
     file = io.BytesIO()
     np.savez(file, **arrays)  # type: ignore[arg-type]
     file.seek(0)

@@ -52,7 +52,7 @@ class MovingPreview:
     """Serves the page on 127.0.0.1 from `__enter__` to `__exit__`, in threads of its own.
 
     hypotheses: how many there are at most. port: 0 takes a free one. patience [s]: how long a page waits for a frame
-    before it is asked whether it is still connected. farewell [s]: how long open pages are given to receive the end.
+    before it is checked for still being connected. farewell [s]: how long open pages are given to receive the end.
     Raises InputError where the port cannot be used.
 
     Attributes

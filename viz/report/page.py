@@ -42,7 +42,7 @@ _BESIDE = (
     " to."
 )
 _MADE_HARD = (
-    "a stance, a clearance or the floor is missed by over 2 mm: the solver came no nearer, as the source asks for more"
+    "a stance, a clearance or the floor is missed by over 2 mm: the solver came no nearer, as the source demands more"
     " than the body can do, or moves faster"
 )
 _TEMPLATE = Path(__file__).with_name("report.html")

@@ -218,7 +218,7 @@ def motion_part(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def assumed_part(facts: Facts) -> str:
-    """What contradicts subject or input, what was not measured, and the fitted lengths."""
+    """Contradictions with subject or input, unmeasured values, and the fitted lengths."""
     parts = []
     if facts.findings:
         parts += ["<h3>What contradicts the subject or the input</h3>", listed(facts.findings)]

@@ -197,7 +197,7 @@ def _picture(scene: Scene, camera: int, t: int) -> np.ndarray | None:
 
 def _box(view: CameraProjection, vertices: np.ndarray) -> np.ndarray | None:
     """Upper left and lower right of what is in the picture of a body's vertices (V, 3) [m], (2, 2) [px]; None where it
-    is next to nothing."""
+    is almost empty."""
     pixels, depth = view.project(vertices)
     pixels = pixels[np.isfinite(pixels).all(axis=1) & (depth > _NEAR)]
     if not len(pixels):

@@ -29,7 +29,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its complaints
 
 class ColouredMesh(NamedTuple):
     """triangles in metres if the file declares its unit (COLLADA), else in its own; their labels are places in
-    `colours`, where None stands for no colour."""
+    `colours`, where None means no colour."""
 
     triangles: Triangles
     colours: tuple[Rgb | None, ...]
@@ -44,7 +44,7 @@ class MeshFile(NamedTuple):
 
 
 def mesh_file(path: str) -> MeshFile | None:
-    """The file as it is now; None where there is none."""
+    """The file's current content; None without a file."""
     try:
         about = Path(path).stat()
     except (OSError, ValueError):

@@ -175,7 +175,7 @@ def _missing(shape: VisualShape) -> bool:
 
 
 def _shapes(body: Body) -> tuple[tuple[VisualShape, ...], tuple[str, ...]]:
-    """What to draw, and the links whose shapes are missing."""
+    """The solids to draw, and the links whose shapes are missing."""
     wanted = shapes_of(body.subject, "visual")
     lost = {shape.link for shape in wanted if _missing(shape)}
     if wanted and not lost:

@@ -125,7 +125,7 @@ def _by_pose(by_point: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 def corner_residuals(camera: Camera, at: Pose, board_pose: Pose, board: Board, view: BoardSighting) -> np.ndarray:
-    """Where corners should be less where they are seen, x and y of each seen [px].
+    """Expected minus detected corners, x and y of each seen one [px].
 
     camera: its lens. at: the camera from the world. board_pose: the world from the board.
     """
@@ -149,7 +149,7 @@ def chained(first: Pose, second: Pose) -> Pose:
 
 
 def angle_between(a: Pose, b: Pose) -> float:
-    """By how much one pose is turned against the other [deg]."""
+    """The rotation between two poses [deg]."""
     return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(a[0].T @ b[0]) - 1.0), -1.0, 1.0))))
 
 

@@ -26,7 +26,7 @@ _WIDEST = tuple(name for name in DICTIONARIES if name.endswith(("_1000", "ORIGIN
 FEWEST_CORNERS = 6  # of a view
 _SIDES = (2, 50)  # inner corners
 _MARKER = 0.75  # of the square, unless given
-_WINDOW = 0.2  # of the shortest side between corners: half the width of what a corner is looked for in, at most
+_WINDOW = 0.2  # of the shortest side between corners: the largest half-width of a corner's search window
 _CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-4)
 _AROUND = ((-1, -1), (1, 1), (-1, 0), (0, -1), (1, 0), (0, 1))  # how people miscount
 
@@ -40,7 +40,7 @@ class Board:
 
     Raises
     ------
-    InputError: sizes and lengths that cannot be.
+    InputError: impossible sizes and lengths.
     """
 
     kind: str
@@ -65,7 +65,7 @@ class Board:
                 remedy="the side of a square, as 0.025",
             )
         if self.kind == CHARUCO and not 0.0 < self.marker_side < self.square:
-            problem = f"{self.marker_side:g} m is no marker in a square of {self.square:g} m"
+            problem = f"{self.marker_side:g} m does not fit as a marker in a square of {self.square:g} m"
             raise InputError("marker", problem, remedy="the side of a marker in metres, less than the square's")
 
     @property
@@ -95,7 +95,7 @@ class Board:
     @cached_property
     def points(self) -> np.ndarray:
         """Its inner corners row by row (N, 3) [m]: x along the columns, y along the rows, z into the board, away from
-        who looks at it."""
+        a viewer in front of it."""
         columns, rows = self.inner
         x, y = np.meshgrid(np.arange(columns), np.arange(rows))
         first = self.square if self.kind == CHARUCO else 0.0  # OpenCV's ChArUco boards begin at their outer corner
@@ -108,7 +108,7 @@ class Board:
 
     def corners(self, picture: np.ndarray, *, quick: bool = False) -> np.ndarray | None:
         """Its inner corners in a picture (H, W, 3) uint8 BGR: pixels (N, 2), NaN where one is not seen, None where too
-        few are; of a chessboard all are seen or none. quick: without a second look for blurred chessboards."""
+        few are; of a chessboard all are seen or none. quick: without a second search for blurred chessboards."""
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
         pixels = self._charuco(grey) if self.kind == CHARUCO else self._chessboard(grey, quick)
         if pixels is None:
@@ -143,7 +143,7 @@ class Board:
         return np.ascontiguousarray(grid.reshape(-1, 2))
 
     def instead(self, picture: np.ndarray) -> Board | None:
-        """Another board that the picture shows, where somebody miscounted: one column or row more or less."""
+        """Another board that the picture shows, in case of a miscount: one column or row more or less."""
         sizes = [(self.size[0] + x, self.size[1] + y) for x, y in _AROUND] + [(self.size[1], self.size[0])]
         names = [self.dictionary]
         if self.kind == CHARUCO:
@@ -234,12 +234,12 @@ class Shots:
 
     @property
     def source(self) -> str:
-        """What to call them in errors."""
+        """Their label in errors."""
         return str(self.paths[0]) if len(self.paths) == 1 else str(self.paths[0].parent)
 
     @cached_property
     def count(self) -> int:
-        """How many there are."""
+        """Their number."""
         if self._clip is None:
             return len(self.paths)
         return len(self._clip.files) if isinstance(self._clip, FolderClip) else self._clip.report.read
@@ -263,7 +263,7 @@ class Shots:
         return picture
 
     def label(self, index: int) -> str:
-        """What a picture is called."""
+        """The label of a picture."""
         if isinstance(self._clip, FolderClip):
             return self._clip.files[index].name
         return f"frame {index}" if self._clip is not None else self.paths[index].name

@@ -14,8 +14,8 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 from humanoid.support.errors import InputError
 
-MOST_PICTURES = 120  # of a camera that are looked at, evenly spaced
-_LOOKED_AT = 3  # pictures in which another board is looked for
+MOST_PICTURES = 120  # of a camera that are used, evenly spaced
+_LOOKED_AT = 3  # pictures in which another board is searched for
 _APART = 3.0  # times the lens's own error, from which placements are doubted
 
 Progress = Callable[[int, int], None]
@@ -32,13 +32,13 @@ class BoardView:
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """What the pictures of a board say of cameras.
+    """The cameras found from the pictures of a board.
 
     cameras: by name; several in the world of the board in frame `origin` (see `estimator.data.boards.placement`), a
-    single one so too where an origin was asked for, else as one without a calibration stands. views: all with a board.
-    lens_errors: root mean square distance of the corners by camera, the board placed in each view alone [px];
-    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by
-    camera. notes: what the user should know.
+    single one so too where an origin was requested, otherwise placed like one without a calibration. views: all with a
+    board. lens_errors: root mean square distance of the corners by camera, the board placed in each view alone [px];
+    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by camera.
+    notes: what the user should know.
     """
 
     cameras: dict[str, Camera]
@@ -80,7 +80,7 @@ def calibrate(
     fits = {s.name: fit_lens(s.name, board, views[s.name], s.image_size, lens=lens, source=s.source) for s in shots}
     every = [view for name in fits for view in views[name]]
     notes = [
-        f"{name}: the focal length is unsure by {fit.focal_std:.1f} px: take more views, tilted to all sides"
+        f"{name}: the focal length is uncertain by {fit.focal_std:.1f} px: take more views, tilted to all sides"
         for name, fit in fits.items()
         if fit.focal_std > UNSURE * fit.camera.K[0, 0]
     ]
@@ -106,7 +106,7 @@ def calibrate(
 
 
 def _frames(shots: Sequence[Shots], origin: int | None) -> dict[str, list[int]]:
-    """Numbers of the pictures that are looked at, by camera: the same for all, the origin among them."""
+    """Numbers of the pictures that are used, by camera: the same for all, including the origin."""
     count = min(s.count for s in shots)
     if origin is not None and not 0 <= origin < count:
         problem = f"there is no picture {origin} of every camera"

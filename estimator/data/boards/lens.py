@@ -43,7 +43,7 @@ class LensFit:
 
     @property
     def rms(self) -> float:
-        """Of all views [px]."""
+        """The RMS error of all views [px]."""
         return float(np.sqrt(np.mean([best.error**2 for best, *_ in self.poses.values()])))
 
 
@@ -56,7 +56,7 @@ def fit_lens(
 
     Raises
     ------
-    InputError: too few views, or all with the board at one tilt, which says nothing of the focal length.
+    InputError: too few views, or all with the board at one tilt, which does not determine the focal length.
     """
     if len(views) < FEWEST_VIEWS:
         problem = f"{len(views)} pictures show {board.description}, at least {FEWEST_VIEWS} are needed"
@@ -83,8 +83,8 @@ def fit_lens(
 
 
 def _near(views: Sequence[BoardSighting]) -> list[BoardSighting]:
-    """The views in which the board is not small beside the others: small ones say little of the lens, and where OpenCV
-    starts one mirrored it settles on a wrong focal length."""
+    """The views in which the board is not small beside the others: small ones hardly constrain the lens, and where
+    OpenCV starts one mirrored it settles on a wrong focal length."""
     sizes = np.array([np.linalg.norm(np.ptp(v.pixels[v.seen], axis=0)) for v in views])
     least = min(NEAR * sizes.max(), np.sort(sizes)[-FEWEST_VIEWS])
     return [v for v, size in zip(views, sizes, strict=True) if size >= least]

@@ -1,4 +1,4 @@
-"""Where several cameras stand that saw one board: what most of its pictures support, then everything together.
+"""Placement of several cameras by one board: the one that most pictures support, then everything together.
 
 A view of a flat board has two solutions, and in a small or far board both fit nearly as well (Collins and Bartoli, IJCV
 2014). Which are true is decided over all views: the relative placements of the cameras have to agree.
@@ -29,20 +29,20 @@ from humanoid.support.errors import InputError
 MOST_FRAMES = 40  # with boards that hold the cameras together
 DOUBTED = 20.0  # twice the difference of log-likelihoods below which another solution fits as well
 FEWER_STEPS = 15  # of the adjustment of another solution
-UNSURE_TURN, UNSURE_SHIFT = 1.0, 0.02  # degrees; of the distance between two cameras: deviations that are said
+UNSURE_TURN, UNSURE_SHIFT = 1.0, 0.02  # degrees; of the distance between two cameras: deviations that are reported
 SAME = 2.0  # degrees, within which two solutions are one
 FILM = "tilt the board more, bring it nearer, and carry it through where both cameras see it"
 _TURN = 10.0  # degrees between two placements at which one supports the other half as much
 _SHIFT = 0.2  # of the board's distance, the same
 _CLEAR = 100.0  # twice the difference of log-likelihoods from which one solution of a view alone is taken
 _LEAST_NOISE = 0.1  # px
-_LEAST_SUPPORT = 0.3  # of the best placement's, of others that are looked into
+_LEAST_SUPPORT = 0.3  # of the best placement's, of others that are considered
 _MOST = 4  # placements of a pair
 R_WORLD_BOARD = np.diag([1.0, -1.0, -1.0])
 """The world of a board that lies on the floor, face up: origin at its first inner corner (of a ChArUco board at its
 outer corner), x along its columns, y against its rows, z up out of its face."""
 MIRRORED = 5.0  # degrees between two solutions that differ
-LEVEL = 60.0  # degrees between up out of the floor and up in the pictures, on average, that are said
+LEVEL = 60.0  # degrees between up out of the floor and up in the pictures, on average, that are reported
 UPRIGHT = 0.3  # by which cameras have to be more upright in a solution that fits a little worse
 AXES = {"x": (0, 1), "-x": (0, -1), "y": (1, 1), "-y": (1, -1), "-z": (2, -1)}
 
@@ -209,11 +209,11 @@ def _unsure(best: Adjustment, origin: int) -> list[str]:
         shift = float(np.sqrt(np.trace(centre @ covariance @ centre.T)))
         distance = float(np.linalg.norm(pose[1]))
         if turn > UNSURE_TURN or shift > UNSURE_SHIFT * distance:
-            notes.append(f"where {name} stands is unsure by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {FILM}")
+            notes.append(f"the place of {name} is uncertain by {turn:.1f} degrees and {100.0 * shift:.0f} cm: {FILM}")
     turn = float(np.degrees(np.sqrt(np.trace(best.covariances[origin][:3, :3]))))
     if turn > UNSURE_TURN:
         notes.append(
-            f"how the floor is tilted is unsure by {turn:.1f} degrees: bring the board of picture {origin} nearer"
+            f"the tilt of the floor is uncertain by {turn:.1f} degrees: bring the board of picture {origin} nearer"
         )
     return notes
 
@@ -258,7 +258,7 @@ def placements(a: Mapping[int, list[BoardPose]], b: Mapping[int, list[BoardPose]
 
 
 def upright(cameras: Mapping[str, Pose]) -> float:
-    """How well up in the pictures of cameras agrees, 1 where it is one direction, less where some are upside down."""
+    """The agreement of up in the pictures of cameras, 1 where it is one direction, less where some are upside down."""
     return float(np.linalg.norm(np.mean([pose[0][1] for pose in cameras.values()], axis=0)))
 
 
@@ -292,7 +292,7 @@ def in_world(camera: Camera, pose: Pose, floor: Pose) -> Camera:
 
 
 def floor_notes(cameras: Mapping[str, Camera], origin: int) -> list[str]:
-    """Notes where the cameras say that the board of the world does not lie on the floor."""
+    """Notes where the cameras contradict that the board of the world lies on the floor."""
     notes = []
     below = [name for name, camera in cameras.items() if camera.centre_world[2] <= 0.0]
     if below:

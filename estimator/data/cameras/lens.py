@@ -3,7 +3,7 @@
 A lens is one array. Of Brown's five coefficients (Brown 1966): (5,) k1, k2, p1, p2, k3. Of any other model one row
 (1, 22): those five, k4, k5, k6 (rational), s1, s2, s3, s4 (thin prism), the nine numbers of a tilted sensor's
 homography, row by row, and the model, `GENERAL` or `FISHEYE`. A fisheye's k1, k2, k3, k4 (Kannala and Brandt 2006)
-stand at the places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's `calib3d` and `fisheye` modules.
+take the places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's `calib3d` and `fisheye` modules.
 
 The two have different numbers of axes so that kernels are compiled for each: numba drops the branch of `if lens.ndim ==
 2` that does not apply, and Brown's model is as fast as if there were no other (with a branch on a number it took 1.7 to

@@ -32,7 +32,7 @@ def pack_cameras(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray, np.
 _distorted = jit(distorted)
 
 AWAY = 1e3
-"""Of a parallel camera: distance before its plane from which depths of occlusion are counted [m]."""
+"""The distance before a parallel camera's plane from which depths of occlusion are counted [m]."""
 
 
 @jit

@@ -43,7 +43,7 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     Raises
     ------
     InputError: naming the format and the place, like `Pose2Sim TOML, [cam01].matrix`; of our own JSON the place alone,
-        like `cameras[2].K`. Where translations cannot be metres, the error says how to declare the unit.
+        like `cameras[2].K`. Where translations cannot be metres, the error explains how to declare the unit.
     """
     path = Path(path)
     content = read_bytes(path)

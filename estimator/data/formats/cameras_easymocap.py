@@ -1,4 +1,4 @@
-"""Cameras as EasyMocap writes them: intri.yml and extri.yml in one folder, either of which stands for both.
+"""Cameras as EasyMocap writes them: intri.yml and extri.yml in one folder, either of which represents both.
 
     names: ["01", "02"]
     K_01, dist_01: 3 x 3, 5 coefficients;  H_01, W_01: size of the pictures        # intri.yml

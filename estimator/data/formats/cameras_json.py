@@ -9,7 +9,7 @@ the camera is parallel (orthographic), without distortion, and K's scale is in p
 relative standard deviation of the focal length, where it is a guess. "deviations" are those of a camera that was found
 from a person: 7 rows as in `Camera.deviations`, of the same length for every camera of the file. Accepted are images of
 up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4. Lengths are in metres
-unless `"units": "mm"` (or "cm") stands beside "cameras", and `"up": "y"` there declares which axis of the world points
+unless `"units": "mm"` (or "cm") is next to "cameras", and `"up": "y"` there declares which axis of the world points
 up, where that is known (else it is found from the person); `"floor": 0` the height of the floor along it, in the same
 unit. An unknown member is refused, unless it is text, such as a note.
 """

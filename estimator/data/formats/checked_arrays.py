@@ -45,7 +45,7 @@ class DamageError(ValueError):
 def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], sizes: Mapping[str, int]) -> None:
     """Raise DamageError where an array is missing, misshapen or of another kind, or has impossible numbers.
 
-    sizes: by the names in the fields' shapes; a name without one stands for any size.
+    sizes: by the names in the fields' shapes; a name without one means any size.
     """
     for name, field in fields.items():
         if name not in arrays:
@@ -65,7 +65,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], 
 
 
 def sizes_of(body: Body) -> dict[str, int]:
-    """The sizes that arrays of a body go by; triangle: entries of a symmetric matrix (nv, nv)."""
+    """The sizes of a body's arrays; triangle: entries of a symmetric matrix (nv, nv)."""
     return {"nq": body.nq, "nv": body.nv, "triangle": body.nv * (body.nv + 1) // 2}
 
 

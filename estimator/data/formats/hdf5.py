@@ -90,7 +90,7 @@ def members(group: h5py.Group) -> str:
 def plain_pickle(value: Any, path: Path, place: str) -> Any:
     """The value of pickled bytes that contain only lists, tuples, dictionaries, texts and numbers.
 
-    Nothing is run or looked up by its name: any other instruction is refused before it is read, as is a place in the
+    Nothing is executed or resolved by name: any other instruction is refused before it is read, as is a place in the
     memo beyond the bytes' own length, which would take memory. Raises InputError.
     """
     import io

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 HEADS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
 HEADS_REMEDY = "DeepLabCut's are scorer, individuals (with several animals), bodyparts, coords"
 _COORDINATES = ("x", "y", "likelihood")
-_UNIQUE = "single"  # DeepLabCut's individual that has the body parts of no animal
+_UNIQUE = "single"  # DeepLabCut's individual whose points belong to no animal
 
 
 class DeepLabCutTable(NamedTuple):
@@ -81,7 +81,7 @@ def fill(reading: Reading, table: DeepLabCutTable) -> None:
     if _UNIQUE in individuals and len(individuals) > 1:
         individuals.pop(_UNIQUE)
         reading.notes.say(f"the individual {_UNIQUE!r}, points of no animal, is left out")
-    absent = np.full((len(table.values), 1), np.nan)  # the last column stands for missing ones
+    absent = np.full((len(table.values), 1), np.nan)  # the last column represents missing ones
     values = np.concatenate([table.values, absent], axis=1)
     several = len(individuals) > 1
     for place, frame, row in zip(table.places, _frames(table, path), values, strict=True):

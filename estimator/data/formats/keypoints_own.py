@@ -4,7 +4,7 @@
 several people {"people": [{"id", "keypoints"}, ...]} for a frame.
 Beside its keypoints a person may have "world": [[x, y, z], ...], each keypoint's place in space, lifted from this
 picture by a network [m]: x right, y down, z away from the camera, about the middle of the hips, at most 3 m from there.
-MediaPipe's world landmarks are such; any other network's may stand there.
+MediaPipe's world landmarks are such; those of any other network work too.
 """
 
 from __future__ import annotations

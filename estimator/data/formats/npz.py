@@ -65,7 +65,7 @@ def read_headed(
     """
     arrays = read_npz(path)
     if not {"header", *needed} <= arrays.keys():
-        raise InputError(path, f"is no {kind}", remedy=remedy)
+        raise InputError(path, f"is not {kind}", remedy=remedy)
     try:
         header = mapping(json.loads(str(arrays["header"])), path, "header")
     except json.JSONDecodeError:

@@ -38,7 +38,7 @@ class NumberTable(NamedTuple):
         return np.array([[_number(cell) for cell in row] for row in self.rows]).reshape(-1, len(self.names))
 
     def check(self) -> None:
-        """Raise InputError for names that are missing or there twice, rows that are longer or shorter, and words among
+        """Raise InputError for names that are missing or repeated, rows that are longer or shorter, and words among
         the numbers of a column; one of words alone, as a frame's status, may be."""
         path, names, rows = self.path, self.names, self.rows
         if not names:

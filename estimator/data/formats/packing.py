@@ -65,14 +65,14 @@ def _index(text: bytes) -> Iterator[tuple[str, np.dtype[Any], tuple[int, ...]]]:
         raise ValueError("its index is not a list")
     for entry in entries:
         if not (isinstance(entry, list) and len(entry) == 3 and isinstance(entry[0], str)):
-            raise ValueError("its index has an entry that is none")
+            raise ValueError("its index has an invalid entry")
         name, kind, shape = entry
         if not (isinstance(kind, str) and _KIND.fullmatch(kind)):
-            raise ValueError(f"array {name!r} is of no plain type")
+            raise ValueError(f"array {name!r} has no plain type")
         try:
             dtype = np.dtype(kind)
         except TypeError:  # no number has three bytes
-            raise ValueError(f"array {name!r} is of no plain type") from None
+            raise ValueError(f"array {name!r} has no plain type") from None
         if not (isinstance(shape, list) and len(shape) <= _MOST_AXES and all(type(n) is int and n >= 0 for n in shape)):
             raise ValueError(f"array {name!r} has an unlikely shape")
         yield name, dtype, tuple(shape)

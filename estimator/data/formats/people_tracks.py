@@ -111,7 +111,7 @@ class _Alive:
         return _Alive(first, size, low, high, middle, np.full(len(size), -1), np.full(len(size), frame))
 
     def at(self, rows: np.ndarray) -> _Alive:
-        """Some of them."""
+        """The selected detections."""
         return replace(self, **{name: values[rows] for name, values in vars(self).items()})
 
     def and_also(self, others: _Alive) -> _Alive:
@@ -132,7 +132,7 @@ class _Pairs:
 
 
 def _pairs(alive: _Alive, seen: _Alive, reach: np.ndarray) -> _Pairs:
-    """Pairs closer than reach (K,), in body sizes; boxes farther apart than that are not looked into."""
+    """Pairs closer than reach (K,), in body sizes; boxes farther apart than that are skipped."""
     across, down = (
         np.maximum(alive.low[:, axis, None] - seen.high[:, axis], seen.low[:, axis] - alive.high[:, axis, None])
         for axis in (0, 1)

@@ -70,7 +70,7 @@ def _even(frames: np.ndarray) -> bool:
 
 
 def _columns(table: NumberTable) -> tuple[dict[str, tuple[int, int, int]], str, list[str]]:
-    """The columns x, y and z of every point, the unit in their names, and the columns that are of no point."""
+    """The columns x, y and z of every point, the unit in their names, and the columns that belong to no point."""
     places: dict[str, dict[str, int]] = {}
     units: set[str] = set()
     other: list[str] = []
@@ -142,7 +142,7 @@ def read_point_array(path: Path) -> PointFile:
 
 
 UNIT_OPTION = "--unit"
-"""By which a user gives the unit of length of a file."""
+"""The option by which a user gives the unit of length of a file."""
 _EXPORT = ("landmarks", "landmark_names")  # of a run: metres, z up
 _KEYS = (("points", "names"), _EXPORT)
 

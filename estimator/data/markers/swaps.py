@@ -38,7 +38,7 @@ def mirrored_swaps(track: MarkerTrack, pairs: Sequence[tuple[str, str]]) -> tupl
             points[wrong, i], points[wrong, k] = track.points[wrong, k], track.points[wrong, i]
             first, last = track.time[np.flatnonzero(wrong)[[0, -1]]]
             notes.append(f"{left} and {right} in {wrong.sum()} frames from {first:.3g} to {last:.3g} s")
-    told = (f"labels of left and right were exchanged and are put right: {first_of(notes, _LISTED)}",) if notes else ()
+    told = (f"labels of left and right were exchanged and are corrected: {first_of(notes, _LISTED)}",) if notes else ()
     return track._replace(points=points, notes=(*track.notes, *told)), told
 
 

@@ -11,7 +11,7 @@ from estimator.data.media.picture import read_numbers
 from humanoid.support.errors import InputError
 
 KINDS = {".png": 1e-3, ".npy": 1.0}
-"""By ending, metres of one unit."""
+"""Metres of one unit, by ending."""
 PLAUSIBLE = 0.3, 20.0  # m, of a picture's median: beyond it the unit is another one
 _LOOKED_AT = 9  # pictures, spread over the clip, of which one has to have depth
 

@@ -55,7 +55,7 @@ def write_film(path: str | Path, frames: Iterable[np.ndarray], rate: float, *, f
         stream = iter(frames)
         first = next(stream, None)
         if first is None:
-            raise InputError(path, "there is no frame to write")
+            raise InputError(path, "has no frame to write")
         exact = Fraction(rate).limit_denominator(_LARGEST_DENOMINATOR)
         source = _pictures(first.shape[1], first.shape[0], exact)
         pictures = map(_even, itertools.chain([first], stream))
@@ -126,7 +126,7 @@ def _keys(rate: Fraction) -> str:
 
 
 def _encode_gif(source: list[str], rate: Fraction, pictures: Iterable[np.ndarray], target: Path, path: Path) -> None:
-    """By way of a reduced H.264 film, which is read twice."""
+    """Written through a reduced H.264 film, which is read twice."""
     side = f"min({_GIF_LONGEST}/max(iw\\,ih)\\,1)"
     reduced = f"fps={min(rate, _GIF_RATE)},scale=w=2*trunc(iw*{side}/2):h=2*trunc(ih*{side}/2):flags=area,"
     with tempfile.NamedTemporaryFile(prefix=target.name, suffix=".part", dir=target.parent) as film:

@@ -101,7 +101,7 @@ def _absence(table: Table, ours: np.ndarray, theirs: np.ndarray) -> float:
 
 
 def _of_one_camera(name: str, file: PeopleFile) -> tuple[list[Tracks], tuple[str, ...]]:
-    """By the ids of the file, or as they can be followed through it."""
+    """People by the ids of the file, or by following them through it."""
     people = [track.people for track in largest_first(file.frames)]
     if ids := ids_of(file.frames):
         people = [select(file.frames, who, file.source)[0] for who in sorted(ids)]

@@ -106,7 +106,7 @@ class _Builder:
         self.pieces = seed + 1
 
     def filled(self, all_detections: Sequence[CameraDetections], tracks: Sequence[Sequence[PersonTrack]]) -> _Builder:
-        """With the tracks of every camera."""
+        """The pieces with the tracks of every camera."""
         for c, (camera_detections, ours) in enumerate(zip(all_detections, tracks, strict=True)):
             diagonal = float(np.hypot(*camera_detections.camera.image_size))
             for number, track in enumerate(ours):

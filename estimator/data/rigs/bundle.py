@@ -25,12 +25,12 @@ from estimator.data.rigs.lengths import SegmentLengths
 from estimator.numerics.newton import Damping, NewtonSettings, descend
 
 _ROUNDS = 8  # of Newton's method
-_FLAT = 1e-6  # of a radial term, that is none
+_FLAT = 1e-6  # of a radial term that counts as none
 _LEAST_SLOPE = 0.1  # of the bent radius by the straight one: where it falls pictures fold
 
 
 def bent(x: np.ndarray, focal: np.ndarray, radial: np.ndarray) -> np.ndarray:
-    """Where places x (..., 2) are seen (..., 2); factors on the focal lengths, and radial terms, (...)."""
+    """Projections (..., 2) of places x (..., 2); factors on the focal lengths, and radial terms, (...)."""
     return np.asarray((focal * (1.0 + radial * np.square(x).sum(axis=-1)))[..., None] * x)
 
 
@@ -47,7 +47,7 @@ def by_radial(x: np.ndarray, focal: np.ndarray) -> np.ndarray:
 
 
 def straight(seen: np.ndarray, focal: np.ndarray, radial: np.ndarray) -> np.ndarray:
-    """What `bent` makes seen of, NaN of NaN; nearest to the middle where a picture folds."""
+    """The inverse of `bent`, NaN for NaN; nearest to the middle where a picture folds."""
     y = seen / focal[..., None]
     if not np.any(radial):
         return np.asarray(y)
@@ -70,12 +70,12 @@ _TINY = 1e-9
 SIZE_KNOWN = 1e8
 """Precision of the logarithm of the person's size, for covariances that are of the rig's shape."""
 BIAS = 0.5
-"""Of a ray's deviation: what a detector marks elsewhere from every side."""
+"""Share of a ray's deviation that a detector marks elsewhere from every side."""
 
 
 @dataclass(frozen=True)
 class RigState:
-    """What is adjusted. The world is the first camera's frame, and in it the body's size is that of the subject.
+    """The adjusted state. The world is the first camera's frame, and in it the body's size is that of the subject.
 
     R (C, 3, 3), t (C, 3) [m]: x_camera = R x + t. late (C,) [s]: how long after its given offset each camera's clock is
     read, since the rays were read. focal (C,): factors on the focal lengths; radial (C,): see
@@ -106,9 +106,9 @@ class RigState:
 
 @dataclass(frozen=True)
 class RigRays:
-    """What C cameras see of J joints at T instants, free of the lenses' distortion.
+    """Rays of C cameras to J joints at T instants, without lens distortion.
 
-    rays (C, T, J, 2): places in the plane z = 1 by the focal lengths that were told, NaN where missing. slope (C, T, J,
+    rays (C, T, J, 2): places in the plane z = 1 by the given focal lengths, NaN where missing. slope (C, T, J,
     2) [1/s]: how they move. std (C, J): of each place. focal_std (C,): of the logarithms of the focal lengths;
     radial_std (C,): of the radial terms; late_std (C,) [s]: of the clocks; 0 of what is known.
     """
@@ -123,7 +123,7 @@ class RigRays:
 
 class Adjusted(NamedTuple):
     """state: of least cost. cost: half the sum of robust squares. chi: root mean square of the residuals, weighted by
-    their tails, 1 where they are as large as was told."""
+    their tails, 1 where they are as large as given."""
 
     state: RigState
     cost: float
@@ -132,10 +132,10 @@ class Adjusted(NamedTuple):
 
 @dataclass(frozen=True)
 class RigUncertainty:
-    """How sure a rig is where all residuals are independent. covariance (C, 7, C, 7): of all cameras' turns [rad] and
-    shifts [m], each in its own frame, and logarithms of focal lengths; the person's size is held, the first camera's
-    place has 0. of_bias (C, 7, C, 7): what it has besides of a detector that marks a joint elsewhere in each camera.
-    late_std (C,) [s], radial_std (C,): of clocks and radial terms."""
+    """The uncertainty of a rig where all residuals are independent. covariance (C, 7, C, 7): of all cameras' turns
+    [rad] and shifts [m], each in its own frame, and logarithms of focal lengths; the person's size is held, the first
+    camera's place has 0. of_bias (C, 7, C, 7): what it has besides of a detector that marks a joint elsewhere in each
+    camera. late_std (C,) [s], radial_std (C,): of clocks and radial terms."""
 
     covariance: np.ndarray
     of_bias: np.ndarray
@@ -176,17 +176,17 @@ def adjusted(
 
 
 def uncertainty(state: RigState, seen: RigRays, lengths: SegmentLengths) -> RigUncertainty:
-    """Of a state that is adjusted."""
+    """The uncertainty of an adjusted state."""
     return RigProblem(state, seen, lengths).uncertainty()
 
 
 def _factors(A: csc_matrix) -> SuperLU:
-    """Of a symmetric definite matrix."""
+    """Factors of a symmetric definite matrix."""
     return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def robust_weights(r: np.ndarray) -> np.ndarray:
-    """Of residuals, by Cauchy's tails."""
+    """Weights of residuals with Cauchy tails."""
     return np.asarray(1.0 / (1.0 + np.square(r / _TAIL)))
 
 
@@ -256,7 +256,7 @@ class RigProblem:
         return RigState(R, t, late, focal, radial, np.exp(x[self._at[4] : self._at[5]]), points)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Of rays, two each, of segments, and of what is told of clocks, lenses and lengths."""
+        """Counts of residuals: two per ray, of segments, and of given clocks, lenses and lengths."""
         state = self.state(x)
         seen, lengths, points = self._seen, self._lengths, x[self._at[5] :].reshape(-1, 3)
         place, _ = self._places(state)
@@ -274,7 +274,7 @@ class RigProblem:
         ])  # fmt: skip
 
     def _places(self, state: RigState) -> tuple[np.ndarray, np.ndarray]:
-        """Where points are in the plane z = 1 (N, 2), and in the cameras (N, 3)."""
+        """Points in the plane z = 1 (N, 2), and in the cameras (N, 3)."""
         at = np.einsum("nij,nj->ni", state.R[self._c], state.points[self._k, self._j]) + state.t[self._c]
         return at[:, :2] / np.maximum(at[:, 2:], _NEAREST), at
 
@@ -339,7 +339,7 @@ class RigProblem:
     def step(
         self, at: tuple[np.ndarray, np.ndarray], equations: tuple[csc_matrix, np.ndarray], damping: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """From a vector with its residuals, by its normal equations, to another with its."""
+        """A step from a vector with its residuals, by its normal equations, to the next with its residuals."""
         A, g = equations
         x = at[0] - _factors(A + diags(damping * A.diagonal() + _TINY)).solve(g)
         return x, self.residuals(x)
@@ -350,7 +350,7 @@ class RigProblem:
         return float(np.sqrt((weight * r * r).sum() / max(1.0, weight.sum() - self._size)))
 
     def uncertainty(self) -> RigUncertainty:
-        """At the state that it was made of."""
+        """Evaluated at the state from which it was made."""
         count, J, weight = int(self._at[4]), self.jacobian(self.start), robust_weights(self.residuals(self.start))
         tall = np.zeros(self._size)
         tall[self._at[4] : self._at[5]] = self._lengths.mean / self._lengths.mean.sum()
@@ -369,7 +369,8 @@ class RigProblem:
         return RigUncertainty.of(column, columns, biases, late, radial)
 
     def _by_bias(self, rows: np.ndarray, J: csr_matrix, weight: np.ndarray) -> np.ndarray:
-        """How biases of one deviation move what the columns rows (n, K) of the covariance are of, (K, biases)."""
+        """The effect of biases of one deviation on the unknowns of the covariance's columns rows (n, K), (K,
+        biases)."""
         joints, count = self._seen.std.shape[1], 2 * len(self._c)
         pull = (J @ rows)[:count] * weight[:count, None]
         bias = 2 * (self._c * joints + self._j)[:, None] + np.arange(2)
@@ -378,7 +379,7 @@ class RigProblem:
 
 
 class _Entries:
-    """Of a sparse matrix."""
+    """Entries of a sparse matrix."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []

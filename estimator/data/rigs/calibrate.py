@@ -27,21 +27,21 @@ from humanoid.collision.floor import FloorDistances
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
-UNSURE_TURN, UNSURE_SHIFT = 1.5, 0.04  # degrees; of the distance to the person: deviations that are said
+UNSURE_TURN, UNSURE_SHIFT = 1.5, 0.04  # degrees; of the distance to the person: deviations that are reported
 _COMMON = 0.5  # of the shorter clip: what clips have in common at least
-_FRAMES = 1.5  # by which clocks that are told in two ways may differ
-_HOPELESS = 12.0  # degrees: what is less sure is no calibration
+_FRAMES = 1.5  # by which clocks from two sources may differ
+_HOPELESS = 12.0  # degrees: larger deviations are not a calibration
 _SWAPPED = 0.05  # share of the frames
 _SHORT = 8.0  # s: fewer leave the cameras in doubt
 _PLACE, _LINE = 0.2, 0.08  # m: standard deviations of a path that stays in one place, and that is a line
 _FLAT = 0.06  # m: of points in a plane, across it
 NARROW = 25.0
-"""Degrees between cameras, seen from the person, below which they tell little of depth."""
+"""Degrees between cameras, seen from the person, below which they hardly constrain depth."""
 _LOW = 10.0  # percentile of the ankles' heights that is that of feet on the floor
 _LEVEL = np.radians(60.0)  # between the person's up and the cameras', at most
 _SEEN = 50  # ankles
 _STEP = 1.0 / 30.0  # s: of the instants, at least
-_TRUSTED = 1.0  # s in common at which half of what a lag says is believed
+_TRUSTED = 1.0  # s in common at which a lag has half its weight
 _SHORTEST = 0.3  # s in common
 _OTHERS = 3
 
@@ -57,7 +57,7 @@ class PersonCalibration:
     2) [px] of a picture without the lens's distortion, NaN where nothing was seen. exchanged: share of each camera's
     frames whose sides were exchanged. names (J), points (T, J, 3) [m]: of the person, in the world, at times (T,) [s]
     of the first camera's clock.
-    notes: what the user should know. doubtful: cameras that were moved, or see somebody else, as a note says.
+    notes: what the user should know. doubtful: cameras that were moved, or see another person, according to a note.
     """
 
     cameras: dict[str, Camera]
@@ -89,7 +89,7 @@ class PersonCalibration:
 
     @property
     def errors(self) -> dict[str, float]:
-        """How far keypoints are from where the points of all cameras are seen, see `typical_distance` [px]."""
+        """The typical distance of keypoints from the projected points of all cameras, see `typical_distance` [px]."""
         return {name: float(typical_distance(off)) for name, off in self.distances.items()}
 
     @property
@@ -99,7 +99,7 @@ class PersonCalibration:
 
     @property
     def unsure(self) -> tuple[str, ...]:
-        """The cameras whose deviations are large enough to be said, and the doubtful ones."""
+        """The cameras whose deviations are large enough to be reported, and the doubtful ones."""
         most = UNSURE_SHIFT * self.distance
         return tuple(
             n
@@ -108,17 +108,17 @@ class PersonCalibration:
         )
 
     def with_doubt(self, cameras: Sequence[str], note: str) -> PersonCalibration:
-        """The same of doubtful cameras, with a note that says why before all others."""
+        """The calibration with doubtful cameras, with a note of the reason before all others."""
         return replace(self, doubtful=tuple(cameras), notes=(note, *self.notes))
 
     @property
     def sure(self) -> bool:
-        """Whether no camera is unsure."""
+        """Whether no camera is uncertain."""
         return not self.unsure
 
     @property
     def distance(self) -> float:
-        """From the first camera to the person, the median [m]."""
+        """The median distance from the first camera to the person [m]."""
         first = next(iter(self.cameras.values()))
         return float(np.nanmedian(np.linalg.norm(self.points - first.centre_world, axis=2)))
 
@@ -141,8 +141,8 @@ def calibrate_by_person(
 
     Raises
     ------
-    InputError: fewer than two cameras; too little that two cameras see at once; no motion that tells where they stand;
-    clocks that cannot be told.
+    InputError: fewer than two cameras; too little that two cameras see at once; no motion that determines where they
+    stand; clocks that cannot be determined.
     """
     seen = FilmedPerson.of(body, tracks, lenses, times)
     names, lengths, views = seen.names, seen.lengths, seen.views
@@ -181,7 +181,7 @@ def _inconsistent_note(names: Sequence[str]) -> str:
 
 
 def _check(fit: RigFit) -> None:
-    """Raise InputError where the motion does not tell where the cameras stand."""
+    """Raise InputError where the motion does not determine where the cameras stand."""
     turns = np.array([np.degrees(np.sqrt(np.trace(fit.unsure.own(c)[:3, :3]))) for c in range(len(fit.late))])
     if not np.isfinite(turns).all() or turns.max() > _HOPELESS:
         points, centres = fit.state.points, -np.einsum("cji,cj->ci", fit.state.R, fit.state.t)
@@ -193,7 +193,7 @@ def _check(fit: RigFit) -> None:
 def _check_clocks(
     rig: PersonCalibration, views: Sequence[JointView], fit: RigFit, mirror: np.ndarray
 ) -> None:  # fmt: skip
-    """Raise InputError unless rays that meet, and speeds, tell the same clocks, at which the clips overlap by half."""
+    """Raise InputError unless rays that meet, and speeds, give the same clocks, at which the clips overlap by half."""
     clocks = [view.times + offset for view, offset in zip(views, rig.offsets.values(), strict=True)]
     right = [
         _right_way(v.pixels, own, flips, fit, mirror) for v, own, flips in zip(views, clocks, fit.flips, strict=True)
@@ -267,7 +267,7 @@ def _placed(lens: Camera, c: int, fit: RigFit, world: RigWorld, deviations: np.n
 
 
 def _exchanged(flips: np.ndarray) -> np.ndarray:
-    """Shares (C,); which of two cameras is right nobody knows: the one that is so in fewer frames."""
+    """Shares (C,); which of two cameras is right is undecidable: the one that is so in fewer frames."""
     share = flips.mean(axis=1)
     return np.minimum(share, 1.0 - share)
 
@@ -281,7 +281,7 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
         if name in unsure:
             why = in_words(causes(rig.points, seconds, centres, c))
             sure = f"{rig.turn_stds[name]:.1f} degrees and {100.0 * rig.shift_stds[name]:.0f} cm"
-            notes.append(f"where {name} stands is unsure by {sure}{why}: {FILM}")
+            notes.append(f"the place of {name} is uncertain by {sure}{why}: {FILM}")
         elif c > 0 and is_narrow(rig.points, centres, c):
             notes.append(
                 f"{name} looks from the same side as the others, within {NARROW:.0f} degrees: its errors are up to"
@@ -298,7 +298,7 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
             sure = f"{camera.distortion[0]:.3f} (+-{rig.radial_stds[name]:.3f})"
             notes.append(f"{name}: its lens bends lines, by a radial term k1 of {sure}, as the motion shows")
     if world.up_from == "cameras":
-        notes.append("which way is up is taken from how the cameras are held: nobody stands upright long enough")
+        notes.append("up is taken from how the cameras are held: no one stands upright long enough")
     elif not world.up_sure:
         notes.append(
             "which way is up is known from the person's balance, but not to two degrees; joint angles are the same"
@@ -307,7 +307,7 @@ def _notes(rig: PersonCalibration, world: RigWorld) -> list[str]:
 
 
 def causes(points: np.ndarray, seconds: float, centres: np.ndarray, c: int) -> list[str]:
-    """What leaves camera c in doubt, in words; none where nothing stands out.
+    """The reason to doubt camera c, as text; none where nothing stands out.
 
     points (T, J, 3) [m]: of the person, NaN where unknown, over so many seconds. centres (C, 3) [m]: of the cameras.
     """
@@ -331,7 +331,7 @@ def is_narrow(points: np.ndarray, centres: np.ndarray, c: int) -> bool:
 
 
 def in_words(named: Sequence[str]) -> str:
-    """As part of a sentence, empty of none."""
+    """A part of a sentence, empty for none."""
     *others, last = named or [""]
     return f" ({', '.join(others)} and {last})" if others else f" ({last})" if last else ""
 
@@ -345,8 +345,8 @@ def _spread(points: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class RigWorld:
     """R_world_rig (3, 3), t_world_rig (3,) [m]: x_world = R size x_rig + t, of the world from the first camera's frame.
-    size: metres in a unit of that frame. up_from: who says which way is up, "person" or "cameras"; up_sure: whether the
-    person's balance and the floor tell it to about two degrees."""
+    size: metres in a unit of that frame. up_from: source of the up direction, "person" or "cameras"; up_sure: whether
+    the person's balance and the floor determine it to about two degrees."""
 
     R_world_rig: np.ndarray
     t_world_rig: np.ndarray
@@ -399,9 +399,9 @@ def _floor(body: Body, names: Sequence[str], places: np.ndarray, size: float) ->
 
 
 def clock_lags(views: Sequence[JointView]) -> list[np.ndarray]:
-    """How much later each clock is read (C,) [s], the first one's 0, for the speeds of all to agree: the best, then
+    """Delays of the clocks (C,) [s], the first one's 0, at which all speeds agree: the best, then
     others in which one clock has another lag that is better than its neighbours, as walking looks alike a stride later.
-    None where nobody moves, or no two cameras have a time in common."""
+    None where no one moves, or no two cameras have a time in common."""
     step = max(_STEP, *(float(np.median(np.diff(view.times))) for view in views))
     begin, end = min(view.times[0] for view in views), max(view.times[-1] for view in views)
     grid = np.arange(begin, end + 1.5 * step, step)
@@ -431,7 +431,7 @@ def _others(lags: Lags, best: np.ndarray, step: float) -> list[np.ndarray]:
 
 
 def _table(first: np.ndarray, second: np.ndarray, most: int, step: float) -> np.ndarray:
-    """What speaks against each lag (2 most + 1,) of the second camera, from logarithms of speeds (T, J): half the
+    """The evidence against each lag (2 most + 1,) of the second camera, from logarithms of speeds (T, J): half the
     logarithm of what the one's leave of the variance of the other's, drawn to the usual where little is in common."""
     values = np.zeros(2 * most + 1)
     for lag in range(-most, most + 1):

@@ -21,7 +21,7 @@ from estimator.data.rigs.views import common_instants
 from estimator.numerics.robust import typical_distance
 from humanoid.kinematics.body import Body
 
-_LENGTHS_STD = 0.2  # of the logarithms: people are of all sizes, and the cameras tell the metres
+_LENGTHS_STD = 0.2  # of the logarithms: people are of all sizes, and the cameras give the metres
 _INSTANTS = 80
 _BETTER = 1.15  # times that rays fit better where the cameras may stand otherwise: of right ones it is 1.08 or less
 
@@ -41,7 +41,7 @@ class CheckedCamera:
 
 @dataclass(frozen=True)
 class RigCheck:
-    """What a person says of given cameras.
+    """The check of given cameras by a person.
 
     cameras: by name. gain: times that rays fit better where the cameras may stand otherwise, near 1 of right ones.
     size: of the person by these cameras, over the body's. moved: the camera that stands otherwise, or the two of which
@@ -56,7 +56,7 @@ class RigCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether no camera stands otherwise, as far as the person tells."""
+        """Whether no camera is found moved by the person."""
         return not self.moved
 
 
@@ -67,10 +67,11 @@ def check_by_person(
     cameras: Mapping[str, Camera],
     times: Mapping[str, np.ndarray],
 ) -> RigCheck:
-    """How cameras agree with one person's keypoints in each, as `calibrate_by_person` takes them.
+    """The agreement of cameras with one person's keypoints in each, in the form of `calibrate_by_person`.
 
     Rays of right cameras meet about as well as those of cameras that are placed by the person; where they meet much
-    worse, that camera is named which, placed anew alone, lets them meet. times [s]: of the frames, on one clock.
+    worse, the camera is named that lets them meet when it alone is placed again. times [s]: of the frames, on one
+    clock.
 
     Raises
     ------
@@ -109,12 +110,12 @@ def _given(cameras: Sequence[Camera], lengths: SegmentLengths) -> RigState:
 
 
 def _cost(views: RigViews, lengths: SegmentLengths, fit: RigFit, instants: np.ndarray) -> float:
-    """Of a ray by a rig, at the noise as it was taken before."""
+    """The cost per ray of a rig, at the noise used before."""
     return RigPart.of(views, lengths, fit.state, fit.late, instants).cost
 
 
 def _cameras(given: RigState, fit: RigFit, focal: Sequence[float]) -> list[CheckedCamera]:
-    """Each camera beside a rig that the person placed, as large as the given one."""
+    """Each camera against a rig placed by the person, at the size of the given one."""
     centres, own = (-np.einsum("cji,cj->ci", state.R, state.t) for state in (given, fit.state))
     scale = float(np.sum(own * centres) / max(np.sum(own * own), 1e-12))
     turns = np.degrees(Rotation.from_matrix(fit.state.R @ np.swapaxes(given.R, 1, 2)).magnitude())

@@ -17,12 +17,12 @@ from humanoid.support.errors import InputError
 
 _FEWEST_JOINTS = 5  # that all cameras see
 FILM = "film a person who walks to and fro, across and along, turns, and lifts the arms, for 20 s or more"
-"""What tells where cameras stand."""
+"""The data that determine where cameras stand."""
 
 
 @dataclass(frozen=True)
 class FilmedPerson:
-    """names (C): of the cameras. joints (J): names of the landmarks that are looked at. views (C): of them."""
+    """names (C): of the cameras. joints (J): names of the landmarks used. views (C): of them."""
 
     names: list[str]
     joints: list[str]
@@ -36,7 +36,8 @@ class FilmedPerson:
         lenses: Mapping[str, Camera],
         times: Mapping[str, np.ndarray],
     ) -> FilmedPerson:
-        """Of keypoints by camera; lenses: see `JointView`; times [s]: of the frames, by each camera's clock.
+        """The filmed person from keypoints by camera; lenses: see `JointView`; times [s]: of the frames, by each
+        camera's clock.
 
         Raises InputError: fewer than two cameras, a parallel one, too few joints or frames.
         """
@@ -57,7 +58,7 @@ class FilmedPerson:
         """The error that too little is seen by two cameras at once."""
         unseen = [name for name, view in zip(self.names, self.views, strict=True) if not np.isfinite(view.pixels).any()]
         if unseen:
-            return InputError("cameras", f"nobody is seen by {', '.join(unseen)}", remedy=f"leave it out, or {FILM}")
+            return InputError("cameras", f"no person is seen by {', '.join(unseen)}", remedy=f"leave it out, or {FILM}")
         problem = f"no two of {', '.join(self.names)} see {FEWEST} points of one person at once"
         remedy = f"the clips have to overlap in time and show the same person: {FILM}, in all of them at once"
         return InputError("cameras", problem, remedy=remedy)

@@ -1,4 +1,4 @@
-"""Where cameras stand to each other at first: two by their essential matrix, the others by the points these see.
+"""Initial relative placements of cameras: two by their essential matrix, the others by the points these see.
 
 OpenCV's robust estimators (USAC: Raguram et al., A universal framework for random sample consensus, 2013; its local
 optimisation with sigma consensus, Barath et al., MAGSAC, 2019).
@@ -51,7 +51,7 @@ def pair_poses(rays: np.ndarray, std: np.ndarray, a: int, b: int, seeds: Sequenc
     for seed in seeds:
         try:
             E, agree = cv2.findEssentialMat(x, y, _I, _I, None, None, _sampling(_THRESHOLD * float(np.mean(std)), seed))
-        except cv2.error:  # points that tell nothing, as all in one place
+        except cv2.error:  # uninformative points, as all in one place
             continue
         if E is None or E.shape[0] < 3:
             continue
@@ -132,7 +132,7 @@ def triangulated(rays: np.ndarray, R: np.ndarray, t: np.ndarray, some: Sequence[
 
 
 def _scaled(rays: np.ndarray, R: np.ndarray, t: np.ndarray, lengths: SegmentLengths) -> RigState:
-    """In the first camera's frame, as large as the subject."""
+    """The rig in the first camera's frame, at the subject's size."""
     t = t - np.einsum("cxy,y->cx", R @ R[0].T, t[0])
     R = R @ R[0].T
     points = triangulated(rays, R, t, range(len(rays)))

@@ -12,17 +12,17 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 
 _POSES = 12
-_TURN = 0.6  # rad: how far joints of the poses that tell are from rest, the standard deviation
+_TURN = 0.6  # rad: standard deviation from rest of the joints in informative poses
 _MOST = 0.04  # m, and
-_SHARE = 0.12  # of the distance: what changes by more is none that stays
+_SHARE = 0.12  # of the distance: larger changes are not a constant length
 _SHORTEST = 0.06  # m
 _STD = 0.06  # of the logarithm of a length, between people of one size
 JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "big_toe")
-"""What is looked at: where a detector puts the points of a face depends on the side that it sees it from."""
+"""The landmarks used: where a detector puts the points of a face depends on the side from which it sees it."""
 
 
 class SegmentLengths(NamedTuple):
-    """Of the landmarks that are looked at.
+    """Lengths between the landmarks used.
 
     landmark (J,): their numbers among the body's. mirror (J,): the other side of each. first, second (S,): ends of the
     segments. mean, std (S,) [m]: of the lengths on the body as it is, and of their logarithms. slack (S,) [m]: by how
@@ -46,12 +46,13 @@ class SegmentLengths(NamedTuple):
         return np.asarray(np.nanmedian(apart, axis=0) / self.mean)
 
     def size(self, points: np.ndarray) -> float:
-        """Of a person of points (T, J, 3) over the body's."""
+        """The size of a person with points (T, J, 3) relative to the body."""
         return float(np.nanmedian(self.ratios(points)))
 
     @staticmethod
     def of(body: Body, seen: Sequence[str | None]) -> SegmentLengths:
-        """Of a body, whose limb joints are looked at, or all landmarks where it has none. seen: names of keypoints."""
+        """The lengths of a body, between its limb joints, or all landmarks where it has none. seen: names of
+        keypoints."""
         known = [i for i, name in enumerate(body.landmark_names) if name in seen]
         limbs = [i for i in known if body.landmark_names[i].endswith(JOINTS)]
         landmark = np.array(limbs or known, dtype=np.int64)

@@ -1,9 +1,9 @@
 """The person as a body in place of free points: its pose at every instant, its proportions, and where a detector marks
 its joints.
 
-A body bends as its joints do and keeps within their limits; that says more of where cameras stand than lengths alone.
-Poses are eliminated instant by instant (the Schur complement of Triggs et al., Bundle adjustment - a modern synthesis,
-2000, section 6.1): what is left is as large as cameras, proportions and marks.
+A body bends as its joints do and keeps within their limits; that constrains the cameras' places more than lengths
+alone. Poses are eliminated instant by instant (the Schur complement of Triggs et al., Bundle adjustment - a modern
+synthesis, 2000, section 6.1): what is left is as large as cameras, proportions and marks.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NEAREST = 0.05  # m: least depth of a point
 
 @dataclass(frozen=True)
 class FilmedBody:
-    """What is adjusted. rig: cameras and lenses. q (T, nq): poses in the rig's frame. scales (P,): of the
+    """The adjusted state. rig: cameras and lenses. q (T, nq): poses in the rig's frame. scales (P,): of the
     proportions. marks (J, 3) [m]: from landmarks to where they are marked, in the frames of their links."""
 
     rig: RigState
@@ -72,7 +72,7 @@ class PersonProblem:
         return self._evaluated(at, derivatives=True)[1]
 
     def moved(self, at: FilmedBody, common: np.ndarray, poses: np.ndarray) -> FilmedBody:
-        """By a step of what is common (S,) and of the poses (T, nv)."""
+        """The state after a step of the common unknowns (S,) and of the poses (T, nv)."""
         rig, base = at.rig, self._body.base
         moves = common[: self._at[1]].reshape(-1, 6)
         R, t, focal, radial = rig.R.copy(), rig.t.copy(), rig.focal.copy(), rig.radial.copy()
@@ -86,7 +86,7 @@ class PersonProblem:
         return FilmedBody(replace(rig, R=R, t=t, focal=focal, radial=radial), q, scales, marks)
 
     def points(self, at: FilmedBody) -> np.ndarray:
-        """Where joints are marked (T, J, 3), in the rig's frame."""
+        """The places where joints are marked (T, J, 3), in the rig's frame."""
         return self._placed(at, derivatives=False)[0]
 
     def _placed(self, at: FilmedBody, *, derivatives: bool) -> tuple[np.ndarray, ...]:
@@ -127,7 +127,7 @@ class PersonProblem:
         self, at: FilmedBody, c: int, place: np.ndarray, depth: np.ndarray, by_pose: np.ndarray, by_scale: np.ndarray,
         turns: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Of a camera's residuals by what is common (T, J, 2, S) and by poses (T, J, 2, nv)."""
+        """Derivatives of a camera's residuals by the common unknowns (T, J, 2, S) and by poses (T, J, 2, nv)."""
         rig, std = at.rig, self._seen.std[c][:, None]
         flat, focal, radial = place[..., :2] / depth[..., None], rig.focal[c], rig.radial[c]
         of_flat = by_place(flat, focal, radial) / (depth[..., None] * std)[..., None]
@@ -166,7 +166,7 @@ class PersonProblem:
         system.B[:] += np.swapaxes(weighted, 1, 2) @ P
 
     def _known_besides(self, at: FilmedBody) -> tuple[float, PersonSystem]:
-        """Of lenses, scales, marks and rest positions."""
+        """Energy and system of lenses, scales, marks and rest positions."""
         T, nv, S = len(at.q), self._body.base.nv, int(self._at[-1])
         system = PersonSystem(
             np.zeros((S, S)), np.zeros(S), np.zeros((T, nv, nv)), np.zeros((T, nv)), np.zeros((T, S, nv))
@@ -221,14 +221,15 @@ class PersonProblem:
 
     @property
     def places(self) -> np.ndarray:
-        """Where the covariance of what is common has each camera's turn, shift and focal length (C, 7), or -1."""
+        """Indices of each camera's turn, shift and focal length in the covariance of the common unknowns (C, 7), or
+        -1."""
         column = np.full((len(self._seen.rays), 7), -1)
         column[1:, :6] = np.arange(self._at[1]).reshape(-1, 6)
         column[self._focal, 6] = np.arange(self._at[1], self._at[2])
         return column
 
     def radial_std(self, covariance: np.ndarray) -> np.ndarray:
-        """Of the cameras' radial terms (C,), by the covariance of what is common."""
+        """Deviations of the cameras' radial terms (C,), from the covariance of the common unknowns."""
         std = np.zeros(len(self._seen.rays))
         std[self._radial] = np.sqrt(np.diagonal(covariance)[self._at[2] : self._at[3]])
         return std

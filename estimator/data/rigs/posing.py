@@ -25,7 +25,7 @@ _LEAST_GAIN = 1e-4  # of the cost
 _DAMPING = Damping(first=1e-3, least=1e-7, most=1e5, growth=6.0, shrink=1.0 / 6.0)
 _ALL = NewtonSettings(40, _DAMPING, share=_LEAST_GAIN, count_taken=True)
 _ONE = NewtonSettings(30, replace(_DAMPING, first=1e-2, least=1e-6), share=_LEAST_GAIN)  # pose by itself
-_FAR = 0.15  # m from the points, in the middle, of poses that are none
+_FAR = 0.15  # m from the points, in the middle, of unusable poses
 _FEWEST = 8  # joints of an instant from which it is posed
 _HELD = 1e9  # precision of a joint at its limit
 _TINY = 1e-6
@@ -59,7 +59,7 @@ def posed_rig(body: Body, fit: RigFit, lengths: SegmentLengths) -> RigFit:
 
 
 def _with_points(rig: RigState, seen: RigRays, lengths: SegmentLengths) -> RigState:
-    """With the points that it sees, as large as the subject."""
+    """The rig with the points that it sees, scaled to the subject."""
     points = triangulated(rig.straight(seen.rays), rig.R, rig.t, range(len(rig.R)))
     none = np.zeros(len(rig.R))
     known = replace(seen, focal_std=none, radial_std=none, late_std=none)
@@ -88,7 +88,7 @@ def _step(problem: PersonProblem, at: FilmedBody, system: PersonSystem, damping:
 
 
 def _uncertainty(problem: PersonProblem, at: FilmedBody) -> RigUncertainty:
-    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; of the clocks nothing is known here."""
+    """As `estimator.data.rigs.bundle.RigProblem.uncertainty`; clocks are unknown here."""
     system, column = problem.system(at), problem.places
     inverse, A, _ = _reduced(problem, at, system, 0.0)
     size = problem.size_slope(at)

@@ -60,8 +60,8 @@ def with_exchanged(rays: np.ndarray, flips: np.ndarray, mirror: np.ndarray) -> n
     return np.where(flips[:, :, None, None], rays[:, :, mirror], rays)
 
 
-_RADIAL = 0.05  # of lenses that nothing is told of; phones take most of theirs out of video
-_SHOWN = 1.0  # of that, of terms that the motion shows: it tells more than was known
+_RADIAL = 0.05  # of unknown lenses; phones take most of theirs out of video
+_SHOWN = 1.0  # of that, of terms that the motion shows: it adds to what was known
 _LATE = 0.1  # s: of a clock that was found from speeds
 _NOISE = 0.008  # of the person's size in the picture: what a detector is off
 _FEW, _MANY = 40, 120  # instants
@@ -111,7 +111,7 @@ class RigFit:
 
     @property
     def misfits(self) -> np.ndarray:
-        """From where rays are seen to where the points are (C, T, J, 2), in the plane z = 1 by the told focal
+        """Residuals from observed rays to the points (C, T, J, 2), in the plane z = 1 by the given focal
         lengths."""
         state, seen = self.state, self.rays
         at = np.einsum("cij,tnj->ctni", state.R, state.points) + state.t[:, None, None]
@@ -233,7 +233,7 @@ def _shown(seen: RigRays, state: RigState, lengths: SegmentLengths, instants: np
 
 
 def lasting(unsure: RigUncertainty, instants: np.ndarray) -> RigUncertainty:
-    """How sure a rig is with the time in mind that errors last, and what it has of bias; instants (T,) [s]."""
+    """The uncertainty of a rig with lasting errors, and its bias; instants (T,) [s]."""
     span = float(instants[-1] - instants[0])
     fewer = _ALIKE * max(1.0, len(instants) * _LASTING / (span + _LASTING))
     covariance = fewer * unsure.covariance + unsure.of_bias

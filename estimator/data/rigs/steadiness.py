@@ -1,4 +1,4 @@
-"""Which camera of a rig stands otherwise than the rest of it says: during a part of the clip, or from a calibration."""
+"""Which camera of a rig disagrees with the others, during a part of the clip, or with a calibration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from estimator.data.rigs.search import RigFit, RigViews, exchanged, with_exchang
 from estimator.data.rigs.views import read
 
 _BETTER = 1.1  # times that rays fit better where cameras may stand otherwise in a part: it is 1.05 where they stood
-_LEAST_TURN, _LEAST_SHIFT = 1.0, 0.03  # degrees; of the distance to the person: what is moved by less is no matter
+_LEAST_TURN, _LEAST_SHIFT = 1.0, 0.03  # degrees; of the distance to the person: smaller moves do not matter
 _SPLITS = 6  # parts, between which a camera may have moved
 _MEET = 0.7  # share of the rays of two cameras that meet where they see one person: of others it is 0.3 to 0.7
 _INSTANTS, _STEPS = 40, 15  # of a part, and of its adjustment
@@ -34,13 +34,13 @@ class CameraMove:
 
     @property
     def matters(self) -> bool:
-        """Whether it is by more than what is no matter."""
+        """Whether the move is large enough to matter."""
         return self.turn > _LEAST_TURN or self.shift > _LEAST_SHIFT
 
 
 @dataclass(frozen=True)
 class RigPart:
-    """What is seen in a part of a clip. state: of the rig that is adjusted to it. cost: of a ray by it; before: by the
+    """The fit to a part of a clip. state: of the rig that is adjusted to it. cost: of a ray by it; before: by the
     rig that it was adjusted from. seen: the rays, free of the lenses."""
 
     state: RigState
@@ -52,7 +52,7 @@ class RigPart:
     def of(
         views: RigViews, lengths: SegmentLengths, state: RigState, late: np.ndarray, instants: np.ndarray
     ) -> RigPart:  # fmt: skip
-        """At instants (T,) [s], from a state; late (C,) [s]: how much later the clocks are read."""
+        """The fit at instants (T,) [s], from a state; late (C,) [s]: how much later the clocks are read."""
         cameras = len(views.views)
         known = np.zeros(cameras)
         rays, slope = read(views.views, instants, late)
@@ -68,7 +68,7 @@ class RigPart:
 
 
 def camera_move(views: RigViews, lengths: SegmentLengths, fit: RigFit) -> CameraMove | None:
-    """The camera that was moved during a clip, and when; None where all stood still, as far as the rays tell.
+    """The camera that was moved during a clip, and when; None where all stood still according to the rays.
 
     Where a camera moves, no placement fits before and after. For several instants the rig is adjusted to what is seen
     before and to what is seen after, from where it was found for all. views: with the noise as it was taken before.
@@ -96,7 +96,8 @@ def camera_move(views: RigViews, lengths: SegmentLengths, fit: RigFit) -> Camera
 
 
 def changed_camera(state: RigState, seen: RigRays, lengths: SegmentLengths, after: float) -> CameraMove:
-    """The camera without which a rig fits what is seen: that which, placed anew alone, makes it fit best."""
+    """The camera without which a rig fits what is seen: the one that makes it fit best when it alone is placed
+    again."""
     points = triangulated(seen.rays, state.R, state.t, range(len(state.R)))
     placed = adjusted(replace(state, points=points), seen, lengths, most=_STEPS, free=()).state
     alone = [adjusted(placed, seen, lengths, most=_STEPS, free=(c,)) for c in range(len(state.R))]

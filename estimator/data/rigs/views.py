@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.moving_rays import at_times, averaged
 
-_SLOPE = 0.03  # s, to either side, over which a slope is told
+_SLOPE = 0.03  # s, to either side, over which a slope is measured
 
 
 class JointView(NamedTuple):
@@ -31,7 +31,7 @@ class JointRays:
 
     @property
     def extent(self) -> float:
-        """How large the person is seen in the plane z = 1, the median over the frames; NaN of one who is not."""
+        """The person's size in the plane z = 1, the median over the frames; NaN if not seen."""
         known = self._rays[np.isfinite(self._rays).all(axis=2).sum(axis=1) > 1]
         sides = np.nanmax(known, axis=1) - np.nanmin(known, axis=1)
         return float(np.median(np.hypot(sides[:, 0], sides[:, 1]))) if len(known) else np.nan
@@ -58,7 +58,7 @@ def read(views: Sequence[JointRays], instants: np.ndarray, late: np.ndarray) -> 
 
 
 def common_instants(views: Sequence[JointRays], late: np.ndarray, most: int) -> np.ndarray:
-    """At most so many instants, evenly over the time that all clocks have in common; none where they have none."""
+    """At most so many instants, evenly over the common time of all clocks; none without any."""
     begin = max(float(view.times[0] - lag) for view, lag in zip(views, late, strict=True))
     end = min(float(view.times[-1] - lag) for view, lag in zip(views, late, strict=True))
     step = max(float(np.median(np.diff(view.times))) for view in views)

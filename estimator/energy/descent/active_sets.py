@@ -1,4 +1,4 @@
-"""A step solved anew on the sets of bounds and rows that a solver calls active, and certified by its KKT conditions.
+"""A step solved again on the sets of bounds and rows that a solver calls active, and certified by its KKT conditions.
 
 A solver's last digits depend on what it did before and on where its memory lies; its sets do not, and what is solved
 from them is exact to rounding, the same on every machine state.
@@ -22,7 +22,7 @@ def settle(H, M, g, bounds, A, b, multipliers, active, rounds, step):  # type: i
     min 1/2 x'Mx + g'x subject to bounds (2, n) and rows A x >= b, A (m, n), b (m,); H (n, n): the undamped matrix.
     multipliers (m + n,): of the rows, none positive, then of the bounds, negative at a lower, positive at an upper one.
     Fills `step` (n,) and `active` (n,), as in `solve_box`, whose operations these are where no row is active; there
-    rounds beyond the first mend the sets. Returns whether the step is certified, and the decrease that the undamped
+    rounds beyond the first correct the sets. Returns whether the step is certified, and the decrease that the undamped
     model promises of it.
     """
     n, m = g.shape[0], b.shape[0]

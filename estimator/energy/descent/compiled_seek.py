@@ -91,7 +91,7 @@ class CompiledSeeker(Seeker):
         return self._solution()
 
     def _arguments(self, tree: CompiledTree, cost: Cost, settings: SeekSettings) -> tuple[Any, ...]:
-        """What `search_loop.advance` takes after the multipliers."""
+        """The arguments of `search_loop.advance` after the multipliers."""
         solver, joints, recorded = self.solver, self.body.tree, cost.recorded
         proxqp = solver.proxqp
         return (

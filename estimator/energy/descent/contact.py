@@ -18,16 +18,16 @@ from humanoid.kinematics.body import PosedBody
 from humanoid.support.settings import setting
 
 TOUCH = 1e-5  # m; closer pairs can carry a contact force
-STILL = 1e-9  # rad or m; a step of less is none
+STILL = 1e-9  # rad or m; smaller steps are none
 DAMPING = Damping(most=1e9, growth=8.0, shrink=0.2, grown_from=1e-6)
 ENOUGH = 1e-9  # energy: a step that gains and promises less is the last
 
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """What is done with overlapping parts.
+    """Settings of the treatment of overlapping parts.
 
-    tolerance: overlap [m] that is let be. limit: overlap [m] with which a mode is given up where there are others.
+    tolerance: tolerated overlap [m]. limit: overlap [m] with which a mode is given up where there are others.
     margin: distance [m] below which a pair gets a row. steps: steps tried. force: energy per metre of overlap that a
     step may gain and still be refused for it.
     """
@@ -40,7 +40,7 @@ class ContactSettings:
 
 
 class _Point(NamedTuple):
-    """A pose looked at: energy + force * overlap, and the energy's quadratic model."""
+    """An evaluated pose: energy + force * overlap, and the energy's quadratic model."""
 
     value: float
     quadratic: QuadraticModel

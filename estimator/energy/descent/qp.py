@@ -46,15 +46,15 @@ class StepSolver:
 
     step_solver: "proxqp": the free minimum where it satisfies all constraints, else ProxQP; "active-set": a compiled
     active set iteration from a guess, and ProxQP for what it does not settle or rows stop; "proxqp-always": ProxQP for
-    every convex step. A matrix that is not positive definite is no convex QP: the active set takes it all the same, as
-    long as its free block is. Raises InputError for another word.
+    every convex step. A matrix that is not positive definite is not a convex QP: the active set solves it nevertheless,
+    as long as its free block is. Raises InputError for another word.
 
-    What ProxQP names as active is solved anew by the operations that end the active set (`settle`): equal problems have
-    equal solutions to the last bit, whoever solved them and whatever was solved before. Where ProxQP's answer is not
-    certified it is asked for a sharper one, whose sets may be mended once (along directions that nothing is known of a
-    bound's multiplier is rounding); then the active set is tried.
+    The sets that ProxQP names as active are solved again by the operations that end the active set (`settle`): equal
+    problems have equal solutions to the last bit, with any solver and history. Where ProxQP's answer is not certified
+    it is solved to a tighter tolerance, whose sets may be corrected once (along unconstrained directions a bound's
+    multiplier is rounding error); then the active set is tried.
 
-    places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their lower and upper
+    places (B, 2), limits (2, B): the indices of bounded joints in q and in the tangent, and their lower and upper
     limit. proxqp: the solver, with room for its problem. tally: how many steps each solver solved, in the order of
     `StepCounts`. uncertified: how many of ProxQP's answers were not certified, the first and the sharper one of a step
     both counted.
@@ -92,7 +92,7 @@ class StepSolver:
     ) -> Step | None:
         """The step (nv,) and the decrease that the undamped model promises of it.
 
-        None if the damped model is not convex or nobody solved it.
+        None if the damped model is not convex or no solver solved it.
 
         hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
         active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
@@ -201,6 +201,6 @@ def _parts(few: np.ndarray, m: int) -> tuple[QuadraticProgram, np.ndarray]:
 
 
 def _program(matrix: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> QuadraticProgram:
-    """With bounds alone."""
+    """A program with bounds alone."""
     none, nothing = np.zeros((0, len(gradient))), np.zeros(0)
     return QuadraticProgram(matrix, gradient, none, nothing, none, nothing, nothing, lower, upper)

@@ -1,6 +1,6 @@
 """The loop of a search as compiled code, operation by operation that of `newton.minimise` on `seek.Seeker`'s problem.
 
-The whole state is in arrays, so that the loop can stop and ask: for the multipliers of a step that bounds stop, and for
+The whole state is in arrays, so that the loop can stop and request: the multipliers of a step that bounds stop, and for
 the terms that have no kernel. Whoever calls it writes the answer into the state and calls it again.
 """
 
@@ -29,12 +29,12 @@ from humanoid.support.compiled import jit
 
 # what the loop does next
 START, BEGUN, NEXT, SOLVE, FEW_ANSWERED, ANSWERED, ANSWERED_AGAIN, MOVE, EVALUATE, COMPARE, TAKE, END = range(12)
-# what it returns: the search has ended; it asks for ProxQP's multipliers of the problem in few unknowns, of the whole
+# what it returns: the search has ended; it requests ProxQP's multipliers of the problem in few unknowns, of the whole
 # problem, for sharper ones, or for terms
 DONE, ASKS_FEW, ASKS_STEP, ASKS_SHARPER, ASKS_TERMS = range(5)
 # of the state's integers: what is next, steps tried, which model is the current one (the other is the trial), how the
 # search ended, whether the repulsion was left out of the trial, whether either model is exact, how many unknowns the
-# problem asked about has, what follows an evaluation, and `StepCounts`
+# requested problem has, what follows an evaluation, and `StepCounts`
 STAGE, TRIED, CURRENT, STATUS, LEFT, EXACT, UNKNOWNS, AFTER, COUNTS = 0, 1, 2, 3, 4, 5, 7, 8, 9
 BY_NOTHING, BY_ACTIVE_SET, BY_PROXQP, BY_NONE, INTEGERS = COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3, COUNTS + 4
 # of the state's numbers: energy and KKT residual of both models, damping and its growth, what the step promises
@@ -54,12 +54,12 @@ def advance(  # type: ignore[no-untyped-def]
     column_parent, settings, radius, places, limits, others, no_rows, no_sides, scaled, start, near, few, integers,
     numbers, q, gradient, hessian, placements, columns, step, matrix, bounds, active, sets,
 ):  # fmt: skip
-    """Go on with a search until it ends or asks; returns which.
+    """Continue a search until it ends or makes a request; returns which.
 
-    multipliers (nv,): what was asked for. tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint,
+    multipliers (nv,): the requested ones. tree: `CompiledTree`. own_, kept_: see `evaluate`. column_joint,
     column_parent (nv,): see `Tree`. settings (6,), integers, numbers: see above. radius (nv,): half-width of the trust
     box. places (B, 2), limits (2, B): see `damped_step`. others: how many terms have no kernel. no_rows (0, nv),
-    no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the problem asked about, see `scale`. near (F,),
+    no_sides (0,): see `settle`. scaled (nv + 4, nv), start (nv,): the requested problem, see `scale`. near (F,),
     few (N,): that in few unknowns, see `reduce`. q (2, nq), gradient (2, nv), hessian (2, nv, nv): the current model
     and the trial. placements (njoints, 12), columns (nv, 6): of the trial, at the end of the current model. step (nv,),
     matrix (nv, nv), bounds (2, nv): of the current model. active, sets (nv,): of bounds.

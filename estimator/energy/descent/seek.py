@@ -42,7 +42,7 @@ class SeekSettings:
 
     @cached_property
     def newton(self) -> NewtonSettings:
-        """What of this the loop has to know."""
+        """The settings that the loop needs."""
         return NewtonSettings(
             iterations=self.max_iterations,
             damping=replace(DAMPING, first=self.damping),
@@ -117,7 +117,7 @@ class _Search(Problem[QuadraticModel]):
         return trial
 
     def as_good(self, model: QuadraticModel, trial: QuadraticModel) -> bool:
-        """At the bottom the energy's last digits are noise; there the gradient decides."""
+        """Whether a trial is as good where the energy's last digits are noise: there the gradient decides."""
         equal = trial.value <= model.value + ROUNDING * max(1.0, abs(model.value))
         return equal and self._of_trial < 0.9 * self.residual
 

@@ -12,13 +12,13 @@ from estimator.numerics.linear import invert_definite
 from humanoid.kinematics.body import Body
 from humanoid.support.compiled import jit
 
-# How a search ended that is no descent of `estimator.numerics.newton`.
+# Ends of a search other than those of descents in `estimator.numerics.newton`.
 # Parts that overlapped were parted, and the residual did not become small; a mean of particles, no end of a search.
 SEPARATED, SAMPLED = "separated", "sampled"
 
 
 class StepCounts(NamedTuple):
-    """How many steps of a search each solver solved.
+    """The number of a search's steps solved by each solver.
 
     free: no bound was active, by Cholesky decomposition. active_set: by the compiled active set. proxqp: by ProxQP.
     failed: by none, as no answer was certified. A model that is not convex has a step only where the active set leaves
@@ -37,7 +37,7 @@ class StepCounts(NamedTuple):
 
     @staticmethod
     def between(before: Sequence[int], after: Sequence[int]) -> StepCounts:
-        """What was counted from one count to another."""
+        """The difference of two counts."""
         return StepCounts(
             after[0] - before[0], after[1] - before[1], after[2] - before[2], after[3] - before[3]
         )  # fmt: skip

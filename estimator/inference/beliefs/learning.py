@@ -74,7 +74,7 @@ class RelativePlacements:
         return mixture_of(PLACEMENTS, potential.mean, potential.shapes.covariance, self.weight).sample(rng, count)
 
     def mirrored(self) -> RelativePlacements:
-        """The same of two limbs on the other side of the body, see `mirrored_points`."""
+        """The same for two limbs on the other side of the body, see `mirrored_points`."""
         covariance = self.covariance * np.outer(_MIRRORED, _MIRRORED)
         return RelativePlacements(self.weight, mirrored_points(self.mean), covariance)
 

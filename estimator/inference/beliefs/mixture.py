@@ -37,7 +37,7 @@ class Density(Protocol):
         ...
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (size,) and covariance (dims, dims) of a kernel that stands for it where only kernels can."""
+        """Mean (size,) and covariance (dims, dims) of a kernel that replaces it where only kernels are possible."""
         ...
 
 

@@ -17,7 +17,7 @@ from humanoid.support.settings import CheckedSettings, setting
 LogLikelihood = Callable[[np.ndarray], np.ndarray]
 METHODS = ("importance", "gibbs", "exact")
 _CENTRES = 64  # kernels of a round's proposals at most
-_ALIVE = 0.1  # share of the candidates that a round's proposals go by, at least
+_ALIVE = 0.1  # share of the candidates that a round's proposals use, at least
 _HALVINGS = 10  # a thousandth of the sought power is accurate enough
 _WIDER = 1.5  # covariance of a round's proposals over that of the products that they are made of
 

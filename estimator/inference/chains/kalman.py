@@ -131,7 +131,7 @@ class PointChain:
         return [(float(np.log(share)), points) for points, share in ways if share > 0.0]
 
     def _anywhere(self, prior: PointStates, k: int) -> PointStates:
-        """With one point as far off as can be, whatever the others do."""
+        """The states with one point maximally uncertain, independent of the others."""
         own = slice(4 * k, 4 * k + 4)
         covariance = prior.covariance.copy()
         covariance[own], covariance[:, own] = 0.0, 0.0
@@ -212,7 +212,7 @@ class PointChain:
 
 
 def _exchanged(points: PointStates, a: int, b: int) -> PointStates:
-    """With two of them in each other's place."""
+    """The states with two points exchanged."""
     order = np.arange(len(points.mean))
     order[[a, b]] = b, a
     entries = (4 * order[:, None] + np.arange(4)).ravel()

@@ -116,7 +116,7 @@ def check_index(path: str | Path, body: Body) -> None:
 def _checked(path: Path, body: Body) -> tuple[dict[str, np.ndarray], IndexRecipe, float]:
     """The arrays of a file, its recipe and side."""
     needed = ("codes", "q", "feature", "keys")
-    arrays, header = read_headed(path, "index of examples", FORMAT, needed, REMEDY)
+    arrays, header = read_headed(path, "an index of examples", FORMAT, needed, REMEDY)
     if not isinstance(header.get("q_names"), list):
         raise InputError(path, "is damaged: names are needed", place="q_names", remedy=REMEDY)
     names = tuple(str(name) for name in header["q_names"])

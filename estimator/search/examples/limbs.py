@@ -33,8 +33,8 @@ class SeenPoints(NamedTuple):
 
 
 def seen_points(observation: Observation, noise: float, nu: float) -> SeenPoints | None:
-    """Those of all cameras, where the body's surface is another than the person's by `noise` [m]; None where no camera
-    has any."""
+    """The seen points of all cameras, where the body's surface differs from the person's by `noise` [m]; None where no
+    camera has any."""
     seen = [(cues[Depth.name].points, cues.camera) for cues in observation.cues if Depth.name in cues]
     if not seen:
         return None

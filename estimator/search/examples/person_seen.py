@@ -27,7 +27,7 @@ _MOST = 4000  # pixels that are placed
 
 
 class PersonEvidence(NamedTuple):
-    """How a person is located: by which of `CUES`, and with which height [m], for the silhouette."""
+    """Settings of locating a person: by which of `CUES`, and with which height [m], for the silhouette."""
 
     cue: str
     stature: float

@@ -10,7 +10,7 @@ from humanoid.kinematics.body import Body, batches
 from humanoid.support.compiled import jit
 
 TOWARDS, AWAY, ACROSS = READINGS = ("towards", "away", "across")
-"""Of the only camera. `ACROSS`: the trunk is as good as square to the rays, where both readings are one."""
+"""Readings in the only camera. `ACROSS`: the trunk is nearly square to the rays, where both readings are one."""
 
 
 def trunk_readings(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
@@ -48,7 +48,7 @@ def trunk_depths(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _depths(trunk: RigidPart, points: np.ndarray, camera: Camera) -> np.ndarray:
-    """How much farther what is beyond the hips is than these, along the rays to them, by landmarks (N, L, 3) [m]."""
+    """The distance of the trunk beyond the hips, along the rays to them, from landmarks (N, L, 3) [m]."""
     hips, way = np.empty((2, len(points), 3))
     _beyond_hips(points, *trunk.ends, hips, way)
     return np.asarray(np.einsum("ij,ij->i", way, camera.sight_lines(hips)[1]))

@@ -112,7 +112,7 @@ class PointsBeside:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the inner tracker, which is given keypoints that were not detected."""
+        """The capabilities of the inner tracker, which receives keypoints that were not detected."""
         return replace(capabilities_of(self.inner), seen_as=self.seen_as)
 
     def can_start(self, observation: Observation) -> bool:
@@ -168,7 +168,7 @@ class PointsBeside:
         return _with(observation, expected.mean[..., :2], np.where(missing, spread, 0.0))
 
     def _with_new_keypoints(self, state: BesideState, observation: Observation) -> BesideState:
-        """With the keypoints that are seen for the first time."""
+        """The state with the keypoints that are seen for the first time."""
         new = _detected(observation) & ~state.known
         if not new.any():
             return state
@@ -230,7 +230,8 @@ class PointsBeside:
 
 
 def _with(observation: Observation, pixels: np.ndarray, std: np.ndarray) -> Observation:
-    """With keypoints at pixels (C, L, 2), of standard deviations std (C, L) [px], where these are above 0."""
+    """The observation with keypoints at pixels (C, L, 2), of standard deviations std (C, L) [px], where these are above
+    0."""
     is_filled = std > 0.0
     if not is_filled.any():
         return observation

@@ -19,7 +19,7 @@ class BudgetSettings(CheckedSettings):
     """Settings of the budget: the number of searches of a frame.
 
     searches: at most, the parents' own included, which are always searched. calm: share of what is left after those
-    that is spent while the parents go on as expected. alarm: rise of the best energy from frame to frame from which
+    that is spent while the parents continue as expected. alarm: rise of the best energy from frame to frame from which
     everything is spent. Raises InputError for an invalid share.
     """
 
@@ -111,7 +111,7 @@ class CssSettings(CheckedSettings):
 
     @property
     def proposals(self) -> ProposalSettings:
-        """Those of them for the places of hypotheses."""
+        """The settings for the places of hypotheses."""
         return ProposalSettings(**{name: getattr(self, name) for name in ProposalSettings._fields})
 
 

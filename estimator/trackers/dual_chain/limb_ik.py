@@ -8,7 +8,7 @@ Its density in the angles is that of place, depth and swivel times |d(place, dep
 whose axes meet in the shoulder |p| L1 L2 |sin elbow| |cos middle shoulder angle| times the image's scale, p being the
 way from shoulder to hand. Where that is zero, with the elbow straight or the outer shoulder axes in line, equal changes
 of the image are ever larger ones of the angles: what is within about a degree of there is not drawn (`SINGULAR`; of
-upper13's arm five percent of all angles), so that weights, which go by one over the density, are bounded.
+upper13's arm five percent of all angles), so that weights, proportional to one over the density, are bounded.
 
 Axes that miss each other, as robots' do, are met by Newton's method from the closed form. Angles that it does not lead
 to are never drawn and have density zero (of g1's limbs a tenth): less is proposed, and what is has its exact density.

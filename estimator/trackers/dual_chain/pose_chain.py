@@ -44,7 +44,7 @@ class PoseChainSettings(CheckedSettings):
     Kalman-updated from the past by the features. groups: of samples from which the features are predicted.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
     and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not at its predicted place
-    but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
+    but anywhere, 0 for never; renewed: share of the samples that search for limbs there (`PoseChain.update`).
     rest: shortest time [s] in which unobserved joints go two thirds of the way back to rest (`Rest`). tempering: how
     outlines are let in.
     Raises InputError where a value is outside its range.
@@ -106,7 +106,7 @@ class PoseChain:
 
     @property
     def body(self) -> Body:
-        """Whose poses."""
+        """The body of the poses."""
         return self.parts.body
 
     def predict(self, state: ParticleSet, dt: float) -> Expected:

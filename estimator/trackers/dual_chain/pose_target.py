@@ -61,7 +61,7 @@ class PoseTarget:
 
     @property
     def body(self) -> Body:
-        """Whose poses."""
+        """The body of the poses."""
         return self.parts.body
 
     def past_of(self, part: int) -> Reach:

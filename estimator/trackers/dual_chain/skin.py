@@ -16,7 +16,7 @@ from humanoid.support.settings import CheckedSettings, setting
 
 _BINS = 64  # of either chromaticity
 _LEAST = 1e-5  # share of a colour that was not seen
-_MOST = 0.9  # of skin, the colours of which are looked for in the rest of the picture
+_MOST = 0.9  # of skin, the colours of which are searched for in the rest of the picture
 _BLACK = 60  # sum of B, G and R below which noise has any chromaticity
 _SMOOTHING = 1.0  # standard deviation of the Gaussian that a picture is smoothed with [px]
 _BEYOND = 8  # px beyond where the person can be that smoothing and the closing of holes see

@@ -157,7 +157,7 @@ class DualChain(Initialisation):
     def _updated(
         self, state: DualState, pose: PoseChain, points: PointChain, detections: Detections, dt: float
     ) -> tuple[ParticleSet, PointStates]:
-        """Both chains after the four steps of section 3; without a chain of points these only go on."""
+        """Both chains after the four steps of section 3; without a chain of points these are only predicted."""
         s = self.settings
         samples = ParticleSet(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
         expected, going = pose.predict(samples, dt), points.predict(state.points, dt)

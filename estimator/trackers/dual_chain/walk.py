@@ -31,7 +31,7 @@ class Prepared(Protocol):
     """Intermediate results of a target for N samples."""
 
     def of(self: P, rows: np.ndarray) -> P:
-        """Those of some rows."""
+        """The values of some rows."""
         ...
 
 

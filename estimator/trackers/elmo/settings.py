@@ -55,5 +55,5 @@ class ElmoSettings(CheckedSettings):
 
     @property
     def descent(self) -> ExampleSearch:
-        """Those of them for the search of modes from examples."""
+        """The settings for the search of modes from examples."""
         return ExampleSearch(**{name: getattr(self, name) for name in ExampleSearch._fields})

@@ -45,7 +45,7 @@ _OWN: dict[str, Any] = {
 }
 """A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
 does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do
-not look for in every frame, have the same silhouette but for its errors: it counts for less."""
+not search for in every frame, have the same silhouette but for its errors: it counts for less."""
 NAME = "examples"
 
 

@@ -83,7 +83,7 @@ class AssemblySettings(CheckedSettings):
 
     @property
     def near(self) -> Near:
-        """Those of them for the sampling of limbs near a pose."""
+        """The settings for the sampling of limbs near a pose."""
         return Near(self.samples, self.near_place, self.near_turn, self.likelihood)
 
     @property

@@ -205,7 +205,7 @@ class _Poses(Problem[ChainModel]):
         self._last_promise = 0.0  # of the step to the last trial
 
     def step(self, model: ChainModel, damping: float) -> Step | None:
-        """The expected gain is that of a model's first step: a smaller one by more damping is no reason to end."""
+        """The expected gain is that of a model's first step: a smaller one by more damping does not end the search."""
         refused, self._tried = self._tried is model, model
         if not refused:
             self._plain = self._promised = None

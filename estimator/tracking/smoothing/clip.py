@@ -42,7 +42,7 @@ from humanoid.support.spilled import MadeList, Spill, SpilledList
 
 _FEW = 3  # Newton steps between two estimates of the pace
 _HOLDS = 2  # rounds in which the points that stand are found again
-_DOUBTED = 64.0  # of its squares, from which a floor that was found is no longer believed: 4 cm
+_DOUBTED = 64.0  # of its squares, from which a found floor is rejected: 4 cm
 _SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 _MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
@@ -173,7 +173,7 @@ class _Track:
 
     @property
     def _only_camera(self) -> Camera | None:
-        """That of the clip; None of one with several."""
+        """The clip's camera; None with several."""
         cameras = self._observations[self.some[0]].cameras
         return cameras[0] if len(cameras) == 1 else None
 

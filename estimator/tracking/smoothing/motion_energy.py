@@ -125,7 +125,7 @@ class _Steps:
 
 
 class _CompiledSteps:
-    """The same of a body with a `CompiledTree`."""
+    """The same for a body with a `CompiledTree`."""
 
     def __init__(self, body: Body, tree: CompiledTree) -> None:
         self._indices, self._nv = tree.indices, body.nv

@@ -125,7 +125,7 @@ class TrunkSide(RecordedTerm):
     ----------
     ends, about: landmarks of the body. ray (3,): unit vector in the world. least, std [m].
 
-    The Hessian is Gauss-Newton's, also where the exact one is asked for: it leaves out the curvature of the kinematics.
+    The Hessian is Gauss-Newton's, also where the exact one is requested: it leaves out the curvature of the kinematics.
     """
 
     name, kind = "trunk side", TRUNK

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.data.media.threads import length, one_thread
 from estimator.vision.cues.subtraction import Background, SilhouetteSettings, departure, smoothed
 
-SIZE = 320  # longest side of the pictures motion is looked for in [px]
+SIZE = 320  # longest side of the pictures for motion detection [px]
 _REACH = 6.0  # standard deviation of the window over which evenly coloured places take their outlines' motion [px]
 _GRAIN = 0.6  # squared slope of the sensor's noise [grey values per pixel, squared]
 _EVEN = 0.02  # texture; where there is less, nothing is seen to move

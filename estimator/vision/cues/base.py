@@ -177,7 +177,7 @@ class Cue:
     needs_depth: ClassVar[bool] = False
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:
-        """What is computed from a whole clip before it is read, such as its background; given to `read`."""
+        """Data computed from a whole clip before it is read, such as its background; passed to `read`."""
         return None
 
     def read(self, pictures: CameraPictures, instant: int, settings: Any, prepared: Any) -> Any:

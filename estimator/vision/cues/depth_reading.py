@@ -18,7 +18,7 @@ from estimator.vision.cues.depth_person import nearest_thing
 from estimator.vision.stereo import DepthMap, DepthPoints, StereoPair, StereoSettings
 from humanoid.support.settings import setting
 
-BACK = 400  # points that look for a node, at most
+BACK = 400  # points that search for a node, at most
 
 
 class NodePointPairs(NamedTuple):
@@ -141,7 +141,7 @@ class PersonPoints:
 
 class DepthReading:
     """Finds the person in the depth of a clip (`estimator.vision.camera_pictures.PersonMasks`). The last instant is
-    kept: several cues ask for it."""
+    kept: several cues use it."""
 
     def __init__(self, pictures: CameraPictures, settings: DepthSettings, scene: DepthScene) -> None:
         self._pictures, self._settings, self._scene = pictures, settings, scene
@@ -233,7 +233,7 @@ class DepthSource(Protocol):
     camera: Camera
 
     def at(self, instant: int) -> DepthMap:
-        """Of an instant."""
+        """The depth map of an instant."""
         ...
 
 

@@ -35,7 +35,7 @@ def search_edges(  # type: ignore[no-untyped-def]
     pixels, normals (M, 2), state (M,). strength (H, W), direction (H, W, 2): of the edges. boundary (H, W): S_p, or
     empty. distance (H, W): signed distance to the foreground's outline, or empty; edges further from it than about
     `near` [px] count less for the body's outline, edges outside of it for contours within the body. window [px]: how
-    far is looked; wide [px]: an edge this far off is half as likely.
+    far is searched; wide [px]: an edge this far off is half as likely.
     Fills target (M, most, 2), share (M, most): each candidate's part of the point's weight, zero where there is none,
     and trust (M, most): W = 1 - emphasis S_p.
     """

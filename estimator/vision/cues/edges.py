@@ -189,7 +189,7 @@ class EdgeCueSettings(EdgeSettings):
     """Settings of edges: their detection, and their part in the energy.
 
     evidence: independent measurements that all contour points together count as, 0 for none. noise: standard deviation,
-        as a fraction of the subject's extent. window: how far along the normal edges are looked for, in extents.
+        as a fraction of the subject's extent. window: how far along the normal edges are searched for, in extents.
         candidates: how many are kept (CSS eq. 8). nu: Leclerc spread.
     motion_boundary: k of W = 1 - k S_p, 0.2 to 0.4 in CSS; where there is flow.
     """

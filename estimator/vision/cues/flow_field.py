@@ -78,7 +78,7 @@ def flow_field(previous_bgr: np.ndarray, bgr: np.ndarray, settings: FlowSettings
     """Flow between two images (H, W, 3) uint8: dense inverse search (Kroeger et al., ECCV 2016), both ways, where the
     images differ.
 
-    It stands in for the robust flow of Black and Anandan (1996) that CSS uses.
+    It replaces the robust flow of Black and Anandan (1996) that CSS uses.
     """
     before, now = (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (previous_bgr, bgr))
     with one_thread():

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.vision.visibility import OUTER
 from humanoid.support.compiled import jit
 
-_CELL = 0.6  # of `turn`: side of the cells in which contour points are looked for
+_CELL = 0.6  # of `turn`: side of the cells in which contour points are searched for
 
 
 @jit

@@ -217,7 +217,7 @@ class OutlineMatcher(Matcher):
 
     @cached_property
     def _trust(self) -> np.ndarray:
-        """How far each boundary pixel of the foreground is borne out by an edge of the picture along it, (M,), 0 to 1.
+        """The support of each boundary pixel of the foreground by an edge of the picture along it, (M,), 0 to 1.
 
         Outlines that no known background proves count nothing, and where a background model takes the place that a
         person has left for foreground, its outline lies on no edge.

@@ -45,7 +45,7 @@ def mark_texture(seen, expected, noise, unexplained, shows, textured):  # type: 
     """Mark where the background's texture, brighter or darker, explains the picture's, and where it has any.
 
     seen, expected (H + WINDOW - 1, W + WINDOW - 1) float32: brightness of picture and background, with what the windows
-    see beyond the border. noise (float32): variance that is none. unexplained (float32):
+    see beyond the border. noise (float32): variance that counts as none. unexplained (float32):
     share of the texture's variance that may differ. Fills shows, textured (H, W) bool.
     """
     height, width = shows.shape

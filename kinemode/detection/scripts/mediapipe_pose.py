@@ -63,7 +63,7 @@ node {
 """
 FULL = 1  # the model of this complexity is in the wheel; the others would be fetched
 PART = 0.6  # side of the parts of a picture that are searched, by the picture's shorter one
-SURE_START, SURE_POINTS = 0.7, 0.87  # of who is found in a part: a leg alone looks like somebody there
+SURE_START, SURE_POINTS = 0.7, 0.87  # of people found in a part: a leg alone looks like a person there
 SCALE = 1.25  # of the square, about the circle through the person's ends
 RATE = 1e6 / 33333.0  # pictures a second, as MediaPipe counts them whatever the clip's rate
 MIN_CUTOFF, BETA, DERIVATE_CUTOFF = 0.01, 10.0, 1.0  # of the filter, as in MediaPipe's graph
@@ -104,7 +104,7 @@ class MediapipePose:
     def _starts(
         self, part: np.ndarray, corner: tuple[int, int], size: tuple[int, int]
     ) -> list[tuple[float, list[Point]]]:
-        """Confidences and ends (see `steadied`) of who seems to be in a part of a picture, the surest first."""
+        """Confidences and ends (see `steadied`) of people who seem to be in a part of a picture, the surest first."""
         detections = self._search.process({"image": _rgb(part)}).detections or []
         starts = []
         for detection in sorted(detections, key=lambda d: -d.score[0]):
@@ -160,7 +160,7 @@ def _filtered(value: float, memory: list[float], scale: float) -> list[float]:
 
 
 def _share(cutoff: float) -> float:
-    """How much of a new value counts, by the filter's cut-off frequency [Hz]."""
+    """The weight of a new value at the filter's cut-off frequency [Hz]."""
     return 1.0 / (1.0 + RATE / (2.0 * math.pi * cutoff))
 
 

@@ -1,7 +1,7 @@
 """The detector's side of the talk: requests and pictures on standard input, lines of JSON on standard output.
 
 A request is a line of JSON. "size": [width, height] means that the bytes of an image follow (height, width, 3; BGR);
-without it the request is about the picture before. "search" asks for "starts", where people seem to be: "whole" or
+without it the request is about the picture before. "search" requests "starts", where people seem to be: "whole" or
 "parts" (a closer look, for people who are small), else null.
 "states" are people to follow: "people" in the answer has for each null, or its "keypoints" [x, y, confidence] in
 pixels, perhaps their "world" [x, y, z] in metres (see `estimator.data.formats.keypoints_own`), and the "state" to look

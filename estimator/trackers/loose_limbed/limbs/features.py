@@ -31,9 +31,9 @@ SCENE, PERSON, UNKNOWN = 0, 1, 2
 
 _STATIONS = 6
 _FOREGROUND = 3  # index of the first feature that needs the place of the person
-_INSIDE = 0.55  # of the half-width, where it is looked inside beside the axis
-_BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where it is looked beside
-_BEYOND = 1.0 / _STATIONS  # of the length, how far it is looked beyond the ends
+_INSIDE = 0.55  # of the half-width, where the inside is sampled beside the axis
+_BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where the outside is sampled
+_BEYOND = 1.0 / _STATIONS  # of the length, how far beyond the ends samples reach
 _EDGE_SCALE = 0.15  # of half the limb's width: edges are taken at finer scales than ridges
 _NOISE = 4.0  # grey values of slope that count half
 

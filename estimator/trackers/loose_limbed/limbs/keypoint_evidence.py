@@ -132,7 +132,7 @@ class KeypointEvidence:
         landmarks = landmarks or landmarks_of_limbs(body, graph)
         mirror = mirror_index(body.landmark_names)
         seen = (observation.confidence > 0.0) & np.isfinite(observation.pixels).all(axis=2)
-        # whoever is seen on one side alone has nothing to be exchanged with
+        # a person seen on one side alone has nothing to exchange
         other = np.where(seen & seen[:, mirror], mirror, np.arange(len(mirror)))
         pixels = np.where(seen[..., None], observation.pixels, 0.0)
         weight = np.where(seen, np.minimum(observation.confidence, 1.0), 0.0)

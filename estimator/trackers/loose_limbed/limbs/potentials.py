@@ -157,7 +157,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
     def limb(entry: Mapping[str, Any], key: str, place: str) -> int:
         name = member(entry, key, path, place)
         if name not in limbs:
-            raise InputError(path, f"{name!r} is none of the limbs", place=f"{place}.{key}")
+            raise InputError(path, f"{name!r} is not one of the limbs", place=f"{place}.{key}")
         return limbs.index(name)
 
     spatial, rest = {}, {}
@@ -257,7 +257,7 @@ def _alike(was: np.ndarray, now: np.ndarray) -> bool:
 
 
 def _moved(placements: RelativePlacements, by: np.ndarray, first: bool) -> RelativePlacements:
-    """With the joint moved on the inner limb, `by` (3,) [m] in its frame. first: the inner limb is i."""
+    """The placements with the joint moved on the inner limb, `by` (3,) [m] in its frame. first: the inner limb is i."""
     mean = placements.mean.copy()
     if first:
         mean[:, :3] += by

@@ -59,7 +59,7 @@ class Ridges:
 def ridges_of(picture: np.ndarray, scales: tuple[float, ...] = SCALES) -> Ridges:
     """Derivatives of a picture (H, W, 3) uint8 BGR, or (H, W) grey, at scales [px], rising, each at least 3.
 
-    Large scales are computed from reduced pictures: whoever smooths by 12 px loses nothing with every fourth pixel.
+    Large scales are computed from reduced pictures: smoothing by 12 px loses nothing with every fourth pixel.
     """
     grey = (picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)).astype(np.float32)
     steps = [2 ** int(np.log2(max(1.0, sigma / _FINEST))) for sigma in scales]

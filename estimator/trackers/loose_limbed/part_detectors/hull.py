@@ -19,7 +19,7 @@ from humanoid.support.compiled import jit
 from humanoid.support.settings import CheckedSettings, setting
 
 _STATIONS = 5  # along the axis, checked for being in the hull
-_STEPS = np.array([-0.6, 0.0, 0.6])  # of half the length, where it is looked beside the axis
+_STEPS = np.array([-0.6, 0.0, 0.6])  # of half the length, where samples lie along the axis
 _BESIDE = 0.75  # cells, and the limb's half-width, that are away from the axis
 _OVERLOOKED = 0.5  # weight of the inside where a view does not show the person
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))

@@ -234,7 +234,7 @@ def load_templates(path: str | Path) -> LimbTemplates:
     InputError: the file cannot be read, is damaged, has no templates or those of another version.
     """
     path = Path(path)
-    arrays, header = read_headed(path, "file of templates of limbs", FORMAT, _RIG, REMEDY)
+    arrays, header = read_headed(path, "a file of limb templates", FORMAT, _RIG, REMEDY)
     try:
         return _read(arrays, header)
     except (DamageError, TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
