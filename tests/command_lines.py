@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import subprocess
 import sys
@@ -16,10 +15,18 @@ import pytest
 
 from benchmarks.robustness.resume_kills import Kill, Moment, kill_at
 from benchmarks.support.common import ROOT
+from estimator.data.formats.cameras import CAMERA_FORMATS
+from estimator.data.formats.keypoints import KEYPOINT_FORMATS
+from estimator.runs.export import EXPORTERS
 from estimator.runs.run_reader import Run
-from humanoid.support.plugins import VARIABLE
+from estimator.search.cost_terms import TERMS
+from estimator.tracking.registry import TRACKERS
+from estimator.vision.cues.settings import CUES
+from humanoid.support import plugins
+from humanoid.support.plugins import VARIABLE, Registry
 from kinemode import jobs
 from kinemode.__main__ import INTERRUPTED, main
+from kinemode.inputs.motions import MOTION_FORMATS
 from tests.waiting import DEADLINE, default_signals
 
 _BLOCKED = """
@@ -38,15 +45,9 @@ def progress(done, total):
 jobs.run_into = lambda *arguments, **how: run_into(*arguments, **{**how, "progress": progress})
 sys.exit(main(sys.argv[2:]))
 """
-_MANY = """
-import contextlib, io, json, sys
-from kinemode.__main__ import main
-for line in json.loads(sys.argv[1]):
-    out, error = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = main(line)
-    print(json.dumps([code, out.getvalue(), error.getvalue()]))
-"""
+FAMILIES: tuple[Registry[Any], ...] = (
+    TRACKERS, CUES, TERMS, EXPORTERS, KEYPOINT_FORMATS, CAMERA_FORMATS, MOTION_FORMATS,
+)  # fmt: skip
 
 
 class CommandResult(NamedTuple):
@@ -98,9 +99,9 @@ def interrupt_after(frames: int, line: Sequence[object], out: Path) -> None:
     assert not run.complete
 
 
-def ran(code: str, *arguments: str, plugins: str, path: Path = ROOT) -> str:
+def ran(code: str, *arguments: str, names: str, path: Path = ROOT) -> str:
     """What a Python program prints in a process of its own, which finds plugins in a folder; it warns of nothing."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(path)]), VARIABLE: plugins}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(path)]), VARIABLE: names}
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment, check=False,
         stdin=subprocess.DEVNULL, timeout=DEADLINE,
@@ -109,10 +110,28 @@ def ran(code: str, *arguments: str, plugins: str, path: Path = ROOT) -> str:
     return done.stdout
 
 
-def run_elsewhere(*lines: Sequence[str], plugins: str, path: Path = ROOT) -> list[CommandResult]:
-    """Command lines, all in one other process: importing takes longer than running them."""
-    printed = ran(_MANY, json.dumps(lines), plugins=plugins, path=path)
-    return [CommandResult(*json.loads(line)) for line in printed.splitlines()]
+@contextlib.contextmanager
+def plugins_here(names: str, folder: Path) -> Iterator[None]:
+    """Within it this process finds plugins as a new process would."""
+    with contextlib.ExitStack() as stack:
+        for family in FAMILIES:
+            stack.enter_context(family.restored())
+        patched = stack.enter_context(pytest.MonkeyPatch.context())
+        patched.setattr(plugins, "_plugins", plugins._Plugins())
+        patched.setenv(VARIABLE, names)
+        patched.syspath_prepend(str(folder))
+        before = {name: sys.modules.pop(name, None) for name in names.split(",")}
+        yield
+        for name, module in before.items():
+            sys.modules.pop(name, None)
+            if module is not None:
+                sys.modules[name] = module
+
+
+def run_with_plugins(*lines: Sequence[str], names: str, path: Path = ROOT) -> list[CommandResult]:
+    """Command lines of a process that finds plugins in a folder."""
+    with plugins_here(names, path):
+        return [run_here(line) for line in lines]
 
 
 def printed_by(line: Sequence[object]) -> str:

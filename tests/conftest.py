@@ -8,10 +8,14 @@ import sys
 
 # as `kinemode.track` does: for matrices of this size threaded linear algebra is several times slower
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
+# hundreds of processes are started, and would compile every source again where bytecode is not kept
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    sys.dont_write_bytecode = False
 if sys.__stdin__ is None:  # started with it closed, which IPython, that meshcat imports, cannot do with
     sys.stdin = sys.__stdin__ = open(os.devnull)  # type: ignore[misc]  # noqa: SIM115
 
-from collections.abc import Iterator, Mapping
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +33,22 @@ LONGEST = (
 """Test files with the longest tests or fixtures: they start first, so that no process is left with one at the end."""
 
 
+def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Dir | None:
+    """The second process begins with the last file: of files that are new, each process rewrites the assertions of
+    half, and reads what the other has rewritten."""
+    return LastFirst.from_parent(parent, path=path) if os.environ.get("PYTEST_XDIST_WORKER") == "gw1" else None
+
+
+class LastFirst(pytest.Dir):
+    """A folder whose last file is collected first."""
+
+    def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
+        return reversed(list(super().collect()))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, the others in collection order."""
-    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONGEST)
+    """The longest first, in the order of names otherwise, which is the same in all processes."""
+    items.sort(key=lambda item: (item.path.stem.removeprefix("test_") not in LONGEST, item.path))
 
 
 def pytest_collection_finish() -> None:
@@ -56,6 +73,47 @@ def default_signals() -> Iterator[None]:
 
     with waiting.default_signals():
         yield
+
+
+MOST_SCALED = 200
+
+
+@pytest.fixture(scope="session", autouse=True)
+def scaled_once() -> Iterator[None]:
+    """Subjects that are scaled alike, as every fit scales each proportion of human34, are made once; none changes."""
+    from humanoid.subject.subject import Subject  # every other test imports it anyway
+
+    plain = Subject.scaled
+    kept: OrderedDict[Any, Subject] = OrderedDict()
+
+    def scaled(self: Subject, scales: Mapping[str, float]) -> Subject:
+        asked = self.urdf, self.source, self.base, self.notes, tuple(scales.items())
+        if asked not in kept:
+            kept[asked] = plain(self, scales)
+            while len(kept) > MOST_SCALED:
+                kept.popitem(last=False)
+        return kept[asked]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Subject, "scaled", scaled)
+        yield
+
+
+@pytest.fixture(scope="session")
+def facts(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What `tests.sources` reads from every source file (Mapping[Path, Facts])."""
+    from tests.sources import facts_of_all
+
+    return made_once(tmp_path_factory, "sources", lambda _: facts_of_all())
+
+
+@pytest.fixture
+def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports draw the first two joints alone, where nothing is asked of the others."""
+    from viz.report import pictures
+
+    every = pictures.panels_of
+    monkeypatch.setattr(pictures, "panels_of", lambda angles: every(angles)[:2])
 
 
 @pytest.fixture(scope="session")
@@ -87,7 +145,7 @@ def small_index(tmp_path_factory: pytest.TempPathFactory) -> Any:
         from estimator.synthesis.training import train_index
         from humanoid.subject.subject import load_subject
 
-        recipe = IndexRecipe(examples=500, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12)
+        recipe = IndexRecipe(examples=250, headings=120.0, pairs=120, variants=2, tables=10, key_bits=12)
         return train_index(load_subject("human34"), recipe)
 
     return made_once(tmp_path_factory, "small_index", train)

@@ -99,7 +99,7 @@ def test_keypoints_of_most_frames_leave_the_pictures_alone(clip: RenderedClip, t
 
 def test_background_from_a_picture_and_the_fit_from_one_frame(clip: RenderedClip, tmp_path: Path) -> None:
     few = {**QUICK, "smooth": {"enabled": False}}
-    changes = {"cues": ["silhouette"], "background": clip.plates, "settings": few}
+    changes = {"cues": ["silhouette"], "background": clip.plates, "settings": few, "end": 0.2}
     run = track(clip, out=tmp_path / "a.run", fit="auto", **changes)
     assert run.header.cues == ("silhouette",)
     assert run.header.backgrounds == {name: str(path) for name, path in clip.plates.items()}

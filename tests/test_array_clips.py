@@ -67,13 +67,14 @@ def test_arrays_and_iterators_are_as_good_as_files(given: Given, way: int) -> No
 
 
 def test_a_run_keeps_the_pictures_that_it_was_given(given: Given, tmp_path: Path) -> None:
-    run = km.track(clips=given.pictures, keypoints=given.points, **given.rest)
+    rest = {**given.rest, "cues": "edges"}
+    run = km.track(clips=given.pictures, keypoints=given.points, **rest)
     folder = Path(str(run.header.clips[given.name])).parent
     assert np.array_equal(Clip.open(folder / "clip").frame(2), given.pictures[2])
     km.overlay(run, tmp_path / "o.gif")
     del run
     assert not folder.exists()
-    kept = km.track(clips=given.pictures, keypoints=given.points, out=tmp_path / "a.run", **given.rest)
+    kept = km.track(clips=given.pictures, keypoints=given.points, out=tmp_path / "a.run", **rest)
     assert not Path(str(kept.header.clips[given.name])).exists()
 
 

@@ -7,7 +7,6 @@ import os
 import signal
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from estimator.synthesis.settings import DetectorSettings, ViewSettings
 from estimator.synthesis.views import framing_cameras
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
+from kinemode.batches import engines
 from kinemode.batches.clip_job import _around, work
 from kinemode.batches.engines import DaskEngine, Engine, ProcessEngine, engine_of
 from kinemode.batches.leader import BatchPlan, Leader, opened_root
@@ -35,6 +35,8 @@ from kinemode.batches.outcome import ClipOutcome, input_files, stamped, unchange
 from kinemode.batches.shown import ShownBatch
 from kinemode.batches.task import TOKEN, BatchTask, TaskAnswer, check_versions, versions
 from tests.builders import body_of
+from tests.deadly_square import square
+from tests.inline_engine import Inline
 from tests.made_runs import made_run
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import ended, kinemode_process, until
@@ -80,6 +82,13 @@ def content(run: Path) -> list[Any]:
         return [(t, sorted(connection.execute(f"SELECT * FROM {t}"))) for t in tables if t != "finished"]
 
 
+@pytest.fixture
+def inline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches are tracked in this process; `test_a_batch_that_is_killed_goes_on` has processes of their own."""
+    monkeypatch.setattr(engines, "engine_of", lambda *_: Inline())
+
+
+@pytest.mark.usefixtures("inline")
 def test_clips_are_tracked_as_alone_and_not_twice(clips: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = km.batch(clips / "clips.csv", out=out, workers=2, export="csv")
@@ -108,6 +117,7 @@ def test_clips_are_tracked_as_alone_and_not_twice(clips: Path, tmp_path: Path) -
     assert km.open_run(out / changed.outcomes["first"].runs[0].run).header.seed == 3
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_a_clip_without_a_person_is_done_and_reviewed_first(tmp_path: Path) -> None:
     """It has no picture and no report, which show poses, but everything else."""
     root, subject, body = tmp_path.resolve(), load_subject("human34"), body_of("human34")
@@ -129,17 +139,18 @@ def test_a_clip_without_a_person_is_done_and_reviewed_first(tmp_path: Path) -> N
     assert look_ranks(shown.entries()) == (None, 1)
 
 
-def test_a_killed_batch_resumes(clips: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("inline")
+def test_a_killed_batch_resumes(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """SIGKILL of the leader as soon as the first clip is done: its workers end too, and the rest is as alone."""
-    line = ["batch", clips / "clips.csv", "--out", tmp_path / "out", "--workers", 1]
+    line = ["batch", str(clips / "clips.csv"), "--out", str(tmp_path / "out"), "--workers", "1"]
     process = kinemode_process(line)
     first = tmp_path / "out" / "clips" / "first" / "outcome.json"
     until(first.is_file, "the first clip is done")
     kept = first.stat().st_mtime_ns
     process.send_signal(signal.SIGKILL)
-    ended(process)
-    code, out, errors = ended(kinemode_process(line))
-    assert code == 2
+    ended(process)  # and its workers, which have its pipes
+    assert front.main(line) == 2
+    out, errors = capsys.readouterr()
     assert "2 of 3 clips tracked" in out
     assert "1 clip failed" in errors
     assert first.stat().st_mtime_ns == kept
@@ -173,27 +184,6 @@ def km_rows(rows: Sequence[dict[str, Any]], folder: Path) -> tuple[BatchRow, ...
     from kinemode.batches.manifest import rows_of
 
     return rows_of(rows, folder=folder)
-
-
-class Inline:
-    """An engine that runs each task immediately, in this process."""
-
-    died = (KeyError,)
-    deaths = 3
-
-    def workers(self) -> int:
-        return 2
-
-    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(work(task))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def once_a_machine(self, work: Callable[[], None]) -> None:
-        pass
 
 
 def outcomes_of(rows: Sequence[BatchRow], root: Path, job: Callable[[BatchTask], TaskAnswer]) -> dict[str, ClipOutcome]:
@@ -306,12 +296,6 @@ def test_an_outcome_is_kept_whole(tmp_path: Path) -> None:
     assert ClipOutcome.kept(tmp_path) == whole
     (tmp_path / "outcome.json").write_text(json.dumps({"name": "a"}))
     assert ClipOutcome.kept(tmp_path) is None
-
-
-def square(number: int) -> int:
-    if number < 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number * number
 
 
 @contextmanager

@@ -56,8 +56,10 @@ def cranks(radius: float, height: float, per_second: float) -> tuple[np.ndarray,
     return time, points
 
 
-@pytest.mark.parametrize(("steps", "fps"), [(WALK, 60.0), (WALK, 25.0), (RUN, 60.0), (SHUFFLE, 50.0)])
-@pytest.mark.parametrize(("angle", "share"), [(0.0, 1.0), (2.2, 0.9)])
+@pytest.mark.parametrize(
+    ("steps", "fps", "angle", "share"),
+    [(WALK, 60.0, 0.0, 1.0), (WALK, 25.0, 2.2, 0.9), (RUN, 60.0, 2.2, 0.9), (SHUFFLE, 50.0, 0.0, 1.0)],
+)
 def test_a_constant_velocity_changes_no_event(
     steps: tuple[float, float, float], fps: float, angle: float, share: float
 ) -> None:

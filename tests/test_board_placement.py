@@ -35,7 +35,7 @@ def exact(rig: BoardRig) -> tuple[dict[str, Pose], dict[int, Pose], BoardRig]:
     return cameras, boards, replace(rig, views=views)
 
 
-@pytest.mark.parametrize("seed", [4, 5, 24, 25])  # mirrored if the best solution of each view is used
+@pytest.mark.parametrize("seed", [4, 24, 25])  # mirrored if the best solution of each view is used
 def test_the_mirrored_solution_is_seen_through(seed: int) -> None:
     rig = rig_of(seed)
     cameras, _, notes = place_cameras(rig.fits(), rig.board, rig.views, FLOOR)

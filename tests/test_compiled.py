@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import errno
 import fcntl
 import importlib
@@ -11,7 +10,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,6 +29,7 @@ from humanoid.support.compiled_cache import (
     source_folder,
     sources_digest,
 )
+from tests.sources import Facts, below
 from tests.waiting import DEADLINE
 
 ROOT = Path(__file__).parent.parent
@@ -133,19 +133,12 @@ def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
     assert sources_digest(file, "toy.kernel") != before
 
 
-def test_every_import_of_ours_is_seen() -> None:
+def test_every_import_of_ours_is_seen(facts: Mapping[Path, Facts]) -> None:
     """Imports are found without parsing; here they are parsed."""
     count = 0
-    for file in (f for package in PACKAGES for f in (ROOT / package).rglob("*.py")):
-        seen = set(imported_names(file.read_text()))
-        for node in ast.walk(ast.parse(file.read_text())):
-            names = []
-            if isinstance(node, ast.ImportFrom):
-                names = [f"{node.module}.{alias.name}" for alias in node.names]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            assert set(names) <= seen, file
-            count += len(names)
+    for file, source in below(facts, *PACKAGES).items():
+        assert set(source.imported) <= set(imported_names(file.read_text(encoding="utf-8"))), file
+        count += len(source.imported)
     assert count > 500
     odd = "import a.b as x, c  # d, e\nfrom . import f\nfrom ..g import \\\n    h as i\nif 1: from j.k import (l,\n m)"
     assert {"a.b", "c", ".f", "..g.h", "j.k.l", "j.k.m"} <= set(imported_names(odd))

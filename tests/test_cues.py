@@ -33,7 +33,7 @@ from tests.builders import BROWN, camera_at
 
 HEIGHT, WIDTH = 120, 160
 Y, X = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-SETTINGS = SilhouetteSettings()
+SETTINGS = SilhouetteSettings(rounds=1)
 
 
 def texture(seed: int, shape: tuple[int, int] = (HEIGHT, WIDTH), *, fine: float = 2.0, contrast: float = 30.0):

@@ -15,7 +15,7 @@ from humanoid.support.errors import InputError
 from kinemode import demo
 from kinemode.progress import unreported
 
-FRAMES = 5
+FRAMES = 3
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")

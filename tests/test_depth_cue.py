@@ -194,7 +194,7 @@ def test_points_lie_on_the_person(pair: RenderedClip, stereo: bool, off: float) 
     cues.close()
 
 
-@pytest.mark.parametrize("stereo", [False, True])
+@pytest.mark.parametrize("stereo", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_silhouette_comes_from_depth_without_a_background(pair: RenderedClip, stereo: bool) -> None:
     """A person who hardly moves, in four frames: no background can be learned from the pictures alone."""
     cues = reader(pair, stereo=stereo, cues=("depth", "silhouette"))

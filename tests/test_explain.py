@@ -111,7 +111,15 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
 
 
 JUMPING = {
-    "css": {"modes": 5, "samples": 2, "jumps": 12, "limb_samples": 12, "jump_penalty": 1.0, "limb_penalty": 1.0},
+    "css": {
+        "modes": 5,
+        "samples": 2,
+        "jumps": 12,
+        "limb_samples": 12,
+        "jump_penalty": 1.0,
+        "limb_penalty": 1.0,
+        "budget": {"searches": 24},
+    },
     "cost": {"exchange_penalty": 0.2},
     "cues": {"working_size": 160},
     "smooth": {"enabled": False},

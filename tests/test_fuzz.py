@@ -21,7 +21,7 @@ from humanoid.support.errors import LONGEST, InputError, shown
 from tests.fuzz_faults import judge as faulty
 from tests.waiting import DEADLINE
 
-_SLICE = 150  # damaged files in the test, of the 100,000 of the measure
+_SLICE = 90  # damaged files in the test, of the 100,000 of the measure
 
 
 # --- messages ---

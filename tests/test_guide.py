@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -24,9 +24,11 @@ from benchmarks.support.common import ROOT
 from estimator.tracking import registry
 from estimator.tracking.setting_changes import changed
 from kinemode import __main__ as front, cli, jobs
+from kinemode.batches import engines
 from kinemode.batches.manifest import read_manifest
 from kinemode.batches.shown import COLUMNS
 from kinemode.detection import clip as detection
+from tests.inline_engine import Inline
 from tests.made_once import made_once
 from tests.tiers import later
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
@@ -115,15 +117,15 @@ def follow(name: str, folder: Path) -> None:
                 assert front.main(words) == 0, line
 
 
-@pytest.mark.usefixtures("detector")
-@pytest.mark.parametrize("name", later((FIRST, *RUNNABLE), "own-robot"))
+@pytest.mark.usefixtures("detector", "few_figures")
+@pytest.mark.parametrize("name", later((FIRST, *RUNNABLE), "own-robot", thorough=["retargeting"]))
 def test_the_examples_of_a_page_work(name: str, folder: Path) -> None:
     if name != FIRST:  # already done
         follow(name, folder)
     assert (folder / "reach.run").exists()
 
 
-@pytest.mark.usefixtures("detector", "few_searches")
+@pytest.mark.usefixtures("detector", "few_searches", "few_figures")
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 @pytest.mark.parametrize("name", QUICKLY)
 def test_the_examples_of_a_page_work_with_few_searches(name: str, folder: Path) -> None:
@@ -156,12 +158,18 @@ def far_clusters(monkeypatch: pytest.MonkeyPatch) -> list[StandIn]:
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     ssh = StandIn(*inspect.signature(distributed.SSHCluster).parameters)
     slurm = StandIn("queue", "cores", "processes", "memory", "walltime")  # of dask-jobqueue 0.9
+    here = partial(distributed.LocalCluster, processes=False, dashboard_address=":0")
+    monkeypatch.setattr(distributed, "LocalCluster", here)  # real processes are those of test_batch
     monkeypatch.setattr(distributed, "SSHCluster", ssh)
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=slurm))
     return [ssh, slurm]
 
 
-def test_the_examples_of_the_batch_page_work(folder: Path, far_clusters: list[StandIn]) -> None:
+@pytest.mark.usefixtures("few_searches", "few_figures")
+def test_the_examples_of_the_batch_page_work(
+    folder: Path, far_clusters: list[StandIn], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engines, "ProcessEngine", lambda count: Inline())
     follow(BATCH, folder)
     with (folder / "tracked" / "summary.csv").open(newline="", encoding="utf-8") as table:
         rows = list(csv.DictReader(table))

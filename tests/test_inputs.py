@@ -172,12 +172,13 @@ def test_fractions_of_a_picture_become_pixels_of_the_camera_or_of_the_given_size
 
 
 def test_the_noise_of_keypoints_is_given_in_pixels_by_camera(tmp_path: Path) -> None:
-    assert load(tmp_path, SEEN).noise == ()
-    assert load(tmp_path, SEEN, keypoint_noise="4").noise == (4.0, 4.0, 4.0)
-    np.testing.assert_array_equal(load(tmp_path, SEEN, keypoint_noise=["b=2.5"]).noise, [np.nan, 2.5, np.nan])
+    few = {name: replace(t, pixels=t.pixels[:8], confidence=t.confidence[:8]) for name, t in SEEN.items()}
+    assert load(tmp_path, few).noise == ()
+    assert load(tmp_path, few, keypoint_noise="4").noise == (4.0, 4.0, 4.0)
+    np.testing.assert_array_equal(load(tmp_path, few, keypoint_noise=["b=2.5"]).noise, [np.nan, 2.5, np.nan])
     for wrong in ("0", "-1", "a=b", "d=3", "inf"):
         with pytest.raises(InputError, match="--keypoint-noise"):
-            load(tmp_path, SEEN, keypoint_noise=wrong)
+            load(tmp_path, few, keypoint_noise=wrong)
 
 
 def test_undeclared_sizes_are_noticed(tmp_path: Path) -> None:
@@ -191,7 +192,7 @@ def test_undeclared_sizes_are_noticed(tmp_path: Path) -> None:
     assert load(tmp_path, {"a": SEEN["a"]}).notes == ()
 
 
-@pytest.mark.parametrize("factor", [0.5, 2 / 3, 1.5])
+@pytest.mark.parametrize("factor", [2 / 3, 1.5])
 def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, factor: float) -> None:
     scaled = {name: replace(t, pixels=(t.pixels + 0.5) * factor - 0.5) for name, t in SEEN.items()}
     size = f"{round(160 * factor)}x{round(120 * factor)}"

@@ -189,8 +189,8 @@ def test_sampling_finds_every_solution(arm: Arm) -> None:
     same = arm.search.settings.distinct * body_size(body)
     for first in known.values():
         rng, modes = np.random.default_rng(62), [first.q]
-        for _ in range(8):
-            mixture = arm.search.best_modes(samples(arm, modes, rng, 120), FrameProblem(arm.associations), 8)
+        for _ in range(6):
+            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameProblem(arm.associations), 8)
             modes = [m.q for m in mixture.modes]
         points = [limb_points(body, q) for q in modes]
         for name, mode in known.items():

@@ -29,7 +29,7 @@ from tests.builders import camera_at
 from tests.test_cues import HEIGHT, WIDTH, X, Y, overlap, scene, texture
 from tests.tiers import later
 
-SETTINGS = SilhouetteSettings()
+SETTINGS = SilhouetteSettings(rounds=1)
 
 
 def upright(x: float, grown: float = 0.0) -> np.ndarray:

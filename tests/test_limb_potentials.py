@@ -52,7 +52,7 @@ def graph_of(name: str, detail: str = "paper") -> LimbGraph:
 
 
 @cache
-def drawn(name: str, count: int = 300) -> LimbPoses:
+def drawn(name: str, count: int = 150) -> LimbPoses:
     body = body_of(name)
     return random_poses(body, graph_of(name), count, (STEP,), np.full(body.nv, 2.0), np.random.default_rng(5))
 

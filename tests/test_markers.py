@@ -113,7 +113,7 @@ def test_lengths_are_found_and_places_handed_on() -> None:
 def test_a_person_of_another_size_is_resized_first() -> None:
     subject = marked()
     body = Body(subject.resized(0.75))
-    fit = fit_markers(subject, measured(body, poses(body, 4)))
+    fit = fit_markers(subject, measured(body, poses(body, 2)))
     assert fit.size * np.exp(np.log(fit.scales).mean()) == pytest.approx(0.75, abs=0.02)
 
 
@@ -247,11 +247,11 @@ def correlation(covariance: np.ndarray) -> np.ndarray:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Body, np.ndarray]:
     """A TRC file of a person with the lengths of human34, the body and its poses."""
     body = Body(marked())
-    q = poses(body, 12)
+    q = poses(body, 6)
     path = tmp_path_factory.mktemp("points") / "bend.trc"
     rng = np.random.default_rng(3)
     points = body.markers_of(body.placed(q))
-    write_trc(path, body.marker_names, points + 0.001 * rng.normal(size=points.shape), np.arange(12) / FPS)
+    write_trc(path, body.marker_names, points + 0.001 * rng.normal(size=points.shape), np.arange(6) / FPS)
     return path, body, q
 
 
@@ -268,7 +268,7 @@ def test_a_file_of_points_becomes_a_run(recorded: tuple[Path, Body, np.ndarray],
     assert set(tracked.status) == {"tracked"}
     off = np.rad2deg(np.array([body.difference(a, b)[6:] for a, b in zip(q, tracked.q, strict=True)]))
     assert np.sqrt(np.mean(off**2)) < 1.5
-    assert tracked.markers.shape == (12, len(body.marker_names), 3)
+    assert tracked.markers.shape == (6, len(body.marker_names), 3)
     residuals = marker_residuals(tracked, CostSettings().markers)
     assert residuals is not None
     assert np.nanmax(residuals.rms) < 0.01
@@ -338,7 +338,7 @@ def test_a_static_trial_of_a_file_joins_the_fit(recorded: tuple[Path, Body, np.n
     assert np.abs(fit.scales - km.fit("human34", points=path).scales).max() > 1e-6
     run = km.track("human34", points=path, static=tmp_path / "static.npz", out=tmp_path / "walk.run")
     assert run.header.points == (str(path),)
-    assert len(run) == 12
+    assert len(run) == 6
     assert [m.std for m in run.subject.markers] == [m.std for m in again.subject.markers]
 
 
@@ -364,7 +364,7 @@ def test_a_static_trial_without_a_use_is_refused(
 def test_a_left_handed_file_is_refused(recorded: tuple[Path, Body, np.ndarray], tmp_path: Path) -> None:
     _, body, q = recorded
     points = body.markers_of(body.placed(q)) * np.array([1.0, -1.0, 1.0])
-    write_trc(tmp_path / "mirrored.trc", body.marker_names, points, np.arange(12) / FPS)
+    write_trc(tmp_path / "mirrored.trc", body.marker_names, points, np.arange(6) / FPS)
     with pytest.raises(km.InputError, match="are mirrored"):
         km.track("human34", points=tmp_path / "mirrored.trc")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,12 @@ def defined(file: str, test: str) -> bool:
     path = ROOT / file
     if not path.is_file():
         return False
-    return test in {n.name for n in ast.parse(path.read_text()).body if isinstance(n, ast.FunctionDef)}
+    return test in functions_of(path)
+
+
+@cache
+def functions_of(path: Path) -> set[str]:
+    return {n.name for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.FunctionDef)}
 
 
 def rows(page: str) -> list[list[str]]:

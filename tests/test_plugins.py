@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,15 +11,14 @@ import pytest
 
 from estimator.trackers.spec import Spec
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
-from humanoid.support import plugins
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE, Registry
 from kinemode import __main__ as front
 from kinemode.settings import choose
-from tests.command_lines import CommandResult, ran, run_elsewhere
+from tests.command_lines import CommandResult, plugins_here, ran, run_with_plugins
 
 ROOT = Path(__file__).resolve().parent.parent
-HERE: dict[str, Any] = {"plugins": "toy_plugin", "path": Path(__file__).parent}
+HERE: dict[str, Any] = {"names": "toy_plugin", "path": Path(__file__).parent}
 
 
 LAZY = ["--tracker", "lazy"]
@@ -45,7 +42,7 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CommandResul
         file = folder / f"{name}.toml"
         file.write_text(text)
         lines[name] = ["track", str(clip), *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
-    return dict(zip(lines, run_elsewhere(*lines.values(), **HERE), strict=True))
+    return dict(zip(lines, run_with_plugins(*lines.values(), **HERE), strict=True))
 
 
 def test_a_plugin_is_listed_with_its_settings(commands: Mapping[str, CommandResult]) -> None:
@@ -63,26 +60,12 @@ def test_a_plugin_is_listed_with_its_settings(commands: Mapping[str, CommandResu
     assert "enabled = false" in written.partition("[smooth]")[2]
 
 
-@contextmanager
-def plugins_here(names: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Within this context the process finds plugins as a new process would."""
-    with TRACKERS.restored(), monkeypatch.context() as patched:
-        modules = set(sys.modules)
-        patched.setattr(plugins, "_plugins", plugins._Plugins())
-        patched.setenv(VARIABLE, names)
-        patched.syspath_prepend(str(folder))
-        yield
-        for name in names.split(","):
-            if name not in modules:
-                sys.modules.pop(name, None)
-
-
 def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(
     commands: Mapping[str, CommandResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "lazy.toml"
     path.write_text(commands["settings"].out.replace("naps = 2", "naps = 5").replace("depth = 0.5", "depth = 2"))
-    with plugins_here(HERE["plugins"], HERE["path"], monkeypatch):
+    with plugins_here(HERE["names"], HERE["path"]):
         chosen = choose("lazy", path)
         chosen.check(fits=False)
         body: Any = "a body"
@@ -129,7 +112,7 @@ def test_a_module_that_cannot_be_imported_is_named_at_every_lookup(
     )
     remedy = "leave broken out of it, or fix it"
     problem = f"{VARIABLE}: module broken cannot be imported: {why} ({remedy})"
-    assert ran(code, plugins=" whole, broken", path=tmp_path).splitlines() == ["imported", problem, problem]
+    assert ran(code, names=" whole, broken", path=tmp_path).splitlines() == ["imported", problem, problem]
 
 
 def test_modules_of_installed_packages_are_imported_too(tmp_path: Path) -> None:
@@ -139,9 +122,9 @@ def test_modules_of_installed_packages_are_imported_too(tmp_path: Path) -> None:
     (information / "entry_points.txt").write_text("[kinemode.plugins]\nsleep = asleep\n")
     code = "from humanoid.support.plugins import load_plugins\ntry: load_plugins()\nexcept ValueError as e: print(e)"
     (tmp_path / "asleep.py").write_text("print('imported')")
-    assert ran(code, plugins="", path=tmp_path) == "imported\n"
+    assert ran(code, names="", path=tmp_path) == "imported\n"
     (tmp_path / "asleep.py").write_text("1 / 0")
-    assert ran(code, plugins="", path=tmp_path).startswith(
+    assert ran(code, names="", path=tmp_path).startswith(
         "entry point sleep of kinemode.plugins: module asleep cannot be imported: ZeroDivisionError"
     )
 
@@ -152,7 +135,7 @@ def test_a_name_that_is_taken_is_refused(
     (tmp_path / "twin.py").write_text(
         "from estimator.tracking.registry import TRACKERS, register\nregister(TRACKERS['css'])\n"
     )
-    with plugins_here("twin", tmp_path, monkeypatch):
+    with plugins_here("twin", tmp_path):
         assert front.main(["trackers"]) == front.BAD_INPUT
     printed = capsys.readouterr()
     assert printed.out == ""

@@ -123,7 +123,7 @@ def test_the_posterior_is_that_of_weighing_the_past(
     prior = made.predict(crowd(made.body), 0.04)
     message = shifted_message(made)
     # few displaced limbs hit the detection: plain weighting needs more samples
-    x, weight = plainly_weighed(made, prior, message, 500_000 if lost else 200_000)
+    x, weight = plainly_weighed(made, prior, message, 200_000)
     mean = weight @ x
     std = np.sqrt(weight @ np.square(x - mean))
     unsure = std * np.sqrt(np.square(weight).sum())  # is the plain mean

@@ -158,7 +158,8 @@ def off_in_standard_errors(proposal: float, belief: float, product: ProductSetti
 @pytest.mark.parametrize(
     ("shares", "image_weighted"),
     [
-        *(("incoming", False), ("all", False), *((name, True) for name in SHARES if name != "little")),
+        *(("incoming", False), ("all", False), ("all", True)),
+        *(pytest.param(name, True, marks=pytest.mark.thorough) for name in ("belief", "incoming", "proposal")),
         *(pytest.param(name, False, marks=pytest.mark.paper) for name in ("belief", "proposal", "little")),
         pytest.param("little", True, marks=pytest.mark.paper),
     ],

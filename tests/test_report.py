@@ -205,7 +205,7 @@ def test_several_cameras_are_shown_with_their_deviations(
 ) -> None:
     """Each camera's noise and keypoint distances; with one camera there is nothing to show."""
     assert 'id="cameras"' not in page(run, facts_of(run), figures=[])
-    clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(count=2, image_size=(160, 120)), fps=10, seconds=0.8)
+    clip = km.render(tmp_path / "clip", "arm", view=ViewSettings(count=2, image_size=(160, 120)), fps=10, seconds=0.4)
     pair = km.track(
         clip.subject, None, keypoints=clip.keypoints, cameras=clip.cameras, out=tmp_path / "a.run", cues="off"
     )

@@ -16,6 +16,8 @@ from tests.made_motion import made_motion
 from viz.local_server import LocalServer
 from viz.preview.live import serve
 
+pytestmark = pytest.mark.usefixtures("few_figures")
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> km.Run:

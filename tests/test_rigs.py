@@ -18,8 +18,9 @@ import kinemode.__main__ as front
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.rigs import calibrate, search
 from estimator.data.rigs.bundle import RigProblem, RigRays, adjusted, bent, by_place, by_radial, straight
-from estimator.data.rigs.calibrate import PersonCalibration, RigWorld, calibrate_by_person, causes, in_words
+from estimator.data.rigs.calibrate import PersonCalibration, RigWorld, causes, in_words
 from estimator.data.rigs.first import best_pairs, state_of_pair, triangulated
 from estimator.data.rigs.lengths import SegmentLengths
 from estimator.data.rigs.search import RigViews, exchanged, fitted_rig, with_exchanged
@@ -36,7 +37,10 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.lens import PHONES, PHONES_STD
 from kinemode.inputs.load import load_inputs
 from kinemode.request import FileOptions
+from tests.quick_rigs import quick_rigs
 from viz.pictures.rig_picture import ABOVE, ASIDE, rig_drawing
+
+__all__ = ["quick_rigs"]
 
 FPS = 15.0
 QUIET = DetectorSettings(noise_px=1.0, outlier_fraction=0.0, missing_fraction=0.02)
@@ -217,7 +221,7 @@ def test_frames_with_exchanged_sides_are_found(filmed: Filmed) -> None:
 
 
 def test_a_person_places_the_cameras(filmed: Filmed) -> None:
-    rig = calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True)
+    rig = calibrate.calibrate_by_person(filmed.body, filmed.tracks, filmed.lost(), filmed.times, clocks_known=True)
     assert turns_off(rig, filmed.cameras).max() < 1.0
     assert places_off(rig, filmed.cameras).max() < 0.03
     assert max(rig.turn_stds.values()) < 3.0
@@ -239,14 +243,15 @@ def test_the_world_shows_what_the_rig_shows() -> None:
     np.testing.assert_allclose(world.points(points) @ R_camera.T + t_camera, 1.2 * (points @ R.T + t))
 
 
-def test_clocks_are_found_with_the_cameras(filmed: Filmed) -> None:
+def test_clocks_are_found_with_the_cameras(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_BEGINNINGS", 2)
     late = {"cam01": 0, "cam02": 9, "cam03": 4}
     tracks = {
         name: replace(track, pixels=track.pixels[late[name] :], confidence=track.confidence[late[name] :])
         for name, track in filmed.tracks.items()
     }
     times = {name: np.arange(track.frame_count) / FPS for name, track in tracks.items()}
-    rig = calibrate_by_person(filmed.body, tracks, filmed.lost(), times)
+    rig = calibrate.calibrate_by_person(filmed.body, tracks, filmed.lost(), times)
     for name, frames in late.items():
         assert rig.offsets[name] * FPS == pytest.approx(frames, abs=0.6)
     assert turns_off(rig, filmed.cameras).max() < 1.5
@@ -258,7 +263,7 @@ def test_focal_lengths_are_found_where_they_are_guessed(filmed: Filmed) -> None:
         K = lens.K.copy()
         K[:2, :2] *= 0.9
         lenses[name] = replace(lens, K=K, focal_std=0.1)
-    rig = calibrate_by_person(filmed.body, filmed.tracks, lenses, filmed.times, clocks_known=True)
+    rig = calibrate.calibrate_by_person(filmed.body, filmed.tracks, lenses, filmed.times, clocks_known=True)
     for name, camera in rig.cameras.items():
         assert camera.K[0, 0] == pytest.approx(filmed.cameras[name].K[0, 0], rel=0.06)
         assert any(name in note and "focal length" in note for note in rig.notes)
@@ -268,27 +273,28 @@ def hidden(track: KeypointTrack) -> KeypointTrack:
     return replace(track, pixels=np.full_like(track.pixels, np.nan), confidence=np.zeros_like(track.confidence))
 
 
-def test_uninformative_views_are_refused(filmed: Filmed) -> None:
+def test_uninformative_views_are_refused(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_BEGINNINGS", 1)
     alone = {"cam01": filmed.tracks["cam01"]}
     with pytest.raises(InputError, match="there is one"):
-        calibrate_by_person(filmed.body, alone, filmed.lost(), filmed.times, clocks_known=True)
+        calibrate.calibrate_by_person(filmed.body, alone, filmed.lost(), filmed.times, clocks_known=True)
     unseen = {**filmed.tracks, "cam02": hidden(filmed.tracks["cam02"])}
     with pytest.raises(InputError, match="no person is seen by cam02"):
-        calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
+        calibrate.calibrate_by_person(filmed.body, unseen, filmed.lost(), filmed.times, clocks_known=True)
     clicked = {n: replace(t, pixels=t.pixels[:1], confidence=t.confidence[:1]) for n, t in filmed.tracks.items()}
     instant = dict.fromkeys(clicked, np.zeros(1))
     for known in (True, False):
         with pytest.raises(InputError, match="no two of cam01"):
-            calibrate_by_person(filmed.body, clicked, filmed.lost(), instant, clocks_known=known)
+            calibrate.calibrate_by_person(filmed.body, clicked, filmed.lost(), instant, clocks_known=known)
     few = {name: replace(track, names=(None,) * 14 + track.names[14:]) for name, track in filmed.tracks.items()}
     with pytest.raises(InputError, match="no two of cam01"):
-        calibrate_by_person(filmed.body, few, filmed.lost(), filmed.times, clocks_known=True)
+        calibrate.calibrate_by_person(filmed.body, few, filmed.lost(), filmed.times, clocks_known=True)
     still = {
         name: replace(track, pixels=np.tile(track.pixels[:1], (len(track.pixels), 1, 1)))
         for name, track in filmed.tracks.items()
     }
     with pytest.raises(InputError, match=r"started is not certain|does not determine"):
-        calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
+        calibrate.calibrate_by_person(filmed.body, still, filmed.lost(), filmed.times)
 
 
 def made_rig(cameras: Sequence[Camera], residuals: np.ndarray) -> PersonCalibration:

@@ -23,7 +23,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support import spilled
 from humanoid.support.spilled import MadeList, Spill
 
-FPS, FRAMES, KEPT = 25.0, 60, 4
+FPS, FRAMES, KEPT = 25.0, 40, 4
 SETTINGS = SmoothSettings(window=4, iterations=2, pace_rounds=1)
 
 

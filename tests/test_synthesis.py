@@ -53,7 +53,7 @@ def test_motions_are_possible(motion) -> None:
     q = authored_motion(body, times, motion)
     assert limit_violations(body, q) == 0
     self_collision = SelfCollision(body)
-    assert max(self_collision.penetration(body.at(pose)) for pose in q) < 0.003
+    assert max(self_collision.penetration(body.at(pose)) for pose in q[::3]) < 0.003
     # nothing jumps: no degree of freedom changes its speed faster than a person can
     speed = np.array([body.difference(a, b) for a, b in pairwise(q)]) * 30.0
     assert np.abs(np.diff(speed, axis=0)).max() * 30.0 < 60.0
@@ -61,7 +61,7 @@ def test_motions_are_possible(motion) -> None:
     if body.has_free_root:
         np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
         soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
-        lowest = np.array([body.landmarks(body.at(pose))[soles, 2].min() for pose in q])
+        lowest = np.array([body.landmarks(body.at(pose))[soles, 2].min() for pose in q[::3]])
         assert np.abs(lowest).max() < 0.02
     assert {"human30": 30, "arm8": 8, "upper13": 13}.get(motion.subject, 34) == body.nv
 
@@ -96,11 +96,11 @@ def test_depth_and_part_are_those_of_ray_casting(body: Body, q: np.ndarray) -> N
     surface = surface_of(body, nodes=6000)
     world = points_in_world(posed, surface.joint, surface.local)
     mesh = trimesh.Trimesh(world, surface.faces, process=False)
-    v, u = (a.ravel() for a in np.mgrid[60:420:9, 220:420:5])
+    v, u = (a.ravel() for a in np.mgrid[60:420:13, 220:420:7])
     rays = np.linalg.solve(camera.K, np.stack([u, v, np.ones_like(u)]).astype(float)).T @ camera.R_camera_world
     depth, part = _cast(mesh, camera.centre_world, rays, surface.part[surface.faces[:, 0]])
     hit = np.isfinite(depth)
-    assert 300 < hit.sum() < len(hit)
+    assert 150 < hit.sum() < len(hit)
     agree = maps.mask[v, u] == hit
     assert agree.mean() > 0.995  # a ray may graze an outline
     both = hit & agree

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,7 @@ from term_family import CURVATURE, FAMILY
 from estimator.energy.recorded import RecordedTerm
 from humanoid.kinematics.body import PosedBody
 from kinemode.testing import ContractError, check_term
-
-ROOT = Path(__file__).resolve().parent.parent
+from tests.sources import Facts, below
 
 
 @pytest.mark.parametrize("kind", FAMILY)
@@ -24,16 +22,11 @@ def test_terms_keep_the_contract(kind: str) -> None:
     check_term(term, body, q, curvature=CURVATURE.get(kind, 1e-4))
 
 
-def test_no_term_is_left_out() -> None:
+def test_no_term_is_left_out(facts: Mapping[Path, Facts]) -> None:
     made = {type(make(np.random.default_rng(11))[1]).__name__ for make in FAMILY.values()}
-    classes = (
-        node
-        for file in (ROOT / "estimator").rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.ClassDef) and not any("Protocol" in ast.unparse(b) for b in node.bases)
-    )
+    classes = (c for source in below(facts, "estimator").values() for c in source.classes)
     ways = {"accumulate", "record"}  # a term derives itself, or has a kernel
-    terms = {c.name for c in classes if any(isinstance(n, ast.FunctionDef) and n.name in ways for n in c.body)}
+    terms = {c.name for c in classes if ways & {*c.methods} and not any("Protocol" in base for base in c.bases)}
     terms.remove(RecordedTerm.__name__)
     assert len(terms) >= 7
     assert terms == made

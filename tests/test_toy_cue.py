@@ -25,7 +25,14 @@ from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.shot import RenderedClip
 from kinemode.testing import check_cue
-from tests.command_lines import check_written, interrupt_after, output_of_readers, printed_by, run_elsewhere, track_line
+from tests.command_lines import (
+    check_written,
+    interrupt_after,
+    output_of_readers,
+    printed_by,
+    run_with_plugins,
+    track_line,
+)
 from tests.tiny_clip import tiny_clip
 
 with CUES.restored():  # other tests must not see it
@@ -37,6 +44,7 @@ SETTINGS = """
 modes = 2
 samples = 2
 jumps = 0
+budget.searches = 8
 [cues]
 working_size = 160
 use_silhouette = false
@@ -124,7 +132,7 @@ def test_it_is_listed_with_its_settings() -> None:
     assert "silhouette" in listed
     assert "toy" not in listed
     wrong = ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]
-    cues, settings, refused = run_elsewhere(["cues"], ["settings"], wrong, plugins="tests.toy_cue")
+    cues, settings, refused = run_with_plugins(["cues"], ["settings"], wrong, names="tests.toy_cue")
     assert "where the picture is bright" in cues.out
     assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in settings.out
     assert "use_toy = true" in settings.out

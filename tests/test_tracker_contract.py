@@ -28,14 +28,14 @@ FEW: dict[str, dict[str, object]] = {
     "elmo": {"rounds": 2},
     "loose_limbed": {
         "propagation": {
-            "kernels": 16,
-            "samples": 12,
+            "kernels": 6,
+            "samples": 4,
             "iterations": 1,
-            "product": {"candidates": 40, "per_draw": 1.0, "rounds": 1},
+            "product": {"candidates": 10, "per_draw": 1.0, "rounds": 1},
         },
-        "start_kernels": 16,
-        "start_samples": 12,
-        "start_iterations": 2,
+        "start_kernels": 6,
+        "start_samples": 4,
+        "start_iterations": 1,
         "part_detectors": {"keypoints": {"depths": 3}},
     },
 }
@@ -43,7 +43,7 @@ FEW["css_dual"] = FEW["css"]
 FEW["dual_chain"] = {
     "features": "keypoints",
     "past": True,
-    "pose": {"particles": 60, "kernels": 20, "tempering": {"moves": 1}},
+    "pose": {"particles": 20, "kernels": 8, "tempering": {"moves": 1}},
 }
 BY_DEPTH = ("elmo", "psh")
 """These start by depth, see `tests.test_elmo`."""
@@ -71,14 +71,21 @@ CLIPS = {"arm8": arm_clip, "human34": person_clip}
 
 OF_LIMBS = ("dual-chain", "likelihood-sampling")
 """These use one camera and limbs of two segments."""
-LONG = (("loose-limbed", "arm8"), ("likelihood-sampling", "human34"))
+LONG = (("loose-limbed", "human34"), ("likelihood-sampling", "human34"))
 """Covered by the same trackers of another body, and with the chain of points."""
+
+
+VARIANTS = ("css-paper", "spherical", "gaussian-single-mode", "robust-single-mode", "gaussian-multiple-hypothesis")
+"""Trackers of which another setting makes one that is tested with both bodies."""
 
 
 @pytest.mark.parametrize(
     ("name", "subject"),
-    later([(n, s) for n in TRACKERS if n not in BY_DEPTH for s in CLIPS if n not in OF_LIMBS or s == "human34"], *LONG),
-)
+    later(
+        [(n, s) for n in TRACKERS if n not in BY_DEPTH for s in CLIPS if n not in OF_LIMBS or s == "human34"], *LONG,
+        thorough=[(name, "human34") for name in VARIANTS],
+    ),
+)  # fmt: skip
 def test_trackers_keep_the_contract(name: str, subject: str) -> None:
     spec = TRACKERS[name]
     settings = settings_for(name, changes={spec.group: FEW[spec.group], "search": FEW_STARTS})

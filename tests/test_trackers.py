@@ -26,7 +26,7 @@ from humanoid.support.errors import InputError
 from tests.tiny_clip import FEW_STARTS
 
 CAMERA = camera_at(30.0, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95))
-FRAMES, FPS, MISSING, SEED = 10, 30.0, 6, 5
+FRAMES, FPS, MISSING, SEED = 7, 30.0, 4, 5
 NOISE = (0.5, 4.0)
 LIMBS = [f"{s}_{p}" for s in ("left", "right") for p in ("elbow", "wrist", "hip", "knee", "ankle")]
 
@@ -48,8 +48,8 @@ def clip(noise: float) -> tuple[Observation, ...]:
 
 MODES = 4
 FEW: dict[str, dict[str, object]] = {
-    "css": {"samples": 8, "budget": {"searches": 24}},
-    "css_dual": {"samples": 8, "budget": {"searches": 24}},
+    "css": {"samples": 6, "budget": {"searches": 16}},
+    "css_dual": {"samples": 6, "budget": {"searches": 16}},
     "single_mode": {},
     "markers": {"samples": 4},
     "condensation": {"particles": 300},

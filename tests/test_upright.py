@@ -115,8 +115,7 @@ def turn_left(inputs: Inputs) -> float:
     return off(camera.R_camera_world[:, 2], true.R_camera_world[:, 2])
 
 
-@pytest.mark.parametrize("up", UPS)
-@pytest.mark.parametrize("word", [True, False])
+@pytest.mark.parametrize(("up", "word"), [*((up, False) for up in UPS), ("-y", True), ("z", True)])
 def test_a_world_of_another_axis_is_turned_upright(up: str, word: bool, tmp_path: Path) -> None:
     """Exactly, given or found; a world whose z points up is unchanged to the bit."""
     inputs = load(tmp_path, world_with_up(axis_of(up)).T, up=up if word else None)
@@ -127,7 +126,7 @@ def test_a_world_of_another_axis_is_turned_upright(up: str, word: bool, tmp_path
         np.testing.assert_array_equal(inputs.observations[0].cameras[0].R_camera_world, CAMERAS[0].R_camera_world)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_world_without_an_up_axis_is_turned_upright_with_a_note(seed: int, tmp_path: Path) -> None:
     R = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     inputs = load(tmp_path, R)

@@ -3,14 +3,14 @@ what was found. Class names are unique."""
 
 from __future__ import annotations
 
-import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
+from tests.sources import Facts, below, facts_of
 from tests.test_layers import ROOT, TOP
 
 NAMES = re.compile(
@@ -59,52 +59,39 @@ TRANSLATED = re.compile(
 """Sentences and names that read as translated; the repository contains none."""
 
 
-def named(tree: ast.AST) -> Iterator[tuple[str, int]]:
-    """Names of classes, functions, arguments and fields, and their lines."""
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            yield node.name, node.lineno
-        elif isinstance(node, ast.arg):
-            yield node.arg, node.lineno
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            yield node.target.id, node.lineno
-
-
 def is_gone(name: str) -> bool:
     return (CLASSES if name.lstrip("_")[:1].isupper() else NAMES).fullmatch(name) is not None
 
 
-def spoken(path: Path, phrases: re.Pattern[str]) -> list[str]:
+def spoken(path: Path, facts: Facts, phrases: re.Pattern[str]) -> list[str]:
     """Where a file's texts have such a phrase."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
-    return [f"{path.name}:{n.lineno}: {hit.group(0)}" for n in texts if (hit := phrases.search(n.value))]
+    return [f"{path.name}:{line}: {hit[0]}" for text, line in facts.texts if (hit := phrases.search(text))]
 
 
-def forbidden(path: Path) -> list[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return [f"{path.name}:{line}: {name}" for name, line in named(tree) if is_gone(name)] + spoken(path, MESSAGES)
+def forbidden(path: Path, facts: Facts) -> list[str]:
+    gone = [f"{path.name}:{line}: {name}" for name, line in facts.named if is_gone(name)]
+    return gone + spoken(path, facts, MESSAGES)
 
 
 @pytest.mark.parametrize("top", ["estimator", "benchmarks"])
-def test_nothing_is_named_by_a_bare_participle(top: str) -> None:
+def test_nothing_is_named_by_a_bare_participle(top: str, facts: Mapping[Path, Facts]) -> None:
     hits = set()
-    for path in (ROOT / top).rglob("*.py"):
-        names = {name for name, _ in named(ast.parse(path.read_text(encoding="utf-8")))}
+    for path, told in below(facts, top).items():
+        names = {name for name, _ in told.named}
         hits |= {f"{path.name}: {name}" for name in names if is_gone(name) or PARTICIPLES.fullmatch(name)}
     assert hits - OPTIONS == set()
 
 
 @pytest.mark.parametrize("top", TOP)
-def test_words_are_the_fields(top: str) -> None:
-    assert [hit for path in sorted((ROOT / top).rglob("*.py")) for hit in forbidden(path)] == []
+def test_words_are_the_fields(top: str, facts: Mapping[Path, Facts]) -> None:
+    assert [hit for path, told in below(facts, top).items() for hit in forbidden(path, told)] == []
 
 
 @pytest.mark.parametrize("folder", PLAIN)
-def test_nothing_speaks(folder: str) -> None:
-    files = [path for path in sorted((ROOT / folder).rglob("*.py")) if path != Path(__file__).resolve()]
+def test_nothing_speaks(folder: str, facts: Mapping[Path, Facts]) -> None:
+    files = {path: source for path, source in below(facts, folder).items() if path != Path(__file__).resolve()}
     assert files
-    assert [hit for path in files for hit in spoken(path, SPOKEN)] == []
+    assert [hit for path, source in files.items() for hit in spoken(path, source, SPOKEN)] == []
 
 
 def test_no_sentence_reads_as_translated() -> None:
@@ -126,39 +113,38 @@ def test_guides_do_not_speak(page: Path) -> None:
     )
 
 
-def test_planted_speech_is_found(tmp_path: Path) -> None:
-    path = tmp_path / "a.py"
-    path.write_text(
-        '"""The file says so."""\nx = "a value that cannot be"\ny = "cannot be read"\nz = f"{x} looks at {y}"\n'
-    )
-    assert spoken(path, SPOKEN) == ["a.py:1: says so", "a.py:2: cannot be", "a.py:4: looks at"]
+def test_planted_speech_is_found() -> None:
+    text = '"""The file says so."""\nx = "a value that cannot be"\ny = "cannot be read"\nz = f"{x} looks at {y}"\n'
+    assert sorted(spoken(Path("a.py"), facts_of("a", text), SPOKEN)) == [
+        "a.py:1: says so",
+        "a.py:2: cannot be",
+        "a.py:4: looks at",
+    ]
 
 
-def test_planted_words_are_found(tmp_path: Path) -> None:
-    path = tmp_path / "a.py"
-    path.write_text(
-        "class LooksAhead:\n    heard: int = 0\n\n    def f(self, q_paid): ...\n\n\nx = 'css goes by edges'\n"
-    )
-    assert sorted(forbidden(path)) == ["a.py:1: LooksAhead", "a.py:2: heard", "a.py:4: q_paid", "a.py:7: goes by"]
+def test_planted_words_are_found() -> None:
+    text = "class LooksAhead:\n    heard: int = 0\n\n    def f(self, q_paid): ...\n\n\nx = 'css goes by edges'\n"
+    assert sorted(forbidden(Path("a.py"), facts_of("a", text))) == [
+        "a.py:1: LooksAhead",
+        "a.py:2: heard",
+        "a.py:4: q_paid",
+        "a.py:7: goes by",
+    ]
 
 
-def repeated_classes(root: Path) -> list[str]:
+def repeated_classes(facts: Mapping[Path, Facts]) -> list[str]:
     """Public classes of one name in two files."""
     files: dict[str, set[str]] = defaultdict(set)
-    for top in TOP:
-        for path in (root / top).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                    files[node.name].add(path.relative_to(root).as_posix())
+    for path, told in facts.items():
+        for name in {each.name for each in told.classes if not each.name.startswith("_")}:
+            files[name].add(path.relative_to(ROOT).as_posix())
     return [f"{name}: {', '.join(sorted(where))}" for name, where in sorted(files.items()) if len(where) > 1]
 
 
-def test_class_names_are_unique() -> None:
-    assert repeated_classes(ROOT) == []
+def test_class_names_are_unique(facts: Mapping[Path, Facts]) -> None:
+    assert repeated_classes(below(facts, *TOP)) == []
 
 
-def test_a_planted_class_of_the_same_name_is_found(tmp_path: Path) -> None:
-    for name in ("humanoid/a.py", "viz/b.py"):
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / name).write_text("class Mixture: ...\n")
-    assert repeated_classes(tmp_path) == ["Mixture: humanoid/a.py, viz/b.py"]
+def test_a_planted_class_of_the_same_name_is_found() -> None:
+    planted = {ROOT / name: facts_of("a", "class Mixture: ...\n") for name in ("humanoid/a.py", "viz/b.py")}
+    assert repeated_classes(planted) == ["Mixture: humanoid/a.py, viz/b.py"]

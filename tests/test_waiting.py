@@ -41,13 +41,16 @@ def found_in(source: str) -> Iterator[tuple[str, str]]:
 
 def _nodes(tree: ast.AST, function: str) -> Iterator[tuple[str, ast.AST]]:
     """Every node with the outermost function or class it is in; docstrings are not programs."""
-    for child in ast.iter_child_nodes(tree):
-        if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
-            continue
-        named = isinstance(child, ast.FunctionDef | ast.ClassDef) and function == "module"
-        within = child.name if named else function  # type: ignore[attr-defined]
-        yield within, child
-        yield from _nodes(child, within)
+    left = [(tree, function)]
+    while left:
+        node, within = left.pop()
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
+                continue
+            named = isinstance(child, ast.FunctionDef | ast.ClassDef) and within == "module"
+            inside = child.name if named else within  # type: ignore[attr-defined]
+            yield inside, child
+            left.append((child, inside))
 
 
 def _short_wait(call: ast.Call) -> float | None:

@@ -8,12 +8,14 @@ from typing import Any
 import pytest
 
 
-def later(values: Iterable[Any], *long: Any) -> list[Any]:
-    """Values, or tuples of several, for `pytest.mark.parametrize`; those in `long` are long examples, which quicker
-    ones cover too. AssertionError if a long one does not exist."""
-    values = list(values)
-    assert set(long) <= set(values)
-    marks = [[pytest.mark.paper] if value in long else [] for value in values]
+def later(values: Iterable[Any], *long: Any, thorough: Iterable[Any] = ()) -> list[Any]:
+    """Values, or tuples of several, for `pytest.mark.parametrize`; those in `long` are long examples, which
+    quicker ones cover too, those in `thorough` further cases. AssertionError if one does not exist."""
+    values, further = list(values), list(thorough)
+    assert {*long, *further} <= set(values)
+    marks = [
+        [pytest.mark.paper] if value in long else [pytest.mark.thorough] if value in further else [] for value in values
+    ]
     return [
         pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=mark)
         for value, mark in zip(values, marks, strict=True)

@@ -12,7 +12,7 @@ from kinemode.shot import RenderedClip
 FEW_STARTS: dict[str, Any] = {"start_samples": 2}
 """Changes to the settings of the search, which make a first frame fast."""
 QUICK: dict[str, Any] = {
-    "css": {"samples": 2, "jumps": 0, "modes": 2},
+    "css": {"samples": 2, "jumps": 0, "modes": 2, "budget": {"searches": 8}},
     "search": FEW_STARTS,
     "cues": {"working_size": 160},
 }
