@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,17 @@ def test_right_cameras_are_found_right_and_a_turned_one_is_named(filmed: Filmed)
     off = check.check_by_person(filmed.body, filmed.tracks, wrong, filmed.times)
     assert off.moved == ("cam01",)
     assert off.gain > 2.0 * right.gain
+
+
+def test_a_check_needs_what_two_cameras_see_at_once(filmed: Filmed) -> None:
+    """The first camera sees only the first half, the second only the second."""
+    half, tracks = filmed.tracks["cam01"].frame_count // 2, {}
+    for name, hidden in (("cam01", slice(half, None)), ("cam02", slice(0, half))):
+        pixels = filmed.tracks[name].pixels.copy()
+        pixels[hidden] = np.nan
+        tracks[name] = replace(filmed.tracks[name], pixels=pixels)
+    with pytest.raises(km.InputError, match="no two of cam01, cam02 see 100 points"):
+        check.check_by_person(filmed.body, tracks, filmed.cameras, filmed.times)
 
 
 def test_the_command_reports_the_errors_of_the_function(

@@ -95,8 +95,10 @@ def check_by_person(
     move = changed_camera(given, part.seen, lengths, 0.0) if gain > _BETTER else None
     moved = tuple(seen.names[c] for c in move.cameras) if move is not None and move.matters else ()
     checked = dict(zip(seen.names, _cameras(given, best, [cameras[n].K[0, 0] for n in seen.names]), strict=True))
-    points = triangulated(part.seen.rays, given.R, given.t, range(len(given.R)))
-    return RigCheck(checked, gain, lengths.size(points), moved)
+    size = lengths.size(triangulated(part.seen.rays, given.R, given.t, range(len(given.R))))
+    if not np.isfinite(size):  # what two cameras see at once shows no segment's length
+        raise seen.nothing()
+    return RigCheck(checked, gain, size, moved)
 
 
 def _given(cameras: Sequence[Camera], lengths: SegmentLengths) -> RigState:
