@@ -13,12 +13,15 @@ import kinemode as km
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.checked_arrays import DamageError
 from estimator.data.observation import Observation
+from estimator.inference.chains.evidence import EvidenceSettings
+from estimator.inference.chains.exchange import ONE_WAY, PRINTED
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.dual_chain.pose_chain import PoseChainSettings
 from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.dual_chain.tracker import DualChain, DualState
+from estimator.trackers.dual_chain.walk import TemperingSettings
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision
@@ -119,6 +122,31 @@ def test_a_black_frame_is_tracked(seen: Seen, tracked: Tracked) -> None:
     spread = [made.body.differences(s.q[0], s.q).std(axis=0).mean() for s in (states[1], after)]
     assert spread[1] > spread[0]
     assert len(result.q)
+
+
+@pytest.mark.parametrize(("chain", "exchange"), [(True, PRINTED), (True, ONE_WAY), (False, PRINTED)])
+def test_likelihood_sampling_draws_an_undetected_hand_from_the_points(
+    chain: bool, exchange: str, seen: Seen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As printed: of a frame in which one hand makes no blob, only the message of the points places it."""
+    plain = PoseChainSettings(particles=150, tempering=TemperingSettings(powers=1))
+    alone = EvidenceSettings(shared=0.0)
+    made = tracker(DualChainSettings(chain=chain, past=False, exchange=exchange, pose=plain, evidence=alone))
+    state, _ = made.init(np.random.default_rng(0), seen.observations[0])
+    observation = seen.observations[1]
+    detections = made.seen.detected(observation, state.skin)
+    hand = made.parts.features.names.index("left_hand")
+    there = observation.cameras[0].project(made.parts.features.points(made.body.placed(seen.q[1:2])))[0, hand]
+    off = np.linalg.norm(detections.mean - there, axis=1)
+    others = detections.of(np.flatnonzero(off > off.min()))
+    # nor is it before the face
+    others = replace(others, merged=np.zeros_like(others.merged), suits=np.where(others.suits > 0.5, others.suits, 0.0))
+    monkeypatch.setattr(made.seen, "detected", lambda *_: others)
+    after, result = made.step(np.random.default_rng(1), state, observation)
+    assert (result.extra["samples"] > 0) == chain
+    if chain:
+        drawn = observation.cameras[0].project(made.parts.features.points(made.body.placed(after.q)))[:, hand]
+        assert np.linalg.norm(np.median(drawn, axis=0) - there) < 20.0
 
 
 def test_untrackable_input_is_refused(seen: Seen) -> None:

@@ -254,9 +254,9 @@ def test_invalid_training_input_is_refused(tmp_path: Path) -> None:
             train_index(load_subject("arm8"), few)
     out = tmp_path / "a.npz"
     for how, message in (
-        ({"headings": 400.0}, "headings: is 400"),
-        ({"elevation": 80.0}, "elevation: is 80"),
-        ({"examples": 0}, "examples: 0"),
+        ({"headings": 400.0}, "headings: must be 0 to 360 degrees"),
+        ({"elevation": 80.0}, "elevation: must be -10 to 60 degrees"),
+        ({"examples": 0}, "examples: must be 1 or more"),
         ({"workers": 0}, "workers: 0"),
         ({"out": tmp_path / "no" / "a.npz"}, "folder"),
     ):

@@ -196,7 +196,7 @@ def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
     (alone,) = terms_of(TermContext(body_of("upper13"), CostSettings()))
     whole = Stabilisers(body_of("upper13"))
     assert alone.accumulate(posed, gradient, hessian) == whole.accumulate(posed, gradient, hessian)
-    of_an_upper_body = ("dual-chain", "likelihood-sampling")  # by their papers; no mixture fits it
+    of_an_upper_body = ("dual-chain", "dual-chain-paper", "likelihood-sampling")  # by their papers; no mixture fits it
     for tracker in TRACKERS:
         own = tracker in ("css", "css-dual", "loose-limbed", *of_an_upper_body)
         assert kinds(BODY, tracker) == (["stabilisers", "pose prior"] if own else ["stabilisers"]), tracker

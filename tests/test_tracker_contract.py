@@ -69,7 +69,7 @@ def person_clip() -> list[Observation]:
 CLIPS = {"arm8": arm_clip, "human34": person_clip}
 
 
-OF_LIMBS = ("dual-chain", "likelihood-sampling")
+OF_LIMBS = ("dual-chain", "dual-chain-paper", "likelihood-sampling")
 """These use one camera and limbs of two segments."""
 LONG = (("loose-limbed", "human34"), ("likelihood-sampling", "human34"))
 """Covered by the same trackers of another body, and with the chain of points."""

@@ -3,11 +3,11 @@
     python -m benchmarks dual_chain [--seeds 0 1 2 3 4] [--jobs 2] [--work FOLDER] [--recover] [--json FILE]
 
 All weigh poses by the same blobs, outlines and silhouette, start from the same keypoints of the first frame, and differ
-in where poses come from: dual-chain(1000), and (2000) as it is set, likelihood sampling(1000) without points and past,
-CONDENSATION with 5,000 and 15,000 whole poses from the past; then all in the time of the first. Two more ways are the
-first without points, and with limbs that are neither drawn from the image nor updated towards it. A seed is one of the
-clip (clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face;
-one clip is of 10 s.
+in where poses come from: dual-chain(1000), and (2000) as it is set, dual-chain-paper(1000), likelihood sampling
+beside points as printed, likelihood-sampling(1000) without points and past, CONDENSATION with 5,000 and 15,000 whole
+poses from the past; then all in the time of the first. Two more ways are the first without points, and with limbs that
+are neither drawn from the image nor updated towards it. A seed is one of the clip (clothes, boards, noise) and of the
+tracker. Arms move out of the image plane, cross before the body and the face; one clip is of 10 s.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
 LOST = 250.0  # mm
 DUAL, AS_SET = "dual-chain(1000)", "dual-chain(2000)"
 SAMPLING, TEMPERED = "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
+AS_PRINTED = "dual-chain-paper(1000)"
 CONDENSATION = "condensation({})"
 NO_POINTS, BY_PAST = "dual-chain(1000), no chain of points", "dual-chain(1000), limbs from the past"
 _THOUSAND: dict[str, Any] = {"particles": 1000}
@@ -47,6 +48,7 @@ def condensation(particles: int) -> dict[str, Any]:
 WAYS: dict[str, dict[str, Any]] = {
     DUAL: {"pose": _THOUSAND},
     AS_SET: {},
+    AS_PRINTED: {**_SAMPLING, "chain": True, "exchange": "printed"},
     SAMPLING: _SAMPLING,
     TEMPERED: {"chain": False, "past": False, "pose": _THOUSAND},
     CONDENSATION.format(5000): condensation(5000),

@@ -13,7 +13,7 @@ from estimator.data.formats.checked_arrays import DamageError, Field, check_arra
 from estimator.data.observation import Observation
 from estimator.inference.annealing import Particles
 from estimator.inference.chains.evidence import Detections, Evidence, evidence_of
-from estimator.inference.chains.exchange import APART, messages
+from estimator.inference.chains.exchange import APART, PRINTED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, PointStates
 from estimator.inference.mixture import Mixture
@@ -163,10 +163,11 @@ class DualChain(Initialisation):
         expected, going = pose.predict(samples, dt), points.predict(state.points, dt)
         said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
         evidence = evidence_of(detections, self._evidence, said[-1])
-        if not s.past:
+        if not s.past and not s.chain:
             evidence = _of_all(evidence)
         received = messages(said, evidence, s.exchange if s.chain else APART)
-        if s.past or evidence.density.known.all():
+        # without the past a pose can be drawn only where image or points place every feature
+        if s.past or received[0].guide.known.all():
             samples, _ = pose.update(expected, received[0])
         else:
             samples, _ = pose.without_samples(expected)
@@ -246,6 +247,11 @@ SPECS = (
         "dual-chain",
         "poses and points in the image that correct each other (Taycher et al. 2004)",
         DualChainSettings(),
+    ),
+    _spec(
+        "dual-chain-paper",
+        "dual-chain as printed: poses by likelihood sampling, without a past of their own, beside points",
+        DualChainSettings(past=False, exchange=PRINTED, pose=_PLAIN),
     ),
     _spec(
         "likelihood-sampling",
