@@ -28,9 +28,7 @@ class OfRun:
     """A run."""
 
     run: RunLike = field(
-        metadata=about(
-            "A run file.", python="Or a run. Of one that is not finished, the frames that are there are used."
-        )
+        metadata=about("A run file.", python="Or a `Run`. Of an unfinished one the frames that are there are used.")
     )
 
 
