@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -24,7 +23,7 @@ from kinemode.inputs.load import load_inputs
 from kinemode.inputs.points import load_point_inputs
 from kinemode.jobs import check_markers
 from kinemode.named import PathLike
-from kinemode.notices import FindingWarning, InputWarning
+from kinemode.notices import FindingWarning, warn
 from kinemode.pictures import chosen_cues, cue_choice, doubts, notes_on, opened_cues
 from kinemode.request import FileOptions, FitRequest
 
@@ -45,7 +44,7 @@ def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit
             if reader is not None and chosen is not None:
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
-                warnings.warn(note, InputWarning, stacklevel=4)
+                warn(note)
             noise = given_noise(inputs.noise, inputs.observations, Settings().cost.keypoint_noise)
             seen = [replace(o, noise=noise) for o in inputs.observations]
             result = person.fit_person(
@@ -57,9 +56,9 @@ def fit_subject(loaded: Subject, files: FileOptions, request: FitRequest) -> Fit
 def kept_fit(fit: Fit, out: PathLike | None) -> Fit:
     """The same, written where it is to be, with warnings about what contradicts its input."""
     for note in fit.notes:
-        warnings.warn(note, InputWarning, stacklevel=5)
+        warn(note)
     if bound := bound_note(fit.subject):
-        warnings.warn(bound, FindingWarning, stacklevel=5)
+        warn(bound, FindingWarning)
     if out is not None:
         fit.subject.write(out)
     return fit
@@ -71,7 +70,7 @@ def fit_to_points(loaded: Subject, request: FitRequest) -> Fit:
         marked, inputs = load_point_inputs(loaded, request)
         check_markers(inputs)
         for note in (*marked.notes, *inputs.notes):
-            warnings.warn(note, InputWarning, stacklevel=4)
+            warn(note)
         moving, static = inputs.observations, inputs.static
         result = fit_markers(marked, moving, static, seed=request.seed, track_settings=settings_for(NAME))
     return kept_fit(result, request.out)

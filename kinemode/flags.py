@@ -35,7 +35,7 @@ TYPES: Mapping[str, Any] = {
     "Layout": str, "CueNames": str, "Names": Names, "Changes": Path | None,
     "Direction": UpOption, "ReferenceLike": Path | None,
     "Device": str, "MotionLike": Path, "KeypointsOrSource": Path | None, "Literal": Literal,
-    "RunLike": Path, "KnownMotion": Path, "JointNames": str | None, "Axis": UpOption, "CameraName": str,
+    "RunLike": Path, "KnownMotion": Path, "JointNames": str | None, "CameraName": str,
     "BoardSize": str, "Rig": Path, "LimbNames": str, "Formats": str, "Rows": Path,
 }  # fmt: skip
 """The type by which the command line reads values, by the type's name in a declaration; it has no flag for others."""

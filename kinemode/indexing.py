@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.compiled_cache import cache_roots
 from humanoid.support.errors import InputError
 from kinemode import __version__
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.progress import Reporter
 from kinemode.settings import Chosen
 from kinemode.target import cache_folder, check_absent, check_folder, made_folder
@@ -109,5 +108,5 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
             return path
     minutes = painting_seconds(recipe) / 60.0
     note = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
-    warnings.warn(f"{note}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
+    warn(f"{note}, in about {minutes:.0f} minutes (kinemode train-index)")
     return write_index(known, recipe, cache_folder() / name, workers=1, overwrite=True, progress=progress)

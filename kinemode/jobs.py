@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -51,7 +50,7 @@ from kinemode.initialisation import (
 from kinemode.inputs.declared import plain
 from kinemode.inputs.load import Inputs, load_everybody, load_inputs
 from kinemode.inputs.points import load_point_inputs
-from kinemode.notices import FindingWarning, InputWarning
+from kinemode.notices import FindingWarning, warn
 from kinemode.option import words_kept
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
 from kinemode.request import ALL, AUTO, BY_INDEX, OFF, FileOptions, TrackRequest
@@ -88,7 +87,7 @@ def track_subject(loaded: Subject, files: FileOptions, request: TrackRequest, kn
         inputs = load_inputs(body, files, lambda: make_tracker(job.tracker, body, job.settings).needs_keypoints)
         against_input = track_inputs(job, loaded, inputs, choice)
     for sentence in against_input:
-        warnings.warn(sentence, FindingWarning, stacklevel=4)
+        warn(sentence, FindingWarning)
     return Run.open(path)
 
 
@@ -132,12 +131,12 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
         unseen = unseen_joints_note(unseen_by(body, inputs.observations)) if chosen is None else ""
         notes += (unseen,) if unseen else ()
         for note in notes:
-            warnings.warn(job.of_person(note), InputWarning, stacklevel=5)
+            warn(job.of_person(note))
         expected, clip = job.settings.cost.keypoint_noise, inputs.observations
         noise = given_noise(inputs.noise, clip, expected)
         fitted = _fitted(job, subject, replace(inputs, observations=[replace(o, noise=noise) for o in clip]), cues)
         for note in fitted.notes:
-            warnings.warn(job.of_person(note), InputWarning, stacklevel=5)
+            warn(job.of_person(note))
         notes += fitted.notes
         noise = given_noise(inputs.noise, clip, expected, fitted.noise)
         seen = [replace(o, estimate=fitted.first.get(o.index), noise=noise) for o in clip]
@@ -328,7 +327,7 @@ def track_points(loaded: Subject, request: TrackRequest) -> Run:
         check_markers(inputs)
         against_input = track_inputs(job, marked, inputs, cue_choice("off"))
     for sentence in against_input:
-        warnings.warn(sentence, FindingWarning, stacklevel=4)
+        warn(sentence, FindingWarning)
     return Run.open(path)
 
 
@@ -353,7 +352,7 @@ def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) 
         jobs = _jobs(first, everybody)
         who = "one person is tracked" if len(jobs) == 1 else f"{len(jobs)} people are tracked, one after the other"
         for note in (f"--person all: {who}", *notes):
-            warnings.warn(note, InputWarning, stacklevel=4)
+            warn(note)
         failures: dict[str, InputError] = {}
         with kept_if_interrupted(lambda: sum(frames_at_first(job.target) or 0 for job in jobs.values())):
             for (name, job), inputs in zip(jobs.items(), everybody, strict=True):
@@ -361,10 +360,10 @@ def track_everybody(loaded: Subject, files: FileOptions, request: TrackRequest) 
                     against = track_inputs(job, loaded, inputs, choice)
                 except InputError as error:
                     failures[name] = error
-                    warnings.warn(f"{name} is not tracked, the others are: {error}", InputWarning, stacklevel=4)
+                    warn(f"{name} is not tracked, the others are: {error}")
                     continue
                 for sentence in against:
-                    warnings.warn(job.of_person(sentence), FindingWarning, stacklevel=4)
+                    warn(job.of_person(sentence), FindingWarning)
     if len(failures) == len(jobs):
         raise next(iter(failures.values()))
     return {name: Run.open(job.target.path) for name, job in jobs.items() if name not in failures}

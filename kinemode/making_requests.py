@@ -15,13 +15,9 @@ from kinemode.run_requests import PageOptions
 if TYPE_CHECKING:
     from estimator.data.cameras.camera import Camera
     from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
-    from humanoid.subject.subject import Subject
     from kinemode.named import Named, PathLike
+    from kinemode.request import CameraName, Direction, OutPath, SubjectLike
 
-    SubjectLike = Subject | PathLike
-    OutPath = PathLike
-    CameraName = str
-    Axis = str | None
     Scales = Mapping[str, float] | None
     FleshShape = Mapping[int | str, Sequence[float]] | None
     SceneLike = SceneSettings | None
@@ -33,7 +29,6 @@ if TYPE_CHECKING:
     Formats = str | Iterable[str]
     Rows = PathLike | Sequence[Mapping[str, Any]]
 
-_OUT = "out"  # what commands call the file that they write
 _WITH_FLESH = "A subject with flesh: a built-in name (see `kinemode subjects`) or a URDF."
 _REPLACES = "Replace the file if it is there."
 
@@ -45,7 +40,7 @@ class RenderRequest(ProgressOptions):
     folder: OutPath = field(
         kw_only=False,
         metadata=about(
-            "Folder for the files, made if it is not there; files of an earlier clip are replaced.", called=_OUT
+            "Folder for the files, made if it is not there; files of an earlier clip are replaced.", called="out"
         ),
     )
     motion: PathLike = field(
@@ -71,7 +66,9 @@ class RenderRequest(ProgressOptions):
     fps: float = option(30.0, "Frames per second.", low=1.0, high=1000.0)
     seconds: float | None = option(None, "Only so much of the motion; 4 of a random one unless given.")
     unit: float | None = option(None, "Metres in one unit of the BVH file, where it is known.")
-    up: Axis = option(None, "The axis of the BVH file that points up: x, y, z, -x, -y or -z. It is found unless given.")
+    up: Direction = option(
+        None, "The axis of the BVH file that points up: x, y, z, -x, -y or -z. It is found unless given."
+    )
     seed: int = option(
         0, "Seed of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.", low=0
     )

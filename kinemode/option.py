@@ -91,7 +91,6 @@ KINDS: dict[str, Kind] = {
     "LimbNames": Kind(kinds.are_texts, "a text with commas, or a list of names"),
     "Formats": Kind(kinds.are_texts, "names of formats, or one text with commas"),
     "Rows": Kind(lambda value: not isinstance(value, (int, float)), "a CSV or TOML file, or a mapping for each clip"),
-    "Axis": Kind(kinds.or_none(kinds.is_text), "x, y, z, -x, -y or -z"),
 }
 """The kind of values of a type, by the type's name in a declaration."""
 _PATHS = frozenset({"PathLike", "MarkersLike", "Cameras", "Changes", "SubjectLike", "ReferenceLike", "MotionLike"})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +25,7 @@ from humanoid.subject.joint_names import ROOT_POSITION
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule, mirror_parts
 from kinemode.making_requests import RenderRequest
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.shot import FilmedMotion, RandomSources, RenderedClip, WantedFiles, write_shot
 
 RANDOM = "random"
@@ -142,7 +141,7 @@ def _subject(
     else:
         subject = load_subject(given)
         for note in subject.notes:
-            warnings.warn(note, InputWarning, stacklevel=4)
+            warn(note)
     subject = subject.scaled(proportions) if proportions else subject
     return subject.reshaped(shape) if shape else subject
 

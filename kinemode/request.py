@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     Persons = str | int | Iterable[str] | Mapping[str, str | int]
     MarkersLike = PathLike
     OutPath = PathLike  # to write; any os.PathLike will do
+    CameraName = str
     Cameras = PathLike | Mapping[str, Camera] | None
     Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
     Rates = float | str | Iterable[str] | Mapping[str, float] | None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import asdict
 
 from threadpoolctl import threadpool_limits
@@ -24,7 +23,7 @@ from humanoid.support.files import replacing
 from kinemode import __version__
 from kinemode.inputs.motions import SourceOptions, hypotheses_of, load_source
 from kinemode.named import PathLike
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.option import words_kept
 from kinemode.request import RetargetRequest
 from kinemode.target import RunTarget, run_path
@@ -62,7 +61,7 @@ def retarget_to(subject: Subject, request: RetargetRequest) -> Run:
         )
     doubts = doubts_of(body, made, motion, leaps_of(read))
     for note in (*made.notes, *doubts.findings):
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warn(note)
     header = _header(subject, _origin(source), made, request, settings)
     write_motion_run(path, header, body, made, motion, doubts=doubts, overwrite=request.overwrite)
     return Run.open(path)

@@ -13,13 +13,11 @@ if TYPE_CHECKING:
     from estimator.runs.reference_motion import Reference
     from estimator.runs.run_reader import Run
     from kinemode.named import PathLike
+    from kinemode.request import CameraName, Direction, OutPath
 
     RunLike = Run | PathLike
-    OutPath = PathLike
-    CameraName = str
     JointNames = str | Iterable[str] | None  # by commas on the command line
     LandmarkNames = Sequence[str] | None
-    Axis = str | None
     KnownMotion = Reference | PathLike
 
 
@@ -30,9 +28,6 @@ class OfRun:
     run: RunLike = field(
         metadata=about("A run file.", python="Or a `Run`. Of an unfinished one the frames that are there are used.")
     )
-
-
-_OUT = "out"  # what commands call the file that they write
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +63,7 @@ class OverlayRequest(ProgressOptions, OfRun):
     file: OutPath = field(
         kw_only=False,
         metadata=about(
-            "A file ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).", called=_OUT
+            "A file ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).", called="out"
         ),
     )
     camera: CameraName | None = option(None, "Name of one camera; all of them side by side unless given.")
@@ -84,7 +79,7 @@ class ReportRequest(ProgressOptions, OfRun):
     """The request of `kinemode.report`."""
 
     file: OutPath = field(
-        kw_only=False, metadata=about("A file ending in .html or .htm; one that is there is replaced.", called=_OUT)
+        kw_only=False, metadata=about("A file ending in .html or .htm; one that is there is replaced.", called="out")
     )
 
 
@@ -92,7 +87,7 @@ class ReportRequest(ProgressOptions, OfRun):
 class PlotRequest(_Filtered, OfRun):
     """The request of `kinemode.plot`."""
 
-    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png, .svg or .pdf.", called=_OUT))
+    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png, .svg or .pdf.", called="out"))
     joints: JointNames = option(
         None,
         "Names of joints, parts of them, or left and right, with commas between; hips, knees, ankles, shoulders and"
@@ -104,7 +99,7 @@ class PlotRequest(_Filtered, OfRun):
 class SamplesRequest(OfRun):
     """The request of `kinemode.samples`."""
 
-    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png.", called=_OUT))
+    file: OutPath = field(kw_only=False, metadata=about("A file ending in .png.", called="out"))
     frames: int = option(6, "Instants, evenly spaced among those with a pose.", low=1)
     count: int = option(
         40, "Poses of each instant, drawn from its calibrated posterior, all hypotheses together.", low=1
@@ -163,7 +158,7 @@ class EvaluateRequest(OfRun):
         "The landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three"
         " are limb joints.",
     )
-    up: Axis = option(
+    up: Direction = option(
         None,
         "The axis of the world of a trc or c3d that points up: x, y, z, -x, -y or -z; unless given y of trc, and of c3d"
         " the file's.",

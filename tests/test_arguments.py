@@ -69,6 +69,7 @@ LATER: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]
     "no film": (km.overlay, ("a.run", 3), {}, "file: cannot be of type int .3. .give the path of a file to write"),
     "camera": (km.overlay, ("a.run", "a.mp4"), {"camera": 0}, "camera: cannot be of type int .0. .give the name"),
     "format": (km.export, ("a.run", "a.csv"), {"format": 3}, "format: cannot be of type int"),
+    "seed of a stream": (km.Retargeter, ("arm8", ["a"]), {"seed": -1}, "seed: must be 0 or more, got -1"),
     "points": (km.evaluate, ("a.run", np.zeros((2, 12, 3))), {}, "reference: cannot be of type numpy.ndarray"),
     "no folder": (km.render, (None,), {}, "folder: cannot be None"),
     "scene": (km.render, ("a",), {"scene": {"noise": 0}}, "scene: cannot be of type dict .give kinemode.SceneSettings"),

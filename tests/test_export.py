@@ -238,8 +238,9 @@ def test_every_format_marks_unseen_joints_or_notes_that_it_cannot(name: str, uns
     assert unseen.unobserved == ((0.1, 5 / 30),)
     file = tmp_path / f"a.{name}"
     if not EXPORTERS[name].marks:
-        with pytest.warns(InputWarning, match=rf"extrapolated: 0.10 to 0.17 s; {name} has no mark"):
+        with pytest.warns(InputWarning, match=rf"extrapolated: 0.10 to 0.17 s; {name} has no mark") as caught:
             km.export(unseen, file)
+        assert {w.filename for w in caught} == {__file__}
         return
     if name == "rrd":
         pytest.importorskip("rerun")

@@ -51,6 +51,7 @@ def track(folder: Path, layout: str, declared: str, *, cameras: int = 1) -> tupl
             "human34", (), keypoints=paths, cameras=folder / "cameras.json", layout=declared, fps=10.0, fit="off",
             settings=QUICK_BY_KEYPOINTS, out=folder / f"{declared}.run",
         )  # fmt: skip
+    assert {w.filename for w in warned if issubclass(w.category, km.InputWarning)} <= {__file__}
     return run, " ".join(str(w.message) for w in warned)
 
 

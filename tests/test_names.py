@@ -17,10 +17,10 @@ def silent_names(facts: Facts) -> list[tuple[int, str]]:
     return [(line, name) for name, line in facts.stored if name in MEANINGLESS]
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder != "examples"])
 def test_no_variable_has_an_empty_name(folder: str, facts: Mapping[Path, Facts]) -> None:
     files = below(facts, folder)
-    assert files
+    assert len(files) > 20
     silent = [
         f"{f.relative_to(ROOT)}:{line}: {name}" for f, source in files.items() for line, name in silent_names(source)
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,7 @@ from kinemode.annotation.clicks import corrected_from, inside_only, load_clicks,
 from kinemode.annotation.server import AnnotationServer
 from kinemode.annotation.session import Annotation, landmark_guide
 from kinemode.making_requests import AnnotateRequest
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.terminal.program import command
 
 
@@ -65,7 +64,7 @@ def _session(
         start = corrected_from(start, keypoints)
     start = inside_only(start)
     for note in (*loaded.notes, *opened.report.notes, *start.notes):
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warn(note)
     name = camera or (clip.name if clip.is_dir() else clip.stem)
     return Annotation(opened, guide, start, frame, name, out, _next(clip, camera, loaded, out))
 

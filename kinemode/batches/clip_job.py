@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from kinemode.batches.task import LOCK, TOKEN, BatchTask, TaskAnswer, check_vers
 from kinemode.notices import InputWarning
 from kinemode.target import made_folder
 from viz.report.thumbnail import DONE, FAILED, BatchEntry
-
-if TYPE_CHECKING:
-    from estimator.runs.run_reader import Run
 
 BEGUN, ERROR = "begun.json", "error.txt"
 

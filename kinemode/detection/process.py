@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import tempfile
 import threading
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -30,7 +29,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.locks import locked
 from kinemode.detection.detectors import DetectorChoice, Patience
 from kinemode.detection.people import Search, State
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.target import cache_folder
 
 PATIENCE = Patience()
@@ -107,7 +106,7 @@ def _make(folder: Path, detector: str, script: Path, base: Path | None, seconds:
     """Make the environment, which gets its name when it is whole; what an interrupted attempt has left goes first."""
     needed = _needs(script)[0]
     note = f"{detector} gets an environment of its own, once: some 150 MB of packages into {folder}"
-    warnings.warn(note, InputWarning, stacklevel=3)
+    warn(note)
     part = folder.with_suffix(".part")
     for old in (folder, part):
         shutil.rmtree(old, ignore_errors=True)

@@ -49,11 +49,9 @@ from kinemode.request import AUTO, BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, Fil
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
-    from kinemode.request import Pairs
-
-if TYPE_CHECKING:
     from estimator.data.rigs.calibrate import PersonCalibration
     from estimator.data.rigs.check import RigCheck
+    from kinemode.request import Pairs
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,9 @@ from humanoid.support.errors import InputError
 from kinemode import kinds
 from kinemode.batches.manifest import read_manifest, rows_of
 from kinemode.batches.outcome import ClipOutcome
-from kinemode.kinds import check
 from kinemode.making_requests import BatchRequest
 from kinemode.named import PathLike
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.option import takes
 from viz.report.thumbnail import DONE
 
@@ -90,7 +88,7 @@ def batch(request: BatchRequest) -> Batch:
         finally:
             faults = shown.write()
             for full in faults.values():  # the outcomes of the clips are returned nevertheless
-                warnings.warn(str(full), InputWarning, stacklevel=2)
+                warn(str(full))
     table, page = (None if name in faults else root / name for name in (TABLE, PAGE))
     return Batch(root, {row.name: outcomes[row.name] for row in rows}, table, page)
 
@@ -109,13 +107,13 @@ def make_manifest(folder: PathLike, out: PathLike, *, overwrite: bool = False) -
     ------
     InputError: no folder, no clip in it, a file that cannot be written.
     """
-    check(folder=(folder, kinds.FILE), out=(out, kinds.FILE), overwrite=(overwrite, kinds.FLAG))
+    kinds.check(folder=(folder, kinds.FILE), out=(out, kinds.FILE), overwrite=(overwrite, kinds.FLAG))
     from kinemode.batches.folders import manifest_of, write_manifest
 
     made = manifest_of(folder)
     write_manifest(made, out, overwrite=overwrite)
     for sentence in made.left_out:
-        warnings.warn(sentence, InputWarning, stacklevel=2)
+        warn(sentence)
     return made.rows(Path(out).absolute().parent)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,7 +11,7 @@ from pathlib import Path
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.named import Named, PathLike, named_paths
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.option import takes
 from kinemode.progress import Reporter
 from kinemode.request import CLIP, KEYPOINTS, DetectRequest, FileOptions
@@ -67,7 +66,7 @@ def with_detected(files: FileOptions, out: PathLike | None, progress: Reporter) 
             if not _still_good(file, path, wanted):
                 _detect(name, path, file, wanted, progress)
             if out is not None:
-                warnings.warn(f"the keypoints of {name} are in {file}", InputWarning, stacklevel=6)
+                warn(f"the keypoints of {name} are in {file}")
         yield replace(files, keypoints=[*_as_texts(files.keypoint_files), *made])
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
 from kinemode import kinds
 from kinemode.checks import check_exists
-from kinemode.kinds import check
 from kinemode.named import PathLike
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.target import check_new
 
 if TYPE_CHECKING:
@@ -35,7 +33,7 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     ------
     InputError: no such subject, one with landmarks in its URDF, a file that is there already or cannot be written.
     """
-    check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
+    kinds.check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
     if isinstance(subject, (str, Path)) and Path(subject).suffix:  # no name: before what loads URDFs is imported
         check_exists(subject)
     if out is not None:
@@ -50,7 +48,7 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
         _check_without_landmarks(str(subject))
     for note in loaded.notes:
         if note != NO_LANDMARKS:
-            warnings.warn(note, InputWarning, stacklevel=2)
+            warn(note)
     text = beginning.landmark_start(loaded)
     if out is not None:
         with replacing(out) as temporary:
@@ -87,7 +85,7 @@ def marker_start(points: PathLike, *, begin: PathLike | None = None, out: PathLi
     InputError: a file that cannot be read, or has no names; no such set; a file that exists already or cannot be
         written.
     """
-    check(points=(points, kinds.FILE), begin=(begin, kinds.ONE_FILE), out=(out, kinds.NEW_FILE))
+    kinds.check(points=(points, kinds.FILE), begin=(begin, kinds.ONE_FILE), out=(out, kinds.NEW_FILE))
     check_exists(points)
     if out is not None:
         check_new(Path(out))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from humanoid.support.errors import InputError, misplaced
+from humanoid.support.errors import InputError
 from kinemode import kinds
 from kinemode.checks import check_exists
 from kinemode.named import PathLike
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.option import takes
 from kinemode.run_requests import (
     ContactRequest,
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
 
 def open_run(path: PathLike) -> Run:
     """Open a run file, finished or still being written; raises InputError where it is not one."""
-    if not kinds.can_be_opened(path):
-        raise misplaced("path", path, "the path of a run file")
+    kinds.check(path=(path, kinds.RUN_FILE))
     _check_run(path)
     from estimator.runs.run_reader import Run
 
@@ -193,10 +191,10 @@ def export(request: ExportRequest) -> Path:
     if chosen in known and known[chosen].one_rate and len(opened.time) > 2 and not evenly_spaced(opened.time):
         rate = frame_rate(opened.time)
         said = f"frames are not evenly spaced: {chosen} has poses between them, at {rate:.4g} a second"
-        warnings.warn(said, InputWarning, stacklevel=3)
+        warn(said)
     unseen = unobserved_note(opened.unobserved, opened.unseen_joints)
     if unseen and chosen in known and not known[chosen].marks:
-        warnings.warn(f"{unseen}; {chosen} has no mark for that", InputWarning, stacklevel=3)
+        warn(f"{unseen}; {chosen} has no mark for that")
     return formats.export(opened, file, request.format, degrees=request.degrees)
 
 
@@ -303,7 +301,7 @@ def _filtered(run: Run, cutoff: float | None) -> Run:
         return run
     filtered = run.butterworth(float(cutoff))
     for note in filtered.filtering.notes if filtered.filtering else ():
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warn(note)
     return filtered
 
 
@@ -313,5 +311,5 @@ def _drawn(run: RunLike) -> Run:
     from viz.solids.body_solids import drawing_notes
 
     for note in drawing_notes(opened.body):
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warn(note)
     return opened

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from humanoid.support.errors import InputError
 from kinemode import kinds
 from kinemode.checks import check_exists, check_together
-from kinemode.kinds import check
 from kinemode.named import PathLike
-from kinemode.option import takes
+from kinemode.option import options_of, takes
 from kinemode.public.tracking import noted_subject
 from kinemode.request import RetargetRequest
 from kinemode.target import check_new
@@ -67,7 +66,7 @@ def match_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     ------
     InputError: no such subject; a file that is there already or cannot be written.
     """
-    check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
+    kinds.check(subject=(subject, kinds.SUBJECT), out=(out, kinds.NEW_FILE))
     from kinemode.retargeting import write_match_template
 
     if out is not None:
@@ -116,11 +115,10 @@ class Retargeter:
         clearance: float = 0.002,
         seed: int = 0,
     ) -> None:
-        numbers = {"look_ahead": look_ahead, "velocity": velocity, "clearance": clearance}
-        check(
-            subject=(subject, kinds.SUBJECT), seed=(seed, kinds.WHOLE), match=(match, kinds.ONE_FILE),
-            floor=(floor, kinds.MAYBE_NUMBER), **{name: (value, kinds.NUMBER) for name, value in numbers.items()},
-        )  # fmt: skip
+        kinds.check(look_ahead=(look_ahead, kinds.NUMBER), floor=(floor, kinds.MAYBE_NUMBER))
+        given = {"subject": subject, "match": match, "velocity": velocity, "clearance": clearance, "seed": seed}
+        for name, value in given.items():
+            options_of(RetargetRequest)[name].check(value)
         if look_ahead < 0.0:
             raise InputError("look_ahead", f"is {look_ahead:g}", remedy="0 seconds or more")
         from estimator.retargeting.correspondence import check_correspondence, common_correspondence, load_match
@@ -146,7 +144,7 @@ class Retargeter:
         """
         import numpy as np
 
-        check(time=(time, kinds.NUMBER))
+        kinds.check(time=(time, kinds.NUMBER))
         given = np.array(points, dtype=float)
         if given.shape != (len(self._names), 3) or np.isinf(given).any():
             problem = "has infinite numbers" if np.isinf(given).any() else f"has the shape {given.shape}"

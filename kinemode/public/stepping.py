@@ -12,19 +12,17 @@ from kinemode.checks import check_exists, check_together
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.kinds import is_path
 from kinemode.named import chosen_names, matched, named_paths
-from kinemode.option import constructed_by, takes, with_options
+from kinemode.option import MOST, constructed_by, takes, with_options
 from kinemode.public.tracking import loaded_subject
 from kinemode.request import BACKGROUND, LiveRequest, StepRequest
 from kinemode.target import RunTarget
-
-if TYPE_CHECKING:
-    from kinemode.streams.session import Session
 
 if TYPE_CHECKING:
     import numpy as np
 
     from estimator.data.cameras.camera import Camera
     from humanoid.kinematics.body import Body
+    from kinemode.streams.session import Session
     from kinemode.streams.step import Step
 
     Keypoints = np.ndarray | Mapping[str, np.ndarray | None] | None
@@ -164,8 +162,9 @@ def live(request: LiveRequest) -> Session:
 def _device(source: int | str | Path) -> int | Path:
     """The number of a camera, also as text, or the path of a clip that is there."""
     if not isinstance(source, (str, Path)):
-        if source < 0:
-            raise InputError("source", f"{source} is negative", remedy="the number of a camera, from 0")
+        if not 0 <= source <= MOST:
+            problem = f"{source} is {'negative' if source < 0 else 'too large'}"
+            raise InputError("source", problem, remedy=f"0 or more, at most {MOST}")
         return int(source)
     if str(source).isdecimal():
         return int(str(source))

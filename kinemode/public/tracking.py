@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,7 +12,7 @@ from kinemode.checks import check_together
 from kinemode.inputs.arrays import Spool
 from kinemode.inputs.declared import wants_all
 from kinemode.named import kept
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.option import shared, takes
 from kinemode.public.detection import with_detected
 from kinemode.request import CheckRequest, CompareRequest, FileOptions, FitRequest, RigRequest, TrackRequest
@@ -136,5 +135,5 @@ def noted_subject(subject: SubjectLike) -> Subject:
     """As `loaded_subject`, with a warning for each of its notes, for what does not pass them on itself."""
     loaded = loaded_subject(subject)
     for note in loaded.notes:
-        warnings.warn(note, InputWarning, stacklevel=3)
+        warn(note)
     return loaded

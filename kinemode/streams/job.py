@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -29,7 +28,7 @@ from kinemode.findings import run_findings
 from kinemode.inputs.cameras import camera_for
 from kinemode.kinds import KeypointSource
 from kinemode.named import PathLike
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.request import LiveRequest
 from kinemode.streams.capture import CaptureDevice, CapturedPicture, DeviceCamera, FileCamera
 from kinemode.streams.session import Session, Show, run_session
@@ -57,7 +56,7 @@ def track_live(subject: Subject, device: int | Path, request: LiveRequest) -> Se
     with ExitStack() as stack:
         source, layout, more = _keypoints(request, name, taking, stack)
         for note in (*notes, *more):
-            warnings.warn(note, InputWarning, stacklevel=3)
+            warn(note)
         plates = {} if request.background is None else {camera.name: Path(request.background)}
         floor = known_floor(request, placed=request.cameras is not None)
         stepper = Stepper(subject, (camera,), replace(request, layout=layout), Streamed(plates, floor), watch)

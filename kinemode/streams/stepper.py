@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -32,7 +31,7 @@ from humanoid.support.errors import InputError
 from kinemode.indexing import with_index
 from kinemode.initialisation import check_cue
 from kinemode.inputs.declared import known_floor as given_floor
-from kinemode.notices import InputWarning
+from kinemode.notices import warn
 from kinemode.pictures import cue_choice
 from kinemode.progress import unreported
 from kinemode.request import StreamOptions
@@ -105,7 +104,7 @@ class Stepper:
         self.settings = settings
         self.notes = (*subject.notes, *chosen.notes(cues=cues, cameras=len(cameras), fits=False))
         for note in self.notes:
-            warnings.warn(note, InputWarning, stacklevel=4)
+            warn(note)
         self.frames = FrameByFrame(tracker, wanted.seed)
         smoother = None
         if wanted.lag:
