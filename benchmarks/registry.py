@@ -574,6 +574,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.training.shared_places",
+        "How long hands of captured people stay where they are inside a blob of skin that is another's too.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.limb_learning",
         "The shipped potentials between limbs: tried on clips that were held out; `--write` learns and writes them.",
         "walk_straight 13.5, punch 11, jump 13.5 nats",

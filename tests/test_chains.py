@@ -16,6 +16,7 @@ from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSe
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
 from estimator.inference.chains.kalman import PointChain, PointSettings, PointStates
+from estimator.inference.chains.repeated import as_news, new_share
 from humanoid.support.errors import InputError
 
 HANDS = ("head", "left_hand", "right_hand")
@@ -71,6 +72,19 @@ def test_in_the_dark(exchange: str) -> None:
         assert states[0].variance == pytest.approx(alone)
     assert bool(received[0].guide.known.any()) == (exchange != APART)
     assert bool(received[1].guide.known.any()) == (exchange in (GATED, PRINTED))
+
+
+def test_what_is_impossible_under_one_chain_is_impossible_in_both() -> None:
+    """Two places are as likely by the image and by the particles; the walk is far from one of them."""
+    states = np.repeat([[0.0, 0.0], [60.0, 0.0]], 500, axis=0)
+    both = WeightedStates(states, np.full(1000, 1e-3))
+    image = seen(np.array([30.0, 0.0]), 1e4)
+    for exchange, at_most in ((PRINTED, 1e-12), (GATED, 1e-12), (APART, 1.0)):
+        chains: list[Any] = [ParticleWalk(np.random.default_rng(0)), Walk()]
+        after, _ = step(chains, [both, START], image, 1.0, exchange)
+        far = after[0].weights[after[0].states[:, 0] > 30.0].sum()
+        assert far < at_most
+    assert far == pytest.approx(0.5, abs=0.05)
 
 
 def test_seen_again_gated_is_as_printed() -> None:
@@ -158,6 +172,11 @@ def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
     assert likeliest(detections, expected_at((100, 50), (60, 200), (220, 120))) == (0, 1, -1)
 
 
+def test_both_hands_may_be_before_the_face() -> None:
+    detections = blobs((100, 50), (300, 10))
+    assert likeliest(detections, expected_at((100, 50), (98, 52), (101, 49), spread=3.0)) == (0, 0, 0)
+
+
 def test_a_hidden_feature_has_the_detection_probability_of_the_settings() -> None:
     """Equal to evidence with this knowledge from the start."""
     settings, points = EvidenceSettings(), np.array([[[100.0, 50.0]], [[300.0, 10.0]]])
@@ -194,6 +213,10 @@ def test_only_its_own_detection_is_evidence_against_a_hidden_feature(exchange: s
         assert more[0] == pytest.approx(-2.0 + (way[2] < 0))
     assert received.sharers is not None
     assert received.sharers[0, 1] == 1
+    none = evidence_of(Detections.none(HANDS), EvidenceSettings(), prior)
+    missed = messages([prior, prior], none, exchange)[0].evidence
+    more = missed.if_hidden(np.array([False, True, False]), -2.0, 1.0).log_weight - missed.log_weight
+    np.testing.assert_allclose(more, 1.0)
 
 
 def test_far_detections_are_clutter() -> None:
@@ -279,7 +302,7 @@ def test_no_detection_gives_no_evidence() -> None:
     assert evidence.density.log_weight[0] == pytest.approx(3.0 * np.log(0.1))
 
 
-CHAIN = PointChain(HANDS, 100.0)
+CHAIN = PointChain(HANDS, 100.0, news=0.1)
 
 
 def initial_state() -> PointStates:
@@ -343,6 +366,37 @@ def test_a_detection_of_several_points_informs_each_about_once() -> None:
     precision = np.linalg.inv(narrow.covariance[place]) + 0.1 * np.linalg.inv(region)
     np.testing.assert_allclose(np.linalg.inv(after.covariance[place]), precision, rtol=1e-9)
     assert weight == pytest.approx(CHAIN.update(narrow, received[1])[1])
+
+
+def test_a_repeated_shared_detection_is_worth_what_correlated_measurements_are() -> None:
+    """Information on a constant by six of them, of errors with exponential correlation, in closed form by their
+    covariance."""
+    dt, inside, count = 0.04, 0.3, 6
+    correlation = np.exp(-dt / inside * np.abs(np.subtract.outer(np.arange(count), np.arange(count))))
+    information = np.linalg.inv(correlation).sum()
+    assert 1.0 + (count - 1) * new_share(inside, dt) == pytest.approx(information, rel=1e-12)
+    assert new_share(0.0, dt) == 1.0
+
+
+def test_a_message_as_news_keeps_the_weights_of_associations_and_informs_as_points_are_informed() -> None:
+    """To a chain with one normal prediction, in closed form: the posterior is that of the chain of points."""
+    region = np.array([[900.0, 300.0], [300.0, 400.0]])
+    alone, both = (shared({1: (75.0, 210.0)}, region, n) for n in (1, 2))
+    assert alone.sharers is not None
+    assert both.sharers is not None
+    seen = FeatureDensity(
+        HANDS, np.log([0.3, 0.7]), *(np.concatenate([getattr(d, n) for d in (alone, both)]) for n in
+        ("known", "mean", "covariance", "sharers")),
+    )  # fmt: skip
+    prior = CHAIN.features(initial_state())
+    received = as_news(seen, prior, CHAIN.news)
+    np.testing.assert_allclose(received.log_mass(prior), seen.log_mass(prior), rtol=1e-12)
+    np.testing.assert_array_equal(received.covariance[0], seen.covariance[0])
+    ours = prior.times(received.of(np.array([1])))
+    points, _ = CHAIN.update(initial_state(), Message(both, uniform(HANDS)))
+    np.testing.assert_allclose(ours.mean[0], points.mean[:, :2], rtol=1e-9)
+    place = np.flatnonzero(np.tile([True, True, False, False], 3))
+    np.testing.assert_allclose(ours.covariance[0], points.covariance[np.ix_(place, place)], rtol=1e-9, atol=1e-9)
 
 
 def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:

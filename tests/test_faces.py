@@ -8,9 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
+from estimator.inference.chains.feature_density import gaussian
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
-from estimator.trackers.dual_chain.faces import FACE, FaceDetector, face_of_keypoints, skin_points
+from estimator.trackers.dual_chain.faces import FACE, FaceDetector, Faces, face_of_keypoints, skin_points
+from estimator.trackers.dual_chain.seen_features import all_of, fused, of_faces
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -53,6 +56,47 @@ def test_skin_points_are_on_face_and_hands() -> None:
     lost[body.landmark_names.index("left_elbow")] = np.nan
     assert len(skin_points(body.landmark_names, lost)[0]) == 2
     assert skin_points(("left_hip",), np.zeros((1, 2)))[0].shape == (0, 2)
+
+
+HANDS = ("head", "left_hand", "right_hand")
+
+
+def skin(*places: tuple[float, float]) -> Detections:
+    """Blobs of which each may be the head or a hand."""
+    covariance = np.tile(64.0 * np.eye(2), (len(places), 1, 1))
+    suits = np.tile([0.6, 0.4, 0.4], (len(places), 1))
+    return Detections(HANDS, np.array(places), covariance, suits, np.zeros(len(places), bool), 4.0 * covariance)
+
+
+def share_of_a_hand_alone(detections: Detections) -> float:
+    """Probability that a hand whose place is unknown is in the first detection and the head is not."""
+    place = np.array([[100.0, 50.0], [150.0, 100.0], [150.0, 100.0]])
+    prior = gaussian(HANDS, place, np.diag([100.0] * 2 + [1e4] * 4))
+    evidence = evidence_of(detections, EvidenceSettings(), prior)
+    weights = np.exp(evidence.density.log_mass(prior) - np.logaddexp.reduce(evidence.density.log_mass(prior)))
+    alone = (evidence.detection[:, 1:] == 0).any(axis=1) & (evidence.detection[:, 0] != 0)
+    return float(weights[alone].sum())
+
+
+def test_a_detected_face_and_its_blob_are_one_detection() -> None:
+    """The blob of a face that a detector finds is not left to a hand; faces elsewhere are detections of their own."""
+    blobs, score = skin((100.0, 50.0), (220.0, 170.0)), 0.95
+    there = of_faces(HANDS, Faces(np.array([[104.0, 47.0]]), 9.0 * np.eye(2)[None], np.array([score])))
+    joint = fused(blobs, there)
+    assert len(joint.mean) == 2
+    assert share_of_a_hand_alone(joint) < 0.5 * share_of_a_hand_alone(blobs)
+    assert share_of_a_hand_alone(all_of([blobs, there])) > share_of_a_hand_alone(blobs)
+    # head: by both; a hand beside it: anywhere in the blob, about the new middle
+    precision = np.linalg.inv(blobs.covariance[0]) + np.linalg.inv(there.covariance[0])
+    np.testing.assert_allclose(np.linalg.inv(joint.covariance[0]), precision, rtol=1e-9)
+    off = joint.mean[0] - blobs.mean[0]
+    np.testing.assert_allclose(joint.shared[0], blobs.shared[0] + np.outer(off, off))
+    np.testing.assert_allclose(joint.suits[0], [score, 0.4 * (1.0 - score), 0.4 * (1.0 - score)])
+    np.testing.assert_array_equal(joint.mean[1], blobs.mean[1])
+    elsewhere = of_faces(HANDS, Faces(np.array([[400.0, 40.0]]), 9.0 * np.eye(2)[None], np.array([score])))
+    for apart in (fused(blobs, elsewhere), fused(Detections.none(HANDS), elsewhere)):
+        np.testing.assert_array_equal(apart.mean[-1], elsewhere.mean[0])
+    np.testing.assert_array_equal(fused(blobs, of_faces(HANDS, Faces.none())).suits, blobs.suits)
 
 
 class StandIn:

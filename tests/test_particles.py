@@ -155,6 +155,10 @@ def test_clusters_are_those_of_all_distances_and_need_no_room_for_them() -> None
     nearest = np.argmin(np.linalg.norm(points[:, None] - points[leaders], axis=2), axis=1)
     order = np.argsort(-np.bincount(nearest, weights=weights))
     assert np.array_equal(order[clusters(points, weights, 2.5, 5)], nearest)
+    # as a resampled set has them: some points many times, in any order
+    copies = rng.permutation(np.repeat(np.arange(300), 1 + 3 * (weights > 0.8)))
+    several = weights[copies] / np.bincount(copies)[copies]
+    assert np.array_equal(order[clusters(points[copies], several, 2.5, 5)], nearest[copies])
     many = rng.normal(size=(6000, 6))
     tracemalloc.start()
     clusters(many, np.full(6000, 1.0 / 6000), 2.5, 5)

@@ -5,9 +5,11 @@
 All weigh poses by the same blobs, outlines and silhouette, start from the same keypoints of the first frame, and differ
 in where poses come from: dual-chain(1000), and (2000) as it is set, dual-chain-paper(1000), likelihood sampling
 beside points as printed, likelihood-sampling(1000) without points and past, CONDENSATION with 5,000 and 15,000 whole
-poses from the past; then all in the time of the first. Two more ways are the first without points, and with limbs that
-are neither drawn from the image nor updated towards it. A seed is one of the clip (clothes, boards, noise) and of the
-tracker. Arms move out of the image plane, cross before the body and the face; one clip is of 10 s.
+poses from the past; then all in the time of the first. The other ways are the first without one of its parts: without
+points, with limbs that are neither drawn from the image nor updated towards it, without samples that look for limbs
+elsewhere, without detections of several features, with these measured anew in every frame. A seed is one of the clip
+(clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face; one
+clip is of 10 s.
 """
 
 from __future__ import annotations
@@ -36,6 +38,8 @@ SAMPLING, TEMPERED = "likelihood-sampling(1000)", "likelihood-sampling(1000), by
 AS_PRINTED = "dual-chain-paper(1000)"
 CONDENSATION = "condensation({})"
 NO_POINTS, BY_PAST = "dual-chain(1000), no chain of points", "dual-chain(1000), limbs from the past"
+NO_SEARCH, NO_SHARING = "dual-chain(1000), no search for limbs", "dual-chain(1000), no shared detections"
+ANEW = "dual-chain(1000), shared detections anew in every frame"
 _THOUSAND: dict[str, Any] = {"particles": 1000}
 _SAMPLING: dict[str, Any] = {"chain": False, "past": False, "pose": {**_THOUSAND, "tempering": {"powers": 1}}}
 
@@ -55,6 +59,9 @@ WAYS: dict[str, dict[str, Any]] = {
     CONDENSATION.format(15000): condensation(15000),
     NO_POINTS: {"chain": False, "pose": _THOUSAND},
     BY_PAST: {"pose": {**_THOUSAND, "by_past": 1.0, "by_image": 0.0}},
+    NO_SEARCH: {"pose": {**_THOUSAND, "lost": 0.0}},
+    NO_SHARING: {"pose": _THOUSAND, "evidence": {"shared": 0.0}},
+    ANEW: {"pose": _THOUSAND, "evidence": {"inside": 0.0}},
 }
 _TIMED = 8  # frames
 

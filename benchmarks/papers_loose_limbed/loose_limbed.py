@@ -17,9 +17,11 @@ from cyclopts import Parameter
 
 from benchmarks.papers_loose_limbed.loose_limbed_duel import write_duel
 from benchmarks.papers_loose_limbed.loose_limbed_rival import LAYERS, PARTICLES, learned_noise
-from benchmarks.papers_loose_limbed.loose_limbed_runs import LimbRun
-from benchmarks.support.common import Data, Json, Several, Work, captured_folder, save, work_folder
+from benchmarks.papers_loose_limbed.loose_limbed_runs import LimbRun, clip_of
+from benchmarks.support.common import Data, Json, Several, Work, captured_folder, check_known, save, work_folder
 from benchmarks.support.result_store import Figures, ResultStore, all_done
+from estimator.synthesis.limb_templates import train_templates
+from estimator.trackers.loose_limbed.part_detectors.templates import save_templates
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
@@ -36,11 +38,14 @@ WALKS: dict[str, dict[str, Any]] = {
     "no part detectors": ALONE,
     "no part detectors, smoothing": ALONE | {"smoothing": True},
     "as printed, past fixed": AS_PRINTED,
-    "as printed, smoothing": AS_PRINTED | {"smoothing": True},
+    "as printed": AS_PRINTED | {"smoothing": True},
+    "as printed but for part detectors": AS_PRINTED | {"smoothing": True},
 }
+TEMPLATES = ("as printed, past fixed", "as printed")  # with the paper's part detectors
+PARTS = ("head", "left_upper_arm", "left_shank")  # that have them, with those of the other side
 STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
 FEW = 3  # seeds of secondary figures
-BESIDE = ("as printed", "smoothing")
+BESIDE = ("no part detectors, smoothing", "as printed but for part detectors")
 BLANK = (20, 21, 22, 23, 24)
 RECOVERY_END = 35
 Flag = Annotated[bool, Parameter(negative="")]
@@ -52,6 +57,7 @@ def main(
     annealed: Flag = False,
     start: Flag = False,
     recovery: Flag = False,
+    ways: Annotated[tuple[str, ...], Several] = tuple(WALKS),
     seeds: Annotated[tuple[int, ...], Several] = tuple(range(10)),
     jobs: int = 1,
     data: Data = None,
@@ -65,7 +71,7 @@ def main(
     ----------
     walk
         Track walk_straight_07_01 from its true first pose, pictures alone: with part detectors, without, and as
-        printed, the frame before fixed or inferred again.
+        printed, by eigen-templates of head, upper arms and shanks, the frame before inferred again or fixed.
     annealed
         The annealed particle filter on the same likelihood from the same pose, also in as much time, and both with
         clothes of the wall's colour.
@@ -73,6 +79,8 @@ def main(
         First frames of three clips, without any pose.
     recovery
         Five blank frames.
+    ways
+        Of --walk.
     seeds
         Of the trackers.
     jobs
@@ -91,13 +99,8 @@ def main(
         if annealed or recovery:
             learned_noise(Body(load_subject("human34")), data, store_folder)
         if walk:
-            runs = {
-                label: [
-                    LimbRun(files[WALK], BEGIN, END, s, label, settings=json_module.dumps(changes))
-                    for s in seeds[: FEW if any(word in label for word in BESIDE) else len(seeds)]
-                ]
-                for label, changes in WALKS.items()
-            }
+            check_known("--ways", ways, WALKS)
+            runs = {label: walks(files[WALK], label, seeds, store_folder) for label in ways}
             figures["walk"] = _done("walk", store, runs, jobs)
             show_tracks("walk_straight_07_01, normal contrast", figures["walk"])
         if annealed:
@@ -113,6 +116,25 @@ def main(
     if figure is not None:
         loose = {"loose-limbed, normal contrast": figures["walk"]["part detectors"]} if walk else {}
         write_duel(figure, loose | figures.get("annealed", {}))
+
+
+def walks(path: str, label: str, seeds: Sequence[int], folder: Path) -> list[LimbRun]:
+    """The walk by the tracker with the settings of a label of WALKS; some of the ways a few times only."""
+    file = ""
+    if label in TEMPLATES:
+        file = templates_of(path, folder)
+    few = FEW if label in BESIDE else len(seeds)
+    settings = json_module.dumps(WALKS[label])
+    return [LimbRun(path, BEGIN, END, s, label, settings=settings, templates=file) for s in seeds[:few]]
+
+
+def templates_of(path: str, folder: Path) -> str:
+    """The file of the paper's part detectors for the cameras of a motion, trained unless it is there."""
+    file = folder / f"templates_{Path(path).stem}.npz"
+    if not file.is_file():
+        clip = clip_of(path, LimbRun.clip_seed, END + 2, False, LimbRun.cameras)
+        save_templates(train_templates(clip.body.subject, clip.renderer.cameras, limbs=PARTS), file)
+    return str(file)
 
 
 def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:

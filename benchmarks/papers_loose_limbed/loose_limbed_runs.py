@@ -42,7 +42,7 @@ class LimbRun:
 
     start: "pose", the true one of the frame before, or "nothing". blank: frames without the person in the pictures.
     detected: with keypoints. settings: of the group `loose_limbed`. noise: file of `learned_noise` for the annealed
-    filter, "" for the loose-limbed tracker; particles: of it.
+    filter, "" for the loose-limbed tracker; particles: of it. templates: file of part detectors, "" without.
     """
 
     motion: str
@@ -59,6 +59,7 @@ class LimbRun:
     settings: str = "{}"
     noise: str = ""
     particles: int = 0
+    templates: str = ""
 
     @property
     def name(self) -> str:
@@ -68,7 +69,8 @@ class LimbRun:
     @property
     def what(self) -> Mapping[str, Any]:
         """See `benchmarks.support.result_store.Piece`."""
-        return {**asdict(self), "motion": Path(self.motion).name, "noise": bool(self.noise)}
+        return {**asdict(self), "motion": Path(self.motion).name, "noise": bool(self.noise),
+                "templates": bool(self.templates)}  # fmt: skip
 
     def work(self, store: ResultStore) -> Figures:
         """Errors of every frame [mm]: `beliefs`, expected over the samples; `likely`, the same weighed by each sample's
@@ -89,7 +91,10 @@ def _clip(run: LimbRun) -> LimbClip:
 
 def _loose(run: LimbRun) -> Figures:
     clip = _clip(run)
-    settings = settings_for(LOOSE, changes={"loose_limbed": json.loads(run.settings)})
+    changes = json.loads(run.settings)
+    if run.templates:
+        changes["part_detectors"] = {**changes.get("part_detectors", {}), "templates": run.templates}
+    settings = settings_for(LOOSE, changes={"loose_limbed": changes})
     tracker = cast(LooseLimbed, make_tracker(LOOSE, clip.body, settings))
     state = true_state(clip, run.begin - 1, settings.own.propagation.samples) if run.start == "pose" else None
     frames = FrameByFrame(tracker, run.seed, state=state)

@@ -20,9 +20,29 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
     The point with the most weight within `radius` leads the first cluster; then the same among the points farther than
     `radius` from every leader; all go to the nearest leader at the end. So one compact set of particles stays one
     cluster, and with a `count` of 1 everything is. Distances are made a few rows at a time, so memory grows with N.
+    Equal points, of which a set has many once it was resampled, count as one with their weight.
     """
     if count == 1:
         return np.zeros(len(points), dtype=np.int64)
+    first, same = _equal(points)
+    if len(first) == len(points):
+        return _distinct_clusters(points, weights, radius, count)
+    weight = np.bincount(same, weights=weights, minlength=len(first))
+    return _distinct_clusters(points[first], weight, radius, count)[same]
+
+
+def _equal(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first of each group of equal points (N, D), in order, and the number (N,) of the group of each."""
+    rows = np.ascontiguousarray(points + 0.0).view(np.dtype((np.void, points.itemsize * points.shape[1]))).ravel()
+    _, first, same = np.unique(rows, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    number = np.empty(len(first), dtype=np.int64)
+    number[order] = np.arange(len(first))
+    return first[order], number[same.ravel()]
+
+
+def _distinct_clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int) -> np.ndarray:
+    """`clusters` of points that differ."""
     free = weights > 0.0
     mass = _mass_within(points, points, weights, radius)
     leaders: list[int] = []

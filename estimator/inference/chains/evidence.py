@@ -1,4 +1,4 @@
-"""phi(O, F), the likelihood of features by an image: detections that are of a feature, of two, or of none."""
+"""phi(O, F), the likelihood of features by an image: detections that are of a feature, of several, or of none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ class EvidenceSettings(CheckedSettings):
 
     detected: probability that a visible feature is detected; hidden: that a feature hidden by a limb is detected.
     clutter: false detections, per million pixels. shared: weight of a feature in a detection that is another's too, as
-    a hand before the face, beside the 1 - detected of one that is missed elsewhere. most: associations that are kept.
+    a hand before the face, beside the 1 - detected of one that is missed elsewhere. inside: correlation
+    time [s] of a feature's place inside such a detection, 0 where each frame measures it anew; of hands before the
+    face and before each other in captured motion (`python -m benchmarks shared_places`).
+    most: associations that are kept.
     Raises InputError where a value is outside its range.
     """
 
@@ -31,6 +34,7 @@ class EvidenceSettings(CheckedSettings):
     hidden: float = setting(0.05, above=0, below=1)
     clutter: float = setting(0.5, above=0)
     shared: float = setting(1.0, at_least=0, at_most=1)
+    inside: float = setting(0.3, at_least=0)
     most: int = setting(40, at_least=1)
 
     @property
@@ -90,10 +94,10 @@ class Evidence:
 def evidence_of(detections: Detections, settings: EvidenceSettings, prior: FeatureDensity | None = None) -> Evidence:
     """All ways in which detections may be those of features, the likeliest `settings.most` of them.
 
-    A detection is of one feature, of none, or of two. The first feature that has it weighs detected * suits / clutter
-    times the normal density of the detection about it, one that has none 1 - detected: what is not explained by a
-    feature is clutter (joint probabilistic data association, Fortmann et al. 1983). A second one in the same detection
-    weighs `shared`, or 1 in one that is merged, in its middle, and falls off as its density does.
+    A detection is of one feature, of none, or of several. The first feature that has it weighs detected * suits /
+    clutter times the normal density of the detection about it, one that has none 1 - detected: what is not explained by
+    a feature is clutter (joint probabilistic data association, Fortmann et al. 1983). Each further one in the same
+    detection weighs `shared`, or 1 in one that is merged, in its middle, and falls off as its density does.
 
     prior: what is expected of the features. It decides which associations are kept, and is in none of the weights.
     Where there are more than some hundreds, the unlikeliest pairs of a feature and a detection are in none.
@@ -119,7 +123,7 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
 @dataclass(frozen=True, eq=False)
 class _Pairs:
     """Log-weights (F, D + 1) of a feature and a detection together, the last for none; -inf where impossible. first:
-    where no feature before has the same detection, second: where one has. expected: of the detection under the
+    where no feature before has the same detection, second: where another has. expected: of the detection under the
     prediction of the feature, 0 without one."""
 
     first: np.ndarray
@@ -192,7 +196,8 @@ def _likeliest(score: np.ndarray) -> np.ndarray:
 
 
 def _associations(detections: Detections, able: list[list[int]], shared: float) -> Iterator[tuple[int, ...]]:
-    """The number of every feature's detection, of those that it is able to have; at most two features have the same."""
+    """The number of every feature's detection, of those that it is able to have; several share one only
+    where that is possible."""
     size = len(detections.names)
 
     def extended(way: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
@@ -200,8 +205,7 @@ def _associations(detections: Detections, able: list[list[int]], shared: float) 
             yield way
             return
         for d in able[len(way)]:
-            taken = way.count(d)
-            if d < 0 or taken == 0 or (taken == 1 and (shared > 0.0 or detections.merged[d])):
+            if d < 0 or d not in way or shared > 0.0 or detections.merged[d]:
                 yield from extended((*way, d))
 
     yield from extended(())

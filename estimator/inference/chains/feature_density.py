@@ -133,9 +133,10 @@ class FeatureDensity:
 
     def if_hidden(self, hidden: np.ndarray, seen: float, missed: float) -> FeatureDensity:
         """The same for states that hide features (F,) bool: the log-weight of a kernel grows by `seen` for each of
-        these with a detection of its own, and by `missed` for each that it leaves out."""
+        these with a detection of its own, and by `missed` for each without any, also where it is predicted."""
         alone = np.zeros_like(self.known) if self.sharers is None else self.sharers == 1
-        more = seen * (alone & hidden).sum(axis=1) + missed * (~self.known & hidden).sum(axis=1)
+        without = ~self.known if self.sharers is None else self.sharers == 0
+        more = seen * (alone & hidden).sum(axis=1) + missed * (without & hidden).sum(axis=1)
         return replace(self, log_weight=self.log_weight + more)
 
     def reduced(self, most: int, least: float = 1e-6, expected: FeatureDensity | None = None) -> FeatureDensity:

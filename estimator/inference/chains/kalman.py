@@ -9,9 +9,8 @@ import numpy as np
 
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
+from estimator.inference.chains.repeated import covariance_of_news
 from humanoid.support.settings import CheckedSettings, setting
-
-_NEWS = 0.1  # share of a shared detection's information on a point that is new since the frame before
 
 
 @dataclass(frozen=True)
@@ -64,13 +63,14 @@ class PointChain:
     An update is by a mixture: every association moves the points by Kalman's rule, and the result is one normal density
     with their mean and covariance. So clutter moves points in proportion to the probability that it is one of them. A
     detection of several points, such as a hand before the face, shows of each little more than that it is inside,
-    however often it is repeated (`_as_news`).
+    however often it is repeated (`estimator.inference.chains.repeated`); news: share of its information that is new.
     """
 
     names: tuple[str, ...]
     size: float
     settings: PointSettings = PointSettings()
     alike: tuple[tuple[int, int], ...] = ()
+    news: float = 1.0
 
     def initial_state(self, mean: np.ndarray, covariance: np.ndarray) -> PointStates:
         """Points at rest, in all likelihood: mean (F, 2) [px], covariance (2F, 2F) [px^2]."""
@@ -151,31 +151,10 @@ class PointChain:
         off = received.mean[k].ravel()[dims] - mean[place]
         known, own = C[np.ix_(place, place)], np.ix_(dims, dims)
         S = known + received.covariance[k][own]
-        gain = np.linalg.solve(known + self._as_news(C, received, k)[own], C[place]).T
+        news = covariance_of_news(received, k, C[np.ix_(self._places, self._places)], self.news)
+        gain = np.linalg.solve(known + news[own], C[place]).T
         weight = received.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
         return mean + gain @ off, C - gain @ C[place], float(weight)
-
-    def _as_news(self, prior: np.ndarray, received: FeatureDensity, k: int) -> np.ndarray:
-        """Covariance (2F, 2F) [px^2] of a kernel of a message, as a measurement independent of the past; prior (4F,
-        4F).
-
-        The place of a point inside a detection of several points hardly changes from frame to frame, and is not
-        measured independently each time: otherwise a chain would be sure after half a second that a hand is in the
-        middle of the face. So of a kernel's information on such a point only what is not yet known counts, in each
-        direction, and beyond that a tenth, as the point moves around inside. Without the tenth the point becomes as
-        certain as the more certain of the two, which along one direction is covariance intersection (Julier and Uhlmann
-        1997), for estimates with unknown dependence.
-        """
-        covariance = received.covariance[k].copy()
-        for f in () if received.sharers is None else np.flatnonzero(received.sharers[k] > 1):
-            block = slice(2 * f, 2 * f + 2)
-            place = self._places[block]
-            factor = np.linalg.cholesky(prior[np.ix_(place, place)])
-            white = np.linalg.solve(factor, np.linalg.solve(factor, covariance[block, block]).T)
-            variance, ways = np.linalg.eigh(white)
-            news = np.maximum(1.0 / variance - 1.0, _NEWS / variance)
-            covariance[block, block] += factor @ (ways * (1.0 / news - variance)) @ ways.T @ factor.T
-        return covariance
 
     @property
     def _places(self) -> np.ndarray:

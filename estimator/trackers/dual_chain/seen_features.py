@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import chi2
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation, image_extent
@@ -27,6 +28,8 @@ _LEAST = 1e-3  # of how well a blob suits
 _WIDE = 0.5  # standard deviation of where the middle of a hand is in its blob, in those of the blob
 _NOISE = 2.0  # px
 _SWAPPED = 0.02  # share of keypoints whose side is mistaken
+_INSIDE = 0.99  # probability with which a face is as near to the middle of its blob
+_ARRAYS = ("mean", "covariance", "suits", "merged", "shared")  # of detections, in order
 
 
 def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
@@ -67,12 +70,52 @@ def of_faces(names: Sequence[str], faces: Faces) -> Detections:
     return Detections(tuple(names), faces.mean, covariance, suits, np.zeros(len(faces.score), dtype=bool))
 
 
+def fused(blobs: Detections, faces: Detections) -> Detections:
+    """Blobs and faces of a picture as joint detections: a face that is in a blob and the blob are one.
+
+    Two detections of one face would leave the blob to a hand once the head has the other. Such a blob is of the head
+    as the face is, in the middle of the face; of a hand alone it is as far as the face may be none; a hand that shares
+    it with the head is anywhere in the blob.
+    """
+    names, own = blobs.names, {name: getattr(blobs, name).copy() for name in _ARRAYS}
+    head, apart = np.array([name == HEAD for name in names]), []
+    for k in range(len(faces.mean)):
+        sure = float(faces.suits[k].max(initial=0.0))
+        blob = _blob_of(blobs, faces.mean[k], faces.covariance[k])
+        if blob is None:
+            apart.append(k)
+            continue
+        place, C = _product(own["mean"][blob], own["covariance"][blob], faces.mean[k], faces.covariance[k])
+        off = place - blobs.mean[blob]
+        own["mean"][blob], own["covariance"][blob] = place, C
+        own["shared"][blob] = blobs.shared[blob] + off[:, None] * off
+        own["suits"][blob, head] = np.maximum(own["suits"][blob, head], sure)
+        own["suits"][blob, ~head] *= max(1.0 - sure, _LEAST)
+    joint = Detections(names, *own.values())
+    return all_of([joint, faces.of(np.array(apart, dtype=np.int64))])
+
+
+def _blob_of(blobs: Detections, mean: np.ndarray, covariance: np.ndarray) -> int | None:
+    """The blob that a face with mean (2,) [px] and covariance (2, 2) [px^2] is most likely in, None if in none."""
+    if not len(blobs.mean):
+        return None
+    off = mean - blobs.mean
+    square = np.einsum("di,di->d", off, np.linalg.solve(blobs.shared + covariance, off[..., None])[..., 0])
+    blob = int(np.argmin(square))
+    return blob if square[blob] < chi2.ppf(_INSIDE, 2) else None
+
+
+def _product(
+    mean: np.ndarray, covariance: np.ndarray, other: np.ndarray, other_covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (2,) and covariance (2, 2) of the product of two normal densities."""
+    gain = np.linalg.solve(covariance + other_covariance, covariance).T
+    return mean + gain @ (other - mean), covariance - gain @ covariance
+
+
 def all_of(detections: Sequence[Detections]) -> Detections:
     """Joint detections of several detectors of the same features."""
-    arrays = [
-        np.concatenate([getattr(each, name) for each in detections])
-        for name in ("mean", "covariance", "suits", "merged", "shared")
-    ]
+    arrays = [np.concatenate([getattr(each, name) for each in detections]) for name in _ARRAYS]
     return Detections(detections[0].names, *arrays)
 
 
@@ -117,11 +160,12 @@ class SeenFeatures(Protocol):
 
 class SkinFeatures:
     """Face and hands as blobs of skin; the face also by its keypoints where there are any, and by a detector whose
-    model file is given (empty: none). Raises InputError where that file is not such a model."""
+    model file is given (empty: none). faces: that detector, None without one. Raises InputError where that file is not
+    such a model."""
 
     def __init__(self, model: CostModel, settings: SkinSettings, face_model: str = "") -> None:
         self._model, self._settings = model, settings
-        self._faces = FaceDetector(Path(face_model)) if face_model else None
+        self.faces = FaceDetector(Path(face_model)) if face_model else None
 
     @cached_property
     def features(self) -> PointFeatures:
@@ -157,16 +201,14 @@ class SkinFeatures:
 
     def detected(self, observation: Observation, skin: SkinModel | None) -> Detections:
         """See `SeenFeatures`."""
-        names = self.features.names
-        seen = [of_faces(names, self._face(observation))]
-        for cues in observation.cues[:1]:
-            if cues.picture is None or skin is None:
-                continue
-            blobs = of_blobs(names, skin_blobs(cues.picture, skin, _foreground(cues), self._settings))
-            faces = Faces.none() if self._faces is None else self._faces.faces(cues.picture)
-            both = all_of([blobs, of_faces(names, faces)])
-            seen.append(at_size(both, cues.camera.image_size, observation.cameras[0].image_size))
-        return all_of(seen)
+        names, cues = self.features.names, observation.cues[0] if observation.cues else None
+        by_keypoints = of_faces(names, self._face(observation))
+        if cues is None or cues.picture is None or skin is None:
+            return by_keypoints
+        blobs = of_blobs(names, skin_blobs(cues.picture, skin, _foreground(cues), self._settings))
+        faces = of_faces(names, Faces.none() if self.faces is None else self.faces.faces(cues.picture))
+        size, full = cues.camera.image_size, observation.cameras[0].image_size
+        return fused(at_size(blobs, size, full), all_of([at_size(faces, size, full), by_keypoints]))
 
     def _face(self, observation: Observation) -> Faces:
         """By keypoints."""

@@ -16,6 +16,7 @@ from estimator.inference.chains.evidence import Detections, Evidence, evidence_o
 from estimator.inference.chains.exchange import APART, PRINTED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, PointStates
+from estimator.inference.chains.repeated import as_news, new_share
 from estimator.inference.mixture import Mixture
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
@@ -133,7 +134,7 @@ class DualChain(Initialisation):
         outlines, pose_prior = self._outlines(observation, reference), self.search.model.pose_prior
         if_hidden = s.evidence.if_hidden if s.features == SKIN else (0.0, 0.0)
         pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior, if_hidden)
-        points = self._points(self.search.model.extent(camera, reference))
+        points = self._points(self.search.model.extent(camera, reference), new_share(s.evidence.inside, dt))
         detections = self.seen.detected(observation, state.skin)
         samples, after = self._updated(state, pose, points, detections, dt)
         energy = FrameEnergy(self.search, observation, state.mixture)
@@ -148,11 +149,11 @@ class DualChain(Initialisation):
             result = result_of(observation, mixture, "unobserved", diagnostics)
         return DualState(mixture, observation.time, samples.q, owner, after, state.skin), result
 
-    def _points(self, size: float) -> PointChain:
+    def _points(self, size: float, news: float = 1.0) -> PointChain:
         """For a person of a size [px]. Blobs of both hands are alike; a keypoint has a name."""
         names = self.parts.features.names
         pairs = tuple((a, int(b)) for a, b in enumerate(mirror_index(names)) if a < b)
-        return PointChain(names, size, self.settings.points, pairs if self.settings.features == SKIN else ())
+        return PointChain(names, size, self.settings.points, pairs if self.settings.features == SKIN else (), news)
 
     def _updated(
         self, state: DualState, pose: PoseChain, points: PointChain, detections: Detections, dt: float
@@ -168,7 +169,8 @@ class DualChain(Initialisation):
         received = messages(said, evidence, s.exchange if s.chain else APART)
         # without the past a pose can be drawn only where image or points place every feature
         if s.past or received[0].guide.known.all():
-            samples, _ = pose.update(expected, received[0])
+            new = as_news(received[0].evidence, said[0], points.news)
+            samples, _ = pose.update(expected, replace(received[0], evidence=new))
         else:
             samples, _ = pose.without_samples(expected)
         return samples, points.update(going, received[1])[0] if s.chain else going
