@@ -129,5 +129,6 @@ def test_smoothing_leaves_a_path_that_the_filter_got_wrong(
     wrong = int(np.argmax([error(body, q[None], truth[-1:]) for q in last.q]))
     misled = [*results[:-1], replace(last, weight=np.eye(len(last.weight))[wrong])]
     assert backtrack_results(misled)[-1] == wrong
-    q = smooth_track(search, seen, misled).q
-    assert error(body, q, truth) == pytest.approx(error(body, smooth_track(search, seen, results).q, truth), rel=0.05)
+    off = error(body, smooth_track(search, seen, results).q, truth)
+    assert off < 0.05
+    assert error(body, smooth_track(search, seen, misled).q, truth) == pytest.approx(off, rel=0.05)

@@ -16,7 +16,14 @@ from estimator.runs.run_reader import Run
 from estimator.synthesis.settings import SceneSettings, ViewSettings
 from estimator.vision.cues.depth import Depth, PersonPoints
 from estimator.vision.cues.depth_person import nearest_thing
-from estimator.vision.cues.depth_reading import found_floor, spread_over, surface_precision
+from estimator.vision.cues.depth_reading import (
+    BACK,
+    closest_nodes,
+    closest_points,
+    found_floor,
+    spread_over,
+    surface_precision,
+)
 from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
@@ -131,6 +138,18 @@ def test_a_moving_part_some_way_off_is_the_person_s_and_a_moving_piece_is_a_pers
     np.testing.assert_array_equal(nearest_thing(points_at(places), area, UP, 0.1, None, person), person)
     known = nearest_thing(points_at(places), area, UP, 0.1, None, np.zeros(1210, dtype=bool))
     np.testing.assert_array_equal(known, ~person)  # nothing moves: the pieces are too small
+
+
+def test_nodes_and_points_are_paired_with_the_closest_of_the_others() -> None:
+    rng = np.random.default_rng(7)
+    points, places = points_at(rng.uniform(1.0, 3.0, (900, 3))), rng.uniform(1.0, 3.0, (60, 3))
+    nodes = rng.permutation(200)[:60]
+    there = closest_points(points, places, nodes)
+    np.testing.assert_array_equal(there.node, nodes)
+    np.testing.assert_array_equal(there.point, cKDTree(points.places).query(places)[1])
+    back = closest_nodes(points, places, nodes)
+    assert len(set(back.point)) == BACK
+    np.testing.assert_array_equal(back.node, nodes[cKDTree(places).query(points.places[back.point])[1]])
 
 
 def test_precision_is_the_surface_s_across_and_loose_along_it() -> None:

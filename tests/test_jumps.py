@@ -145,13 +145,17 @@ def onto_pixels(
 
 
 def test_every_jump_is_another_pose_with_much_the_same_image() -> None:
-    body = body_of("human34")
+    """All of them, and those that are drawn, each limb's among them."""
+    body, rng = body_of("human34"), np.random.default_rng(6)
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
     before, jumps = body.landmarks(body.at(q)), KinematicJumps(body)
     jumped = list(jumps.of(q, CAMERA))
     assert len(jumped) >= 6
+    drawn = [x for _ in range(40) if (x := jumps.draw(rng, q, CAMERA)) is not None]
+    moved = np.any([np.abs(body.difference(q, x)) > 1e-6 for x in drawn], axis=0)
+    assert all(moved[limb.dofs].any() for limb in jumps.limbs)
     outer = np.concatenate([limb.landmarks for limb in jumps.limbs])
-    for other in jumped:
+    for other in (*jumped, *drawn):
         after = body.landmarks(body.at(other))
         assert np.linalg.norm(after - before, axis=1).max() > 0.5 * jumps.anatomy.same
         # a place within REACHED of a ray at 3.5 m is within this many pixels of it; a trunk hands on its own error

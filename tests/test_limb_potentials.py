@@ -244,6 +244,17 @@ def test_pairs_are_as_far_apart_as_the_time_step() -> None:
     assert turn[0] == pytest.approx(0.5 * turn[1], rel=0.05)
 
 
+def test_half_a_step_is_half_the_motion_and_twice_as_certain() -> None:
+    potentials = learned("arm8")
+    whole, half = (potentials.steps(dt) for dt in (STEP, 0.5 * STEP))
+    assert half.dt == 0.5 * STEP
+    for all_of_it, part in zip(whole.forward + whole.backward, half.forward + half.backward, strict=True):
+        np.testing.assert_allclose(2.0 * part.mean[:, :3], all_of_it.mean[:, :3])
+        turn = Rotation.from_quat(part.mean[:, 3:])
+        assert (turn * turn).approx_equal(Rotation.from_quat(all_of_it.mean[:, 3:]), atol=1e-9).all()
+        np.testing.assert_allclose(4.0 * part.covariance, all_of_it.covariance)
+
+
 def test_a_file_keeps_what_was_learned(tmp_path: Path) -> None:
     path, poses = tmp_path / "p.json", drawn("arm8")
     for full in (False, True):

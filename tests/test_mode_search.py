@@ -23,6 +23,7 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
+from estimator.search.volumes import Surroundings
 from estimator.trackers.frame_result import backtrack
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
@@ -157,6 +158,20 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
             assert search.seeker.kkt_residual(quadratic) < 1e-6
             free += 1
     assert free > 0
+
+
+def test_by_volume_a_mode_counts_its_height_times_its_volume() -> None:
+    body, rng = body_of("arm8"), np.random.default_rng(5)
+    search = ModeSearch(CostModel(body), ModeSearchSettings(weigh="volume"))
+    seen = observe(body, random_pose(body, rng, share=0.5), [camera_at(20.0)], noise=2.0, rng=rng)
+    associations = search.associations(seen)
+    starts = [Hypothesis(random_pose(body, rng), k % len(associations)) for k in range(24)]
+    mixture = search.best_modes(starts, FrameProblem(associations), 4)
+    costs = {a.name: search.model.cost(a.term) for a in associations}
+    volumes = [Surroundings(body, costs[mode.association].at(mode.q)).log_volume for mode in mixture.modes]
+    assert np.ptp(volumes) > 0.5
+    expected = volumes - np.array([mode.energy for mode in mixture.modes])
+    np.testing.assert_allclose(mixture.log_scores - mixture.log_scores[0], expected - expected[0], atol=1e-9)
 
 
 def test_a_swapped_frame_is_associated_exchanged(search: ModeSearch) -> None:

@@ -155,6 +155,12 @@ def off_in_standard_errors(proposal: float, belief: float, product: ProductSetti
     return float(np.abs(off.mean(axis=0) / (off.std(axis=0, ddof=1) / np.sqrt(len(off)))).max())
 
 
+def test_half_of_the_first_samples_are_proposed_and_half_as_many_in_each_iteration() -> None:
+    for iteration, proposal in enumerate((0.5, 0.25, 0.125)):
+        other = 0.5 * (1.0 - proposal)
+        assert BeliefSettings().shares(iteration) == (other, other, proposal)
+
+
 @pytest.mark.parametrize(
     ("shares", "image_weighted"),
     [

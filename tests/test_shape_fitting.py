@@ -17,7 +17,16 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.fitting import flesh
-from estimator.fitting.body_energy import BodyEnergy, Gaussian, ShapedBody, Unknowns, descend, seen_at
+from estimator.fitting.body_energy import (
+    BodyEnergy,
+    Expansion,
+    Gaussian,
+    ShapedBody,
+    Unknowns,
+    covariance_at,
+    descend,
+    seen_at,
+)
 from estimator.fitting.fit import Fit
 from estimator.fitting.flesh import fit_flesh
 from estimator.fitting.person import fit_person
@@ -316,6 +325,26 @@ def test_the_energys_gradient_is_that_of_differences() -> None:
             h = 1e-5
             values = [energy.at(_stepped(shaped, x, s * h * v)).value for s in (1.0, -1.0)]
             assert (values[0] - values[1]) / (2.0 * h) == pytest.approx(here.gradient @ v, rel=1e-5, abs=1e-4), block
+
+
+def test_the_covariance_of_a_pose_is_that_with_all_else_eliminated() -> None:
+    """A joint that presses against its limit has none."""
+    shaped, rng = ShapedBody(load_subject("human34"), 400), np.random.default_rng(9)
+    body, size = shaped.proportions.base, shaped.places(2)[1].stop
+    root = rng.normal(size=(size, size))
+    H, gradient = root @ root.T + size * np.eye(size), np.zeros(size)
+    at_limit = body.neutral.copy()
+    at_limit[body.bounded_q[0]] = body.upper[body.bounded_q[0]]
+    held = body.nv + body.bounded_v[0]
+    gradient[held] = -1.0
+    x = Unknowns(np.array([body.neutral, at_limit]), shaped.proportions.mean, np.zeros(len(shaped.shape.low)))
+    covariance = covariance_at(shaped, Expansion(0.0, gradient, H), x)
+    assert not covariance[held].any()
+    pose, rest = np.arange(body.nv), np.setdiff1d(np.arange(body.nv, size), held)
+    eliminated = H[np.ix_(pose, pose)] - H[np.ix_(pose, rest)] @ np.linalg.solve(
+        H[np.ix_(rest, rest)], H[rest][:, pose]
+    )
+    np.testing.assert_allclose(covariance[: body.nv, : body.nv] @ eliminated, np.eye(body.nv), atol=1e-6)
 
 
 def _stepped(shaped: ShapedBody, x: Unknowns, step: np.ndarray) -> Unknowns:
