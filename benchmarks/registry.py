@@ -592,6 +592,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.training.overconfidence",
+        "Errors of modes found in pictures over their own deviations, by which smoothing ties to them.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.calibration",
         "Coverage of the posterior's regions on motions that were held out; `--fit` fits the shipped calibration.",
         "85 to 95 %; error <= 0.08",

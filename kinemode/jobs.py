@@ -248,7 +248,7 @@ def _track_into(
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
         # as stored, so that a resumed run has the same
-        results = Spill(_IN_MEMORY).list(Run.open(target.path).paths())
+        results = Spill(_IN_MEMORY).list(Run.open(target.path).paths(covariances=cues is not None))
         energy = capabilities_of(tracker).energy
         if job.settings.smooth.enabled and energy is not None:
             with job.request.reporter("smoothing") as report:

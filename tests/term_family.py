@@ -22,6 +22,7 @@ from estimator.energy.standing import LevelFeet, Soles
 from estimator.energy.term import Term
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
+from estimator.tracking.smoothing.filtered_mode import FilteredMode
 from estimator.tracking.smoothing.readings import TrunkSide
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
 from humanoid.collision.floor import FloorDistances
@@ -233,6 +234,20 @@ def above_floor(nu: float | None) -> Callable[[np.random.Generator], Made]:
     return make
 
 
+def filtered_mode(name: str) -> Callable[[np.random.Generator], Made]:
+    """Deviations on either side of the bend, and a limit at which the mode has no variance."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        q, spread = random_pose(body, rng), rng.normal(scale=0.1, size=(body.nv, body.nv))
+        covariance = spread @ spread.T
+        covariance[-1] = covariance[:, -1] = 0.0
+        moved = body.integrate(q, spread @ rng.normal(size=body.nv))
+        return body, FilteredMode(body, q, covariance, 0.8, 0.7), moved
+
+    return make
+
+
 FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
@@ -245,6 +260,7 @@ FAMILY = {
     "level-feet": level_feet,
     "balance": balance(2, 0.1),
     "trunk-side": trunk_side,
+    **{f"filtered-mode-{name}": filtered_mode(name) for name in ("human34", "arm8", "gripper")},
     "balance-one-foot": balance(1, 0.6),
     "above-known-floor": above_floor(None),
     "above-floor": above_floor(64.0),
@@ -266,6 +282,7 @@ CURVATURE: dict[str, float | None] = {
     "balance": None,  # left out: the curvature of the kinematics, and of the feet's spread
     "balance-one-foot": None,
     "trunk-side": None,  # left out: the curvature of the kinematics
+    **{f"filtered-mode-{name}": 0.3 for name in ("human34", "gripper")},  # the same
     **{f"transition-{p}": 0.3 for p in POTENTIALS},  # left out: the curvature of the difference of two orientations
 }
 """Accuracy of the exact Hessian where it is below the default; see `kinemode.testing.check_term`."""

@@ -10,12 +10,14 @@ import pytest
 from builders import body_of, camera_at
 
 import kinemode
+from estimator.data.observation import Observation
 from estimator.energy.cost import Cost
 from estimator.numerics.robust import LORENTZIAN
 from estimator.runs.run_reader import Run
 from estimator.trackers.base import energy_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import clip as smoothing_of_clips, smooth_track
+from estimator.tracking.smoothing.chain import REACH
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.ties import FlowTie
 from estimator.vision.cues.assigned import AssignedPoints, assignments
@@ -106,3 +108,54 @@ def test_rounds_lower_the_energy_window_by_window(tracked: Run, monkeypatch: pyt
         as_assigned = smooth_track(search, observations, results, replace(settings.smooth, rounds=0), cues=cues).q
     assert np.array_equal(whole, tracked.q)
     assert not np.array_equal(whole, as_assigned)
+
+
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
+def test_no_window_buys_a_smoother_motion_with_its_images(tracked: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a motion prior that has become so stiff that all energy falls where the motion shrinks, no window ends with
+    more of the images' energy than it began with."""
+    settings = run_settings(tracked)
+    search = energy_of(make_tracker("css", tracked.body, settings), "css")
+    images = list[tuple[float, float]]()
+
+    class Watched(Renewal):
+        def __call__(self, trajectories: list[Trajectory]) -> None:  # type: ignore[override]
+            for each in trajectories:
+                std = each.motion.velocity_std, each.motion.acceleration_std
+                each.motion = each.motion._replace(velocity_std=0.01 * std[0], acceleration_std=0.01 * std[1])
+            super().__call__(trajectories)
+
+        def _window(self, trajectory: Trajectory, seen: dict[int, Observation], first: int, last: int) -> None:
+            low, high = max(0, first - REACH), min(len(trajectory.q), last + REACH)
+
+            def shown(q: np.ndarray) -> float:
+                return self._renewed(trajectory, seen, q, low, first, last).images.value(q)
+
+            before = trajectory.q[low:high].copy()
+            super()._window(trajectory, seen, first, last)
+            images.append((shown(before), shown(trajectory.q[low:high])))
+
+    monkeypatch.setattr(smoothing_of_clips, "Renewal", Watched)
+    observations = [tracked.observation(i) for i in range(len(tracked))]
+    with closing(ReadAhead(cue_reader(tracked, settings))) as cues:
+        smooth_track(search, observations, list(tracked), replace(settings.smooth, renewed=4), cues=cues)
+    assert len(images) >= 2
+    assert all(after <= before for before, after in images)
+
+
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
+def test_pictures_tie_the_trajectory_to_the_filtered_modes(tracked: Run) -> None:
+    """Modes that are trusted far more than all else are returned, after features were assigned again, too; keypoints
+    alone tie to none, to the last bit."""
+    settings, body = run_settings(tracked), tracked.body
+    search = energy_of(make_tracker("css", body, settings), "css")
+    observations, results = [tracked.observation(i) for i in range(len(tracked))], list(tracked)
+    firm, none = (replace(settings.smooth, overconfidence=each, stance=0.0) for each in (1e-4, 0.0))
+    with closing(ReadAhead(cue_reader(tracked, settings))) as cues:
+        tied = smooth_track(search, observations, results, firm, cues=cues)
+    assert tied.mode is not None
+    for q, k, result in list(zip(tied.q, tied.mode, results, strict=True))[1:]:  # the first frame has keypoints
+        free = np.diag(result.covariance[k]) > 0.0
+        assert np.abs(body.difference(result.q[k], q)[free]).max() < 2e-3
+    by_keypoints = [smooth_track(search, observations, results, each).q for each in (firm, none)]
+    assert np.array_equal(*by_keypoints)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.numerics.huber import BEND
+
 _FEWEST = 5  # pieces
-_HUBER = 1.345  # standard deviations from which a piece counts less (Huber 1964: 95 % efficient)
 _ROUNDS = 10
 _SIDE = 2  # pieces before a jump, and after it, at least
 _MUCH_BETTER, _CLEAR = 0.5, 6.0  # share of a line's squares that a jump leaves; of its standard error
@@ -65,7 +66,7 @@ def _robust(at: np.ndarray, lags: np.ndarray, prior: np.ndarray, step: float) ->
         line, normal = _weighted(design, lags, weights), design.T @ (weights[:, None] * design)
         off = np.sqrt(prior) * np.abs(lags - design @ line)
         scatter = max(1.4826 * float(np.median(off)), _FINEST * step)
-        weights = prior * np.minimum(1.0, _HUBER * scatter / np.maximum(off, 1e-12))
+        weights = prior * np.minimum(1.0, BEND * scatter / np.maximum(off, 1e-12))
     variance = float((weights * np.square(lags - design @ line)).sum()) / (len(at) - 2)
     variance = max(variance, (_FINEST * step) ** 2)
     return line, scatter, float(np.sqrt(variance * np.linalg.inv(normal)[1, 1]))

@@ -141,10 +141,12 @@ class Run(Summarised):
         """One frame after the other, read on access and not kept: all frames of a long run do not fit into memory."""
         return (frame_result(arrays, self.body) for arrays in self._stored())
 
-    def paths(self) -> Iterator[FrameResult]:
-        """`streamed` without what takes most room: covariances are (K, 0, 0), and there are no extra arrays."""
+    def paths(self, *, covariances: bool = False) -> Iterator[FrameResult]:
+        """`streamed` without what takes most room: there are no extra arrays, and covariances are (K, 0, 0) unless they
+        are requested."""
         for result in self.streamed():
-            yield replace(result, covariance=np.zeros((len(result.weight), 0, 0)), extra={})
+            kept = result.covariance if covariances else np.zeros((len(result.weight), 0, 0))
+            yield replace(result, covariance=kept, extra={})
 
     def _unpacked(
         self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]

@@ -104,8 +104,8 @@ EDGES_NEARLY_GAUSSIAN = 200.0
 """The same for edges. They are searched for within six standard deviations, where this is Gaussian to 9 %; and nu / 2
 is what a missing edge costs, which must not drown all else."""
 
-ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False}}
-"""The trackers of the papers do not look back."""
+ONLY_FILTERS: dict[str, Any] = {"smooth": {"enabled": False, "overconfidence": 0.0}}
+"""The trackers of the papers do not look back, and how overconfident they are was not measured."""
 AS_DETECTED: dict[str, Any] = {"search": {"exchange": False}}
 """The trackers of the papers use keypoints unchanged."""
 NOTHING_STANDS: dict[str, Any] = {"cost": {"standing_weight": 0.0}}

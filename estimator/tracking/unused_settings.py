@@ -33,14 +33,15 @@ RULES = (
     unused_where(
         "smooth.turn_acceleration smooth.root_turn_acceleration smooth.root_slide_acceleration smooth.iterations"
         " smooth.tolerance smooth.window smooth.rounds smooth.round_gain smooth.renewed smooth.memory"
-        " smooth.pace_rounds smooth.pace_span smooth.pace_count smooth.lasting smooth.reading",
+        " smooth.pace_rounds smooth.pace_span smooth.pace_count smooth.lasting smooth.reading"
+        " smooth.overconfidence",
         smooth__enabled=False,
     ),
     unused_without(ONE_CAMERA, "search.readings search.readings_rest smooth.reading"),
     unused_without(
         PICTURES,
         "cues search.follow search.reassign_tolerance search.flow_in_covariance smooth.rounds smooth.round_gain"
-        " smooth.renewed",
+        " smooth.renewed smooth.overconfidence",
     ),
 )  # fmt: skip
 """Which of the common settings have no effect under which others; the rules of a tracker stand in its `Spec`.

@@ -17,6 +17,7 @@ from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import Solution
 from estimator.energy.interpenetration import AboveFloor
 from estimator.energy.priors import Transition
+from estimator.energy.term import Term
 from estimator.inference.best_path import best_path, path_weights
 from estimator.inference.contacts import believed_floor, floor_of
 from estimator.inference.ground import Ground
@@ -27,6 +28,7 @@ from estimator.search.jumps.readings import ACROSS, has_both
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult, backtrack_results
 from estimator.tracking.smoothing.chain import FrameChain
+from estimator.tracking.smoothing.filtered_mode import filtered_pulls, without_filtered_modes
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, frame_shifts, only, spill_of, standing_ties
 from estimator.tracking.smoothing.lasting_errors import by_whole_error, without_lasting
 from estimator.tracking.smoothing.pace import pace_of
@@ -115,6 +117,7 @@ class _Track:
         path = backtrack_results(results)
         self.some = np.flatnonzero(path >= 0).tolist()
         self._times = np.array([observations[t].time for t in self.some])
+        self._shares = frame_shares(np.maximum(np.diff(self._times), SHORTEST_STEP), settings.lasting)
         self._path = path[self.some]
 
     def best(self, progress: Progress | None) -> _Held:
@@ -127,7 +130,7 @@ class _Track:
             shifts.append(frame_shifts(self._search, self._observations[t], energy, self._results[t]))
             self._energies.append(energy + shifts[-1])
             self._readings.append(self._search.readings(self._results[t].q, self._only_camera))
-            costs.append(self._read(len(costs), k, of_frame[k]))
+            costs.append(self._tied(len(costs), k, of_frame[k]))
         paths, rivals = [self._path], [self._smoothed(costs, self._path, progress)]
         other = self._other_path()
         if not np.array_equal(other, self._path):
@@ -207,7 +210,7 @@ class _Track:
         """Poses q (T, nq) of all frames, at which a trajectory ended, and their uncertainty."""
         prior, motion = self._search.model.cost(None), end.before.motion
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
-        whole = MadeList(len(end.costs), lambda t: by_whole_error(end.costs[t]))
+        whole = MadeList(len(end.costs), lambda t: by_whole_error(without_filtered_modes(end.costs[t])))
         covariance = self._each(told.covariances(whole, end.before.ties, q[self.some]), len(q))
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
@@ -245,7 +248,8 @@ class _Track:
         ties = self._ties(associations)
         body, motion = self._search.body, self._motion
         q = smooth(body, costs, self._times, start, motion, self._settings, progress, ties=ties)
-        return Trajectory(q, associations, costs, ties, motion)
+        pulls = MadeList(len(path), lambda i: self._pulls(i, int(path[i])))
+        return Trajectory(q, associations, costs, ties, motion, pulls)
 
     def _paced(self, trajectory: Trajectory) -> Trajectory:
         """A smoothed trajectory, smoothed again with the pace of its frames."""
@@ -271,7 +275,19 @@ class _Track:
     def _cost(self, i: int, k: int) -> Cost:
         t = self.some[i]
         (cost,) = frame_costs(self._search, self._seen(t), only(self._results[t], k))
-        return self._read(i, k, cost)
+        return self._tied(i, k, cost)
+
+    def _tied(self, i: int, k: int, cost: Cost) -> Cost:
+        """The cost by mode k with its pull, and its reading of the trunk."""
+        return self._read(i, k, cost).plus(self._pulls(i, k))
+
+    def _pulls(self, i: int, k: int) -> Sequence[Term]:
+        """Pull of a frame with pictures towards its mode k."""
+        if self._cues is None:
+            return ()
+        t, body, overconfidence = self.some[i], self._search.body, self._settings.overconfidence
+        share = float(self._shares[i])
+        return filtered_pulls(body, self._observations[t], self._results[t], k, overconfidence, share)
 
     def _read(self, i: int, k: int, cost: Cost) -> Cost:
         """The cost by mode k, which holds its reading of the trunk where the frame has both."""

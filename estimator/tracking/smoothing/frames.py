@@ -61,12 +61,16 @@ def frame_shifts(search: ModeSearch, observation: Observation, energy: np.ndarra
     return search.reading_shifts(result.q, energy, observation.only_camera)
 
 
-def renewed_cost(search: ModeSearch, observation: Observation, association: str, posed: PosedBody) -> Cost:
-    """Static energy of a frame in an association, with image features assigned at a pose."""
+def renewed_terms(search: ModeSearch, observation: Observation, posed: PosedBody) -> list[Term]:
+    """The image terms of a frame, with features assigned at a pose."""
+    return search.likelihood(observation, posed.q).assigned(posed) if observation.is_observed else []
+
+
+def renewed_cost(search: ModeSearch, observation: Observation, association: str, image_terms: Sequence[Term]) -> Cost:
+    """Static energy of a frame in an association, with image terms."""
     if not observation.is_observed:
         return search.model.cost(None)
-    assigned = search.likelihood(observation, posed.q).assigned(posed)
-    return search.model.cost(search.term(observation, association), image_terms=assigned)
+    return search.model.cost(search.term(observation, association), image_terms=image_terms)
 
 
 def flow_ties(
