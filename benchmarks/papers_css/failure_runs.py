@@ -15,6 +15,7 @@ from benchmarks.support.result_store import Figures, ResultStore, removed
 from benchmarks.support.scores import Outcome, TrackErrors, outcome
 from estimator.trackers.base import capabilities_of
 from estimator.tracking.registry import TRACKERS, Settings, changes_for, make_tracker, settings_for
+from estimator.tracking.smoothing import SmoothSettings
 from humanoid.support.errors import InputError
 from kinemode.settings import choose
 from kinemode.shot import RenderedClip
@@ -138,9 +139,10 @@ class Tracking:
 
     @property
     def _changes(self) -> dict[str, Any]:
-        """Those that have an effect, and smoothing switched on for all."""
+        """Those that have an effect, and the same smoothing switched on for all."""
         changes = resized(self.tracker, changes_for(self.tracker, self.task.how["settings"]), self.size)
-        changes["smooth"] = {"enabled": True} | changes.get("smooth", {})
+        alike = {"enabled": True, "overconfidence": SmoothSettings().overconfidence}
+        changes["smooth"] = alike | changes.get("smooth", {})
         return choose(self.tracker, changes).used(fits=False)
 
 

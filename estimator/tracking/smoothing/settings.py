@@ -24,9 +24,9 @@ class SmoothSettings:
     that stands may lie from one place; 0 leaves feet as they are; hands: whether hands that stand on the floor are
     held, too. reading [m]: standard deviation of a trunk that leaves the reading of the frame's mode, in frames that
     have both; 0 allows it. overconfidence: errors of a mode that was found in pictures over its own standard deviations
-    (`benchmarks.training.overconfidence`), by which these are widened where the trajectory is tied to the mode
-    (`filtered_mode`); 0: no tie. lasting [s]: correlation time of a frame's evidence and errors, in the covariances,
-    in the ties to modes and in keypoints' errors shared by frames (`lasting_errors`); 0: only a frame.
+    (`benchmarks.training.overconfidence`), by which these are widened where the trajectory of a whole clip is tied to
+    the mode (`filtered_mode`); 0: no tie. lasting [s]: correlation time of a frame's evidence and errors, in the
+    covariances, in the ties to modes and in keypoints' errors shared by frames (`lasting_errors`); 0: only a frame.
     iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at once, which bounds
     the memory on long clips. rounds: where pictures are used, how often at most their features are assigned and flow is
     followed again at the smoothed poses; round_gain: energy that a round must gain for another; renewed: for how many
