@@ -129,7 +129,8 @@ def test_no_window_buys_a_smoother_motion_with_its_images(tracked: Run, monkeypa
             low, high = max(0, first - REACH), min(len(trajectory.q), last + REACH)
 
             def shown(q: np.ndarray) -> float:
-                return self._renewed(trajectory, seen, q, low, first, last).images.value(q)
+                images = self._renewed(trajectory, seen, q, low, first, last).images
+                return sum(float(part.sum()) for part in images.values(q))
 
             before = trajectory.q[low:high].copy()
             super()._window(trajectory, seen, first, last)

@@ -32,7 +32,7 @@ from benchmarks.support.common import Json, Several, Work, check_known, in_proce
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from estimator.data.observation import Observation
 from estimator.inference.chains.evidence import Detections
-from estimator.trackers.dual_chain.faces import Faces
+from estimator.trackers.dual_chain.faces import IN_BOX, Faces
 from estimator.trackers.dual_chain.seen_features import SeenFeatures, all_of, fused, of_faces
 from estimator.trackers.dual_chain.skin import SkinModel
 from estimator.trackers.dual_chain.tracker import DualState
@@ -55,7 +55,6 @@ LATER = 5  # frames after an event
 LEFT, RIGHT = 1, 2  # of the features
 _TAKEN = 0.12  # [m] about a hand, of blobs that are taken away
 _FACE = 0.09  # [m] radius of a face
-_BOX = 0.12  # deviation of a detected face in its box, as the detector's faces have it
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,7 @@ class _WithFaces:
             centres.append(middle + 0.1 * radius * rng.normal(size=2))
         if rng.random() < 0.05:
             centres.append(rng.uniform(0.0, observation.cameras[0].image_size))
-        spread = np.square(_BOX * 2.0 * radius) * np.eye(2)
+        spread = np.square(IN_BOX * 2.0 * radius) * np.eye(2)
         return Faces(
             np.array(centres).reshape(-1, 2), np.tile(spread, (len(centres), 1, 1)), np.full(len(centres), 0.9)
         )

@@ -88,6 +88,7 @@ def main(
     figure
         Also draw the errors of --walk and --annealed over the frames here (Figure 8, right).
     """
+    check_known("--ways", ways, WALKS)
     folder = captured_folder(data)
     if folder is None:
         return
@@ -99,7 +100,6 @@ def main(
         if annealed or recovery:
             learned_noise(Body(load_subject("human34")), data, store_folder)
         if walk:
-            check_known("--ways", ways, WALKS)
             runs = {label: walks(files[WALK], label, seeds, store_folder) for label in ways}
             figures["walk"] = _done("walk", store, runs, jobs)
             show_tracks("walk_straight_07_01, normal contrast", figures["walk"])

@@ -109,10 +109,9 @@ def deviations(run: Run, truth: np.ndarray) -> Deviations:
     errors, stds, away = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     for t in range(1, len(run)):
         result = run.result(t)
-        free = np.flatnonzero(np.diag(result.covariance[0]) > 0.0)
-        std, axes = principal_axes(result.covariance[0][np.ix_(free, free)])
+        std, axes = principal_axes(result.covariance[0])
         away.append(run.body.difference(result.q[0], truth[t]))
-        errors.append(np.abs(axes @ away[-1][free]))
+        errors.append(np.abs(axes @ away[-1]))
         stds.append(std)
     apart = round(SmoothSettings().lasting / float(np.median(np.diff(run.time))))
     return Deviations(np.concatenate(errors), np.concatenate(stds), correlation(np.array(away), apart))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.numerics.huber import BEND
+from estimator.numerics.huber import huber_weights
 
 _FEWEST = 5  # pieces
 _ROUNDS = 10
@@ -66,7 +66,7 @@ def _robust(at: np.ndarray, lags: np.ndarray, prior: np.ndarray, step: float) ->
         line, normal = _weighted(design, lags, weights), design.T @ (weights[:, None] * design)
         off = np.sqrt(prior) * np.abs(lags - design @ line)
         scatter = max(1.4826 * float(np.median(off)), _FINEST * step)
-        weights = prior * np.minimum(1.0, BEND * scatter / np.maximum(off, 1e-12))
+        weights = prior * huber_weights(off / scatter)
     variance = float((weights * np.square(lags - design @ line)).sum()) / (len(at) - 2)
     variance = max(variance, (_FINEST * step) ** 2)
     return line, scatter, float(np.sqrt(variance * np.linalg.inv(normal)[1, 1]))

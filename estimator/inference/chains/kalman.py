@@ -147,11 +147,11 @@ class PointChain:
         dims = received.dims(k)
         if not len(dims):
             return mean, C, float(received.log_weight[k])
-        place = self._places[dims]
-        off = received.mean[k].ravel()[dims] - mean[place]
-        known, own = C[np.ix_(place, place)], np.ix_(dims, dims)
+        places, own = self._places, np.ix_(dims, dims)
+        place, prior_places = places[dims], C[np.ix_(places, places)]
+        off, known = received.mean[k].ravel()[dims] - mean[place], prior_places[own]
         S = known + received.covariance[k][own]
-        news = covariance_of_news(received, k, C[np.ix_(self._places, self._places)], self.news)
+        news = covariance_of_news(received, k, prior_places, self.news)
         gain = np.linalg.solve(known + news[own], C[place]).T
         weight = received.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
         return mean + gain @ off, C - gain @ C[place], float(weight)

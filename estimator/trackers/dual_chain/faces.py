@@ -18,8 +18,9 @@ FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
 """Landmarks of a face, whose mean is its middle."""
 HAND_BEYOND = 0.33
 """Distance of the middle of a hand beyond the wrist, in lengths of the forearm: 85 of 261 mm (de Leva 1996)."""
+IN_BOX = 0.12
+"""Standard deviation of the middle of a detected face in its box, as a share of its sides."""
 _OFF = 0.25  # how far the mean of a single keypoint is from the face's middle, as a share of the person's size
-_IN_BOX = 0.12  # standard deviation of the middle of a face in its box, as a share of its sides
 _SURE = 0.6  # score from which the detector's faces count
 _EYES_AND_NOSE = (slice(4, 6), slice(6, 8), slice(8, 10))  # of a detector's row
 _SCORE = 14
@@ -111,5 +112,5 @@ class FaceDetector:
             return Faces.none()
         rows = np.asarray(rows, dtype=float)[np.argsort(-np.asarray(rows)[:, _SCORE], kind="stable")]
         mean = np.mean([rows[:, part] for part in _EYES_AND_NOSE], axis=0)
-        covariance = np.square(_IN_BOX * rows[:, 2:4])[:, :, None] * np.eye(2)
+        covariance = np.square(IN_BOX * rows[:, 2:4])[:, :, None] * np.eye(2)
         return Faces(mean, covariance, rows[:, _SCORE])

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation, image_extent
 from estimator.inference.chains.evidence import Detections
+from estimator.inference.chains.feature_density import gaussian
 from estimator.search.cost_model import CostModel
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import HEAD, PointFeatures, landmark_features, skin_features
@@ -28,7 +28,7 @@ _LEAST = 1e-3  # of how well a blob suits
 _WIDE = 0.5  # standard deviation of where the middle of a hand is in its blob, in those of the blob
 _NOISE = 2.0  # px
 _SWAPPED = 0.02  # share of keypoints whose side is mistaken
-_INSIDE = 0.99  # probability with which a face is as near to the middle of its blob
+_FARTHEST = -2.0 * np.log(0.01)  # squared distance [standard deviations] of a face in its blob, in 99 of 100 cases
 _ARRAYS = ("mean", "covariance", "suits", "merged", "shared")  # of detections, in order
 
 
@@ -85,9 +85,10 @@ def fused(blobs: Detections, faces: Detections) -> Detections:
         if blob is None:
             apart.append(k)
             continue
-        place, C = _product(own["mean"][blob], own["covariance"][blob], faces.mean[k], faces.covariance[k])
-        off = place - blobs.mean[blob]
-        own["mean"][blob], own["covariance"][blob] = place, C
+        by_blob = gaussian((HEAD,), own["mean"][blob][None], own["covariance"][blob])
+        both = by_blob.times(gaussian((HEAD,), faces.mean[k][None], faces.covariance[k]))
+        own["mean"][blob], own["covariance"][blob] = both.mean[0, 0], both.covariance[0]
+        off = own["mean"][blob] - blobs.mean[blob]
         own["shared"][blob] = blobs.shared[blob] + off[:, None] * off
         own["suits"][blob, head] = np.maximum(own["suits"][blob, head], sure)
         own["suits"][blob, ~head] *= max(1.0 - sure, _LEAST)
@@ -102,15 +103,7 @@ def _blob_of(blobs: Detections, mean: np.ndarray, covariance: np.ndarray) -> int
     off = mean - blobs.mean
     square = np.einsum("di,di->d", off, np.linalg.solve(blobs.shared + covariance, off[..., None])[..., 0])
     blob = int(np.argmin(square))
-    return blob if square[blob] < chi2.ppf(_INSIDE, 2) else None
-
-
-def _product(
-    mean: np.ndarray, covariance: np.ndarray, other: np.ndarray, other_covariance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (2,) and covariance (2, 2) of the product of two normal densities."""
-    gain = np.linalg.solve(covariance + other_covariance, covariance).T
-    return mean + gain @ (other - mean), covariance - gain @ covariance
+    return blob if square[blob] < _FARTHEST else None
 
 
 def all_of(detections: Sequence[Detections]) -> Detections:

@@ -81,8 +81,7 @@ class FrameChain:
             last = min(len(q), first + _TOGETHER)
             part = slice(first, min(len(q), last + 1))  # with the frame that the last one is tied to
             window = WindowEnergy(self._body, self._costs[part], self._ties[first : part.stop - 1])
-            count, nv = part.stop - first, self._body.nv
-            values, pairs = window.add(q[part], np.zeros((count, nv)), np.zeros((2, count, nv, nv)))
+            values, pairs = window.values(q[part])
             own += values[: last - first].tolist()
             tied += pairs[: last - first].tolist()
         return _sum(own, tied) + self._motion.energy(q)

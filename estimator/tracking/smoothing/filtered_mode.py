@@ -40,10 +40,8 @@ class FilteredMode(BatchTerm):
         if covariance.shape != (body.nv, body.nv):
             raise ValueError(f"a mode's covariance has the shape {covariance.shape}, not {(body.nv, body.nv)}")
         self._body, self._q, self._weight = body, q, float(weight)
-        free = np.flatnonzero(np.diag(covariance) > 0.0)
-        std, axes = principal_axes(covariance[np.ix_(free, free)])
-        self._whiten = np.zeros((len(std), body.nv))
-        self._whiten[:, free] = axes / (scale * std[:, None])
+        std, axes = principal_axes(covariance)
+        self._whiten = axes / (scale * std[:, None])
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
@@ -69,10 +67,13 @@ class FilteredMode(BatchTerm):
 
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations (A,) and directions (A, N) of a covariance (N, N) along its principal axes, those without
-    variance left out."""
-    variance, axes = np.linalg.eigh(covariance)
+    variance left out; exactly zero in coordinates that have none, as at active limits."""
+    free = np.flatnonzero(np.diag(covariance) > 0.0)
+    variance, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
     some = variance > _SINGULAR * variance.max(initial=0.0)
-    return np.sqrt(variance[some]), axes.T[some]
+    axes = np.zeros((int(some.sum()), len(covariance)))
+    axes[:, free] = vectors.T[some]
+    return np.sqrt(variance[some]), axes
 
 
 def filtered_pulls(

@@ -94,7 +94,7 @@ class Renewal:
         for left in reversed(range(self._settings.rounds + 1)):
             renewed = self._renewed(trajectory, seen, q, low, first, last)
             chain = self._chain(renewed.costs, renewed.ties[1:], trajectory.motion.frames(low, high), low)
-            energy, images = chain.energy(q), renewed.images.value(q)
+            energy, images = chain.energy(q), sum(float(part.sum()) for part in renewed.images.values(q))
             enough = energy > least - self._settings.round_gain or images > start
             if energy < least and images <= start:
                 trajectory.q[low:high] = q

@@ -78,11 +78,10 @@ class WindowEnergy:
             tied[t] += self._add_pair(t, q, tie, gradient, blocks)
         return values, tied
 
-    def value(self, q: np.ndarray) -> float:
-        """Energy of poses q (T, nq) with their ties."""
+    def values(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The energies of `add` alone."""
         count, nv = len(q), self._body.nv
-        values, tied = self.add(q, np.zeros((count, nv)), np.zeros((2, count, nv, nv)))
-        return float(values.sum() + tied.sum())
+        return self.add(q, np.zeros((count, nv)), np.zeros((2, count, nv, nv)))
 
     def _add_frames(self, q: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, exact: bool) -> np.ndarray:
         """The part of the frames themselves: their energies (T,); adds to gradient (T, nv) and hessian (T, nv, nv)."""
