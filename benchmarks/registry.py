@@ -427,6 +427,12 @@ MEASURES = (
         (NOTHING,),
     ),
     Measure(
+        "benchmarks.papers_dual_chain.limb_losses",
+        "How often dual-chain loses an arm that it had: the rate of `dual_chain.pose.lost`.",
+        "",
+        (NOTHING,),
+    ),
+    Measure(
         "benchmarks.papers_dual_chain.dual_chain_figures",
         "Draws Figures 2 and 3 of Taycher et al. (2004): 40 samples of the posterior, front and side.",
         "",

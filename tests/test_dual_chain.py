@@ -25,7 +25,7 @@ from estimator.trackers.dual_chain.walk import TemperingSettings
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.errors import InputError
 from tests.builders import body_of
 
@@ -98,6 +98,27 @@ def test_hands_are_followed_from_the_keypoints_of_one_frame(seen: Seen, tracked:
         assert (state.q <= made.body.upper).all()
 
 
+def test_the_first_poses_are_weighed_by_the_picture(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the poses that the keypoints leave open: expectations are those under the likelihood."""
+    body, states = body_of("upper13"), []
+    elbow = body.place("left_elbow_flexion").q
+
+    class Outlines:
+        """An angle alone, in a closed form."""
+
+        def log_likelihood(self, placed: PlacedBodies) -> np.ndarray:
+            return np.asarray(6.0 * placed.q[:, elbow].reshape(-1))
+
+    for outlines in (None, Outlines()):
+        made = tracker(replace(FEW, pose=replace(FEW.pose, particles=2000)))
+        monkeypatch.setattr(made, "_outlines", lambda *_, given=outlines: given)
+        states.append(made.init(np.random.default_rng(3), seen.observations[0])[0].q)
+    weight = np.exp(6.0 * states[0][:, elbow].reshape(-1))
+    expected = weight @ states[0] / weight.sum()
+    np.testing.assert_allclose(states[1].mean(axis=0), expected, atol=0.01)
+    assert np.abs(expected - states[0].mean(axis=0)).max() > 0.05  # and it is informative
+
+
 def test_a_stored_state_resumes_to_the_bit(seen: Seen, tracked: Tracked) -> None:
     made, states = tracked
     again = made.state_from(states[1].arrays())
@@ -105,6 +126,13 @@ def test_a_stored_state_resumes_to_the_bit(seen: Seen, tracked: Tracked) -> None
     after, _ = made.step(rng, again, seen.observations[2])
     np.testing.assert_array_equal(after.q, states[2].q)
     np.testing.assert_array_equal(after.points.mean, states[2].points.mean)
+    beside = [state.alternative for state in (after, states[2])]
+    assert beside[0] is not None
+    assert beside[1] is not None
+    np.testing.assert_array_equal(beside[0].q, beside[1].q)
+    assert beside[0].log_odds == beside[1].log_odds
+    with pytest.raises(DamageError, match="alternative_q has no poses"):
+        made.state_from(states[2].arrays() | {"alternative_q": beside[0].q[:0]})
     broken = dict(states[1].arrays(), pose_owner=np.full(len(states[1].owner), 99))
     with pytest.raises(DamageError, match="not a hypothesis"):
         made.state_from(broken)

@@ -14,12 +14,15 @@ from benchmarks.papers_dual_chain.dual_chain_event_clips import (
     EVENTS,
     FACE,
     LOST,
+    EventClip,
     event_frames,
     event_motion,
     hands_of,
     upper_body,
 )  # fmt: skip
-from benchmarks.papers_dual_chain.dual_chain_events import FIRST, LATER, figures, level
+from benchmarks.papers_dual_chain.dual_chain_events import FIRST, LATER, EventRun, figures, level, show
+from benchmarks.papers_dual_chain.limb_losses import losses
+from benchmarks.support import standard_errors
 from humanoid.collision.self_collision import SelfCollision
 
 
@@ -85,3 +88,41 @@ def test_gaps_are_as_long_and_as_many_as_they_should_be(tmp_path: Path) -> None:
         begins = np.flatnonzero(np.diff(gone[name].astype(int)) == 1)
         assert len(begins) == TIMES
         assert begins[0] >= 2
+
+
+def test_standard_errors_are_the_deviations_of_repeated_measures() -> None:
+    """Of shares and of ratios of means of paired numbers, by drawing the whole measure again and again."""
+    rng, count = np.random.default_rng(0), 40
+    shares = rng.binomial(count, 0.8, size=4000) / count
+    assert np.mean([standard_errors.of_share(round(s * count), count) for s in shares[:500]]) == pytest.approx(
+        shares.std(), rel=0.05
+    )
+    assert standard_errors.of_share(count, count) > 0.0
+    below = rng.gamma(4.0, 10.0, size=(4000, count))
+    above = 1.3 * below + 8.0 * rng.normal(size=below.shape)
+    errors = [standard_errors.of_ratio(a, b) for a, b in zip(above[:500], below[:500], strict=True)]
+    assert np.mean(errors) == pytest.approx((above.mean(axis=1) / below.mean(axis=1)).std(), rel=0.05)
+
+
+def test_the_table_of_events_compares_the_same_clips(capsys: pytest.CaptureFixture[str]) -> None:
+    on = [False] * 8 + [True] * 4 + [False] * 8
+    runs, results = [], []
+    for seed, before in enumerate((20.0, 40.0)):
+        for label, more in (("dual-chain", 0.0), ("one-way", 6.0)):
+            error = [before * (1.5 if event else 1.0) + more * event for event in on]
+            levels = [[0.5, 0.5]] * len(on)
+            runs.append(EventRun(EventClip(LOST, seed), label))
+            results.append(
+                {"on": on, "error": error, "right": [True] * len(on), "levels": levels, "levels_world": levels}
+            )
+    full, other = show(runs, results, [LOST], ["dual-chain", "one-way"])
+    assert (full["ratio"], full["ratio_error"], full["less"]) == pytest.approx((1.5, 0.0, 0.0), abs=1e-12)
+    assert (other["ratio"], other["less"], other["less_error"]) == pytest.approx((1.7, 6.0, 0.0), abs=1e-12)
+    assert other["ratio_error"] == pytest.approx(2.0 / 30.0)  # 1.7 times before is off by 2 and -2 mm
+    assert "1.50 ± 0.00" in capsys.readouterr().out
+
+
+def test_an_arm_is_lost_once_until_it_is_found() -> None:
+    error = np.array([170.0, 70.0, 40.0, 140.0, 151.0, 130.0, 51.0, 49.0, 20.0, 300.0])
+    assert losses(error) == (2, 4)
+    assert losses(np.full(9, 70.0)) == (0, 0)

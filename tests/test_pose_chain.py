@@ -18,6 +18,7 @@ from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
+from estimator.trackers.dual_chain.alternative import Alternative
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_chain import Expected, ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -93,7 +94,7 @@ def plainly_weighed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tangents (N, nv) drawn from the past alone, each part by itself and one arm possibly anywhere, their weights by
     the message and outlines, and where the arm was anywhere (N,) bool: the same posterior."""
-    rng, x, odds = np.random.default_rng(9), np.empty((count, made.body.nv)), 3.0 * made.settings.lost
+    rng, x, odds = np.random.default_rng(9), np.empty((count, made.body.nv)), 3.0 * np.exp(prior.log_odds_lost)
     target, anew = made._target(prior, message), rng.random(count) < odds / (1.0 + odds)
     for part, group in enumerate(prior.steps.groups):
         for own in (False, True):
@@ -135,7 +136,7 @@ def test_a_body_without_arms_is_refused() -> None:
     ("by_past", "lost", "past"),
     [
         *(pytest.param(share, 0.0, True, marks=pytest.mark.paper) for share in (0.2, 0.8)),
-        (0.2, 30.0, True),
+        (0.2, 86.0, True),
         (0.2, 0.0, False),
     ],
 )
@@ -145,10 +146,10 @@ def test_the_posterior_is_that_of_weighing_the_past(
     """With outlines, for any share of samples from the image, for a limb that is displaced as likely as not, and for
     likelihood sampling: means and spreads of all joints, and of the hands in the image."""
     particles = 3000 if past else 12_000  # drawn from the image alone they are far apart
-    settings = replace(SETTINGS, by_past=by_past, lost=lost, renewed=0.5, particles=particles)
+    settings = replace(SETTINGS, by_past=by_past, lost=lost, renewed=0.45, particles=particles)
     made = chain(np.random.default_rng(0), settings, past=past, bent=True)
     if lost:
-        monkeypatch.setattr(PoseChain, "_chosen", lambda self: (1,))
+        monkeypatch.setattr(PoseChain, "_chosen", lambda *_: (1,))
     prior = made.predict(crowd(made.body), 0.04)
     # few displaced limbs hit a small detection, and plain weighting would have few samples
     message = shifted_message(made, spread=25.0 if lost else 6.0)
@@ -171,6 +172,56 @@ def test_the_posterior_is_that_of_weighing_the_past(
     assert (np.abs(each.mean(axis=0) - mean) < 4.0 * np.hypot(error, unsure) + 0.02 * std).all()
     spread = np.sqrt(np.mean([np.square(t - mean).mean(axis=0) for t in tangents], axis=0))
     np.testing.assert_allclose(spread, std, rtol=0.2)
+
+
+@pytest.mark.parametrize("log_odds", [-12.0, -1.0, 12.0])
+def test_an_alternative_keeps_the_odds_that_all_images_give_it(log_odds: float) -> None:
+    """Poses whose left arm is elsewhere: with a share that particles can have they are among these, and otherwise the
+    less likely stay beside the others, with odds by the evidence of both."""
+    made = chain(np.random.default_rng(0), replace(SETTINGS, lost=1e-6), bent=True)
+    arm = made.parts.dofs[1]
+    states = [crowd(made.body)]
+    moved = np.where(np.isin(np.arange(made.body.nv), arm), 0.15, 0.0)
+    other = made.body.integrated(states[0].q, np.tile(moved, (len(states[0].q), 1)))
+    states.append(replace(states[0], q=other))
+    message = shifted_message(made)
+    means, log_evidences = [], []
+    for state in states:
+        x, weight, log_evidence = parts_weighed(made, made.predict(state, 0.04), message, 100_000)
+        means.append(weight @ x[:, arm])
+        log_evidences.append(log_evidence)
+    right = log_odds + log_evidences[1] - log_evidences[0]
+    after_shares, after_odds, arms = [], [], []
+    for seed in range(5):
+        again = chain(np.random.default_rng(100 + seed), made.settings, bent=True)
+        state = replace(states[0], alternative=Alternative(other, log_odds))
+        after, _ = again.update(again.predict(state, 0.04), message)
+        after_shares.append(again.diagnostics["renewed"])
+        arms.append(made.body.differences(states[0].reference, after.q)[:, arm].mean(axis=0))
+        if after.alternative is not None:
+            after_odds.append(after.alternative.log_odds)
+    share = 1.0 / (1.0 + np.exp(-right))
+    assert np.mean(after_shares) == pytest.approx(share, abs=0.06)
+    apart = min(share, 1.0 - share) < 1.0 / SETTINGS.kernels
+    assert len(after_odds) == (5 if apart else 0)
+    if apart:
+        assert np.mean(after_odds) == pytest.approx(-abs(right), abs=0.4)
+    expected = (1.0 - share) * means[0] + share * means[1]
+    np.testing.assert_allclose(np.mean(arms, axis=0), expected, atol=0.02)
+
+
+def parts_weighed(
+    made: PoseChain, prior: Expected, message: Message, count: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Tangents (N, nv) drawn from a prediction, each part by itself, their weights, and the log-evidence."""
+    rng, x, target = np.random.default_rng(9), np.empty((count, made.body.nv)), made._target(prior, message)
+    for group in prior.steps.groups:
+        centres = prior.centres[rng.choice(len(prior.centres), size=count)]
+        x[:, group] = prior.steps.moved_group(rng, centres, group)
+    placed = target.prepared(x)
+    log_weight = target.log_message(placed) + target.likelihood(placed)
+    weight = np.exp(log_weight - log_weight.max())
+    return x, weight / weight.sum(), float(np.log(weight.mean()) + log_weight.max())
 
 
 def replace_samples(made: PoseChain, prior: Expected) -> Expected:

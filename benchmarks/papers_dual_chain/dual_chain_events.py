@@ -28,6 +28,7 @@ from benchmarks.papers_dual_chain.dual_chain_event_clips import (
     hands_of,
 )
 from benchmarks.papers_dual_chain.dual_chain_runs import Film, tracker_of
+from benchmarks.support import standard_errors
 from benchmarks.support.common import Json, Several, Work, check_known, in_processes, save, work_folder
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from estimator.data.observation import Observation
@@ -260,25 +261,34 @@ def figures(result: Figures) -> dict[str, float]:
 def show(
     runs: Sequence[EventRun], results: Sequence[Figures], events: Sequence[str], ways: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """A row an event and way; deviations are over seeds."""
+    """A row an event and way; deviations are over seeds. Standard errors: of the ratio of the means in the event and
+    before, and of the difference in the event to the first way on the same clips."""
     table = report.table(
-        "hands in trouble: arm joints in the world [mm], expected", "event", "way", "before", "in the event",
-        "5 frames after", "ratio", f"right hands {LATER} frames after", "90 % regions: in the image", "in the world",
+        "hands in trouble: arm joints in the world [mm], expected; ±: standard deviation over seeds, of ratios and"
+        " differences standard errors", "event", "way", "before", "in the event", "5 frames after", "ratio",
+        "in the event, less first way", f"right hands {LATER} frames after",
+        "90 % regions: in the image", "in the world",
     )  # fmt: skip
     rows = []
     for event in events:
+        first = np.array([])
         for way in ways:
             pairs = zip(runs, results, strict=True)
             each = [figures(r) for run, r in pairs if run.clip.event == event and run.label == way]
+            before, during = (np.array([f[name] for f in each]) for name in ("before", "during"))
+            first = during if way == ways[0] else first
             row: dict[str, Any] = {"event": event, "way": way}
             row |= {name: float(np.mean([f[name] for f in each])) for name in each[0]}
             row |= {f"{name}_std": float(np.std([f[name] for f in each])) for name in ("before", "during", "after")}
-            row["ratio"] = row["during"] / row["before"]
+            row |= {"ratio": row["during"] / row["before"], "ratio_error": standard_errors.of_ratio(during, before)}
+            row |= {"less": float((during - first).mean()), "less_error": standard_errors.of_mean(during - first)}
             rows.append(row)
             table.add_row(
                 event if way == ways[0] else "", way,
                 *(f"{row[name]:.1f} ± {row[name + '_std']:.1f}" for name in ("before", "during", "after")),
-                f"{row['ratio']:.2f}", f"{row['right']:.0%}", f"{row['covers']:.0%}", f"{row['covers_world']:.0%}",
+                f"{row['ratio']:.2f} ± {row['ratio_error']:.2f}",
+                "" if way == ways[0] else f"{row['less']:+.1f} ± {row['less_error']:.1f}",
+                f"{row['right']:.0%}", f"{row['covers']:.0%}", f"{row['covers_world']:.0%}",
             )  # fmt: skip
     report.console().print(table)
     return rows

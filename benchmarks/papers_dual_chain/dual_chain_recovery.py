@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.papers_dual_chain.dual_chain_runs import Film, UpperClip, tracker_of
+from benchmarks.support import standard_errors
 from benchmarks.support.common import save
 from benchmarks.support.result_store import Figures, ResultStore
 from estimator.trackers.dual_chain.tracker import DualChain, DualState
@@ -67,9 +68,14 @@ def disturbed(tracker: DualChain, state: DualState, rng: np.random.Generator) ->
     body, v = tracker.body, np.zeros(tracker.body.nv)
     arms = np.concatenate(tracker.parts.dofs[1:])
     v[arms] = WRONG * rng.choice([-1.0, 1.0], size=len(arms))
-    q = body.integrated(state.q, np.tile(v, (len(state.q), 1)))
     modes = tuple(replace(m, q=body.integrate(m.q, v)) for m in state.mixture.modes)
-    return replace(state, q=q, mixture=replace(state.mixture, modes=modes))
+    other = state.alternative
+    return replace(
+        state,
+        q=body.integrated(state.q, np.tile(v, (len(state.q), 1))),
+        alternative=other and replace(other, q=body.integrated(other.q, np.tile(v, (len(other.q), 1)))),
+        mixture=replace(state.mixture, modes=modes),
+    )
 
 
 def _error(film: Film, state: DualState, true: np.ndarray) -> float:
@@ -85,7 +91,7 @@ def back_after(wrong: Sequence[float], right: Sequence[float]) -> int:
 def show_recovery(
     pieces: Sequence[Recovery], results: Sequence[Figures], ways: Sequence[str], json: Path | None
 ) -> None:
-    """A row a way."""
+    """A row a way; the standard error of the share is binomial."""
     table = report.table(
         "put wrong by 1 rad in every joint of the arms", "way", "times", "found within 10 frames", "median frames",
         "before [mm]", "after 1", "after 10", "undisturbed after 10",
@@ -102,14 +108,15 @@ def show_recovery(
         wrong, right = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
         row = {
             "way": way, "times": len(pairs), "found": float((frames <= WITHIN).mean()),
+            "found_error": standard_errors.of_share(int((frames <= WITHIN).sum()), len(pairs)),
             "frames": float(np.median(frames)),
             "before": float(right[:, 0].mean()), "after_1": float(wrong[:, 0].mean()),
             "after_10": float(wrong[:, WITHIN - 1].mean()), "undisturbed_10": float(right[:, WITHIN - 1].mean()),
         }  # fmt: skip
         rows.append(row)
         table.add_row(
-            way, str(row["times"]), f"{row['found']:.0%}", f"{row['frames']:.0f}", f"{row['before']:.0f}",
-            f"{row['after_1']:.0f}", f"{row['after_10']:.0f}", f"{row['undisturbed_10']:.0f}",
+            way, str(row["times"]), f"{row['found']:.0%} ± {row['found_error']:.0%}", f"{row['frames']:.0f}",
+            f"{row['before']:.0f}", f"{row['after_1']:.0f}", f"{row['after_10']:.0f}", f"{row['undisturbed_10']:.0f}",
         )  # fmt: skip
     report.console().print(table)
     save(json, {"measure": "dual_chain_recovery", "rows": rows})

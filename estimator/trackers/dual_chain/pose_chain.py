@@ -7,7 +7,7 @@ outlines.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from estimator.inference.annealing import effective_count, normalised, systemati
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
+from estimator.trackers.dual_chain.alternative import Alternative
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_draws import PartDraws
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -43,8 +44,9 @@ class PoseChainSettings(CheckedSettings):
     by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
     Kalman-updated from the past by the features. groups: of samples from which the features are predicted.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
-    and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not at its predicted place
-    but anywhere, 0 for never; renewed: share of the samples that search for limbs there (`PoseChain.update`).
+    and how many times as long; of trunk and limbs each by itself. lost: rate [1/s] at which a limb gets lost and may be
+    anywhere, 0 for never; renewed: share of the samples that search for limbs there, and of those that follow
+    what was found (`PoseChain.update`).
     rest: shortest time [s] in which unobserved joints go two thirds of the way back to rest (`Rest`). tempering: how
     outlines are let in.
     Raises InputError where a value is outside its range.
@@ -59,8 +61,8 @@ class PoseChainSettings(CheckedSettings):
     noise: float = setting(0.45, above=0)
     far: float = setting(0.2, at_least=0, at_most=1)
     wide: float = setting(3.0, at_least=1)
-    lost: float = setting(0.03, at_least=0)
-    renewed: float = setting(0.2, above=0, below=1)
+    lost: float = setting(0.07, at_least=0)
+    renewed: float = setting(0.2, above=0, below=0.5)
     rest: float = setting(0.5, above=0)
     tempering: TemperingSettings = field(default_factory=TemperingSettings)
 
@@ -68,19 +70,22 @@ class PoseChainSettings(CheckedSettings):
 @dataclass(frozen=True, eq=False)
 class ParticleSet:
     """Poses of one frame: q (N, nq), weights (N,) that sum to one. reference (nq,): in whose tangent space they are
-    moved."""
+    moved. alternative: poses besides, None for none."""
 
     q: np.ndarray
     weights: np.ndarray
     reference: np.ndarray
+    alternative: Alternative | None = None
 
 
 class _Way(NamedTuple):
-    """That the past is wrong about some parts, by number, and where they may be instead; odds: beside 1 that it is
-    right about all."""
+    """From which prediction poses come, and about which parts, by number, that is wrong, with where these may be
+    instead; log_odds: to the particles' prediction being right about all. reported: in the chain's diagnostics."""
 
-    odds: float
-    elsewhere: Mapping[int, Reach]
+    log_odds: float
+    prior: Expected
+    elsewhere: Mapping[int, Reach] = {}
+    reported: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +116,30 @@ class PoseChain:
 
     def predict(self, state: ParticleSet, dt: float) -> Expected:
         """See `Chain`; the noise of `dt` is in `std` already."""
+        s, other = self.settings, state.alternative
+        count = s.particles if s.draws == BY_PAST else min(s.kernels, len(state.weights))
+        expected = self._predicted(state, dt, count, s.particles)
+        if s.lost > 0.0:
+            # limbs get lost each by itself: the odds of a probability of 1 - exp(-lost dt)
+            expected = replace(expected, log_odds_lost=s.lost * dt + float(np.log(-np.expm1(-s.lost * dt))))
+        if other is None:
+            return expected
+        poses = ParticleSet(other.q, np.full(len(other.q), 1.0 / len(other.q)), state.reference)
+        alternative = self._predicted(poses, dt, min(s.kernels, len(other.q)), len(other.q))
+        return replace(expected, alternative=replace(alternative, log_odds=other.log_odds))
+
+    def _predicted(self, state: ParticleSet, dt: float, kernels: int, samples: int) -> Expected:
+        """The prediction of some poses by so many kernels."""
         s, body = self.settings, self.body
         lower, upper = body.tangent_bounds(state.reference)
         steps = TruncatedSteps(self.std, lower, upper, self.parts.dofs, s.far, s.wide)
-        count = s.particles if s.draws == BY_PAST else min(s.kernels, len(state.weights))
-        few = systematic(self.rng, state.weights, count)
-        centres, even = body.differences(state.reference, state.q)[few], np.full(count, 1.0 / count)
+        few = systematic(self.rng, state.weights, kernels)
+        centres, even = body.differences(state.reference, state.q)[few], np.full(kernels, 1.0 / kernels)
         spread = self.std * np.sqrt(1.0 + s.far * (s.wide**2 - 1.0))
         centres = self.parts.rest.returned(centres, state.reference, spread, -np.expm1(-dt / s.rest))
-        samples = steps.moved(self.rng, centres[systematic(self.rng, even, s.particles)])
-        return Expected(state.reference, centres, even, steps, samples)
+        return Expected(
+            state.reference, centres, even, steps, steps.moved(self.rng, centres[systematic(self.rng, even, samples)])
+        )
 
     def features(self, prior: Expected) -> FeatureDensity:
         """See `Chain`: groups of the samples' features, each as a normal density."""
@@ -150,34 +169,64 @@ class PoseChain:
         The past may be wrong about limbs. So some samples draw one limb, or all, from where the image shows their ends
         or from rest, and the others from the past. They are a stratum of their own, weighted by its odds and its
         evidence: among the others a limb that was just found would be lost in resampling before outlines support it.
-        One such proposal is tried in every frame, chosen at random, at the odds of all of them.
+        One such proposal is tried in every frame, chosen at random, at the odds of all of them. What is found is
+        followed beside the particles until the images of several frames have decided (`_divided`).
         """
-        if self.settings.draws == BY_PAST:
+        s = self.settings
+        if s.draws == BY_PAST:
             return self._by_past(self._target(prior, message))
         self.diagnostics["samples"] = self.diagnostics["effective_sample_size"] = 0.0
         ways = self._ways(prior)
-        few = max(int(self.settings.renewed * self.settings.particles), _FEWEST) if len(ways) > 1 else 0
-        counts = (max(self.settings.particles - few, _FEWEST), few)
-        strata = [self._stratum(prior, message, way, count) for way, count in zip(ways, counts, strict=False)]
+        few = max(int(s.renewed * s.particles), _FEWEST)
+        counts = [max(s.particles - few * (len(ways) - 1), _FEWEST), *(few for _ in ways[1:])]
+        strata = [self._stratum(message, way, count) for way, count in zip(ways, counts, strict=True)]
         log_evidences = [-np.inf if result is None else result.log_evidence for result in strata]
-        odds = np.array([way.odds for way in ways])
-        weights, log_evidence = _shares(odds / odds.sum(), np.array(log_evidences))
-        if strata[0] is None and not weights.any():
+        log_shares, log_evidence = _log_shares(np.array([way.log_odds for way in ways]), np.array(log_evidences))
+        if not np.isfinite(log_evidence):
             return self.without_samples(prior)
-        each = [np.full(len(r.x), w / len(r.x)) for r, w in zip(strata, weights, strict=True) if r is not None]
-        x = np.vstack([r.x for r in strata if r is not None])
-        if len(strata) > 1:
-            self.diagnostics["renewed"] = float(weights[1:].sum())
-            x = x[systematic(self.rng, np.concatenate(each), self.settings.particles)]
-        return self._even(prior, x), log_evidence
+        self.diagnostics["renewed"] = float(np.exp(log_shares[1:]).sum())
+        poses = [np.zeros((0, self.body.nv)) if result is None else result.x for result in strata]
+        return self._divided(prior, poses, log_shares), log_evidence
+
+    def _divided(self, prior: Expected, strata: Sequence[np.ndarray], log_shares: np.ndarray) -> ParticleSet:
+        """The particles, of strata of tangents (N, nv) with shares (S,) of which the first has the past right.
+
+        Whichever of it and all others has less than the share of a kernel would be lost among the particles by chance,
+        and is followed beside them with the odds that it has.
+        """
+        s, others = self.settings, list(range(1, len(strata)))
+        if not others:
+            return self._even(prior, strata[0])
+        right, elsewhere = log_shares[0], float(np.logaddexp.reduce(log_shares[1:]))
+        less, more = sorted(((right, [0]), (elsewhere, others)))
+        if np.exp(less[0]) * s.kernels >= 1.0:
+            return self._even(prior, self._joined(strata, log_shares, [0, *others], s.particles))
+        particles = self._even(prior, self._joined(strata, log_shares, more[1], s.particles))
+        if not np.isfinite(less[0]):
+            return particles
+        few = self._joined(strata, log_shares, less[1], max(int(s.renewed * s.particles), _FEWEST))
+        return replace(particles, alternative=Alternative(self._even(prior, few).q, less[0] - more[0]))
+
+    def _joined(
+        self, strata: Sequence[np.ndarray], log_shares: np.ndarray, some: Sequence[int], count: int
+    ) -> np.ndarray:
+        """So many even samples (count, nv) of some strata together, by their shares."""
+        share = np.exp(log_shares[some] - log_shares[some].max())
+        each = [
+            np.full(len(strata[k]), w / max(len(strata[k]), 1)) for k, w in zip(some, share / share.sum(), strict=True)
+        ]
+        return np.vstack([strata[k] for k in some])[systematic(self.rng, np.concatenate(each), count)]
 
     def _ways(self, prior: Expected) -> list[_Way]:
-        """That the past is right, and another way."""
-        s, right = self.settings, _Way(1.0, {})
-        if not self.past or s.lost <= 0.0:
+        """That the past is right, another way, and the alternative."""
+        right = _Way(0.0, prior, reported=True)
+        if not self.past or not np.isfinite(prior.log_odds_lost):
             return [right]
         chosen, other = self._chosen(), anywhere(self.parts, prior)
-        return [right, _Way(len(self._wrong) * s.lost ** len(chosen), dict.fromkeys(chosen, other))]
+        log_odds = float(np.log(len(self._wrong))) + len(chosen) * prior.log_odds_lost
+        ways = [right, _Way(log_odds, prior, dict.fromkeys(chosen, other))]
+        alternative = prior.alternative
+        return ways if alternative is None else [*ways, _Way(alternative.log_odds, alternative)]
 
     @property
     def _wrong(self) -> tuple[tuple[int, ...], ...]:
@@ -189,9 +238,9 @@ class PoseChain:
         """The limbs that this frame tries."""
         return self._wrong[self.rng.integers(len(self._wrong))]
 
-    def _stratum(self, prior: Expected, message: Message, way: _Way, count: int) -> Tempered | None:
+    def _stratum(self, message: Message, way: _Way, count: int) -> Tempered | None:
         """Samples of the posterior with some parts elsewhere than where the past has them, and their evidence."""
-        s = self.settings
+        s, prior = self.settings, way.prior
         some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
         target = replace(self._target(prior, message), elsewhere=way.elsewhere)
         partial = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
@@ -206,7 +255,7 @@ class PoseChain:
         result = tempered(self.rng, partial.x, log_weight, target, box, s.tempering, least_power)
         if result is None:
             return None
-        if not way.elsewhere:
+        if way.reported:
             self.diagnostics["samples"], self.diagnostics["effective_sample_size"] = (
                 float(possible.sum()),
                 result.effective,
@@ -217,7 +266,11 @@ class PoseChain:
     def without_samples(self, prior: Expected) -> tuple[ParticleSet, float]:
         """The prediction, for images that show nothing from which a pose could be drawn."""
         self.diagnostics["samples"], self.diagnostics["effective_sample_size"] = 0.0, 0.0
-        return self._even(prior, prior.samples), -np.inf
+        particles, other = self._even(prior, prior.samples), prior.alternative
+        if other is not None:
+            alternative = Alternative(self._even(other, other.samples).q, other.log_odds)
+            particles = replace(particles, alternative=alternative)
+        return particles, -np.inf
 
     def _by_past(self, target: PoseTarget) -> tuple[ParticleSet, float]:
         """Whole poses of the past, selected by features and outlines (Isard and Blake 1998)."""
@@ -249,11 +302,9 @@ class PoseChain:
         return ParticleSet(q, np.full(len(q), 1.0 / len(q)), prior.reference)
 
 
-def _shares(prior: np.ndarray, log_evidence: np.ndarray) -> tuple[np.ndarray, float]:
-    """Posterior shares (S,) of strata with prior shares (S,) by their evidence, 0 where none has any; and the logarithm
-    of the evidence of all."""
-    if not np.isfinite(log_evidence).any():
-        return np.zeros(len(prior)), -np.inf
-    highest = log_evidence.max()
-    each = prior * np.exp(log_evidence - highest)
-    return each / each.sum(), float(highest + np.log(each.sum()))
+def _log_shares(log_odds: np.ndarray, log_evidence: np.ndarray) -> tuple[np.ndarray, float]:
+    """Logarithms (S,) of the posterior shares of strata with prior odds (S,) by their evidence, -inf where they have
+    none; and of the evidence of all, -inf where no stratum has any."""
+    each = log_odds - np.logaddexp.reduce(log_odds) + log_evidence
+    total = float(np.logaddexp.reduce(each))
+    return (each - total if np.isfinite(total) else each), total

@@ -21,13 +21,20 @@ from humanoid.kinematics.body import Body, PlacedBodies
 @dataclass(frozen=True, eq=False)
 class Expected:
     """Prediction of the next frame, in the tangent space at reference (nq,): centres (K, nv) of kernels with weights
-    (K,), steps from there, and samples (N, nv)."""
+    (K,), steps from there, and samples (N, nv).
+
+    log_odds: in `alternative`, those of that prediction to this one. log_odds_lost: that a limb is not where it is
+    predicted but anywhere, -inf for never.
+    """
 
     reference: np.ndarray
     centres: np.ndarray
     weights: np.ndarray
     steps: TruncatedSteps
     samples: np.ndarray
+    log_odds: float = 0.0
+    log_odds_lost: float = -np.inf
+    alternative: Expected | None = None
 
     @cached_property
     def reach(self) -> Reach:

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
 from estimator.data.observation import Observation
-from estimator.inference.annealing import Particles
+from estimator.inference.annealing import Particles, normalised, systematic
 from estimator.inference.chains.evidence import Detections, Evidence, evidence_of
 from estimator.inference.chains.exchange import APART, PRINTED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
@@ -21,6 +21,7 @@ from estimator.inference.mixture import Mixture
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import Capabilities, Initialisation
+from estimator.trackers.dual_chain.alternative import Alternative
 from estimator.trackers.dual_chain.outline_values import OutlineLikelihood
 from estimator.trackers.dual_chain.pose_chain import ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -53,7 +54,7 @@ _SKIN = "skin_"
 @dataclass(frozen=True, eq=False)
 class DualState:
     """The hypotheses, the time [s] they belong to, the poses q (N, nq) they were made of with the hypothesis of each,
-    owner (N,), the points, what skin looks like, None where features are keypoints."""
+    owner (N,), the points, what skin looks like, None where features are keypoints, and an alternative to the poses."""
 
     mixture: Mixture
     time: float
@@ -61,6 +62,7 @@ class DualState:
     owner: np.ndarray
     points: PointStates
     skin: SkinModel | None
+    alternative: Alternative | None = None
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
@@ -70,6 +72,7 @@ class DualState:
             "pose_q": self.q,
             "pose_owner": self.owner,
             **({_SKIN + name: value for name, value in self.skin.arrays().items()} if self.skin else {}),
+            **(self.alternative.arrays() if self.alternative else {}),
         }
 
 
@@ -103,7 +106,8 @@ class DualChain(Initialisation):
         return PoseParts.of(self.body, anatomy_of(self.body), self.seen.features, limb_graph(self.body))
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[DualState, FrameResult]:
-        """See `estimator.trackers.base.TrackerProtocol`.
+        """See `estimator.trackers.base.TrackerProtocol`. The first poses are those that the search finds by keypoints,
+        weighed by the picture, which shows more of their depth.
 
         Raises
         ------
@@ -112,7 +116,13 @@ class DualChain(Initialisation):
         s, parts = self.settings, self.parts
         self.seen.check(observation)
         first, result = first_particle_set(self.search, rng, observation, s.modes, s.pose.particles)
-        camera, states = observation.cameras[0], first.particles.states
+        camera, particles = observation.cameras[0], first.particles
+        outlines = self._outlines(observation, first.mixture.modes[0].q)
+        if outlines is not None:
+            weights, _ = normalised(outlines.log_likelihood(self.body.placed(particles.states)))
+            kept = systematic(rng, weights, len(weights))
+            particles = replace(particles, states=particles.states[kept], owner=particles.owner[kept])
+        states = particles.states
         pixels = camera.project(parts.features.points(self.body.placed(states))).reshape(len(states), -1)
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         middle = (
@@ -122,7 +132,7 @@ class DualChain(Initialisation):
         skin = self.seen.learned(observation, middle.reshape(-1, 2))
         extent = self.search.model.extent(camera, first.mixture.modes[0].q)
         points = self._points(extent).initial_state(middle.reshape(-1, 2), covariance)
-        return DualState(first.mixture, first.time, states, first.particles.owner, points, skin), result
+        return DualState(first.mixture, first.time, states, particles.owner, points, skin), result
 
     def step(
         self, rng: np.random.Generator, state: DualState, observation: Observation
@@ -147,7 +157,7 @@ class DualChain(Initialisation):
             _, result = classify_frame(self.search, observation, mixture, diagnostics)
         else:
             result = result_of(observation, mixture, "unobserved", diagnostics)
-        return DualState(mixture, observation.time, samples.q, owner, after, state.skin), result
+        return DualState(mixture, observation.time, samples.q, owner, after, state.skin, samples.alternative), result
 
     def _points(self, size: float, news: float = 1.0) -> PointChain:
         """For a person of a size [px]. Blobs of both hands are alike; a keypoint has a name."""
@@ -160,7 +170,8 @@ class DualChain(Initialisation):
     ) -> tuple[ParticleSet, PointStates]:
         """Both chains after the four steps of section 3; without a chain of points these are only predicted."""
         s = self.settings
-        samples = ParticleSet(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
+        even, reference = np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q
+        samples = ParticleSet(state.q, even, reference, state.alternative)
         expected, going = pose.predict(samples, dt), points.predict(state.points, dt)
         said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
         evidence = evidence_of(detections, self._evidence, said[-1])
@@ -189,7 +200,8 @@ class DualChain(Initialisation):
             raise DamageError("point_covariance is not a covariance")
         own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
         skin = SkinModel.from_arrays(own) if self.settings.features == SKIN else None
-        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, PointStates.from_arrays(arrays), skin)
+        points, other = PointStates.from_arrays(arrays), Alternative.from_arrays(arrays, self.body)
+        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, points, skin, other)
 
     def _outlines(self, observation: Observation, q: np.ndarray) -> OutlineLikelihood | None:
         """The image likelihood of whole poses, None without a picture; q (nq,): about where the body is."""
