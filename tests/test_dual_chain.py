@@ -131,6 +131,8 @@ def test_a_stored_state_resumes_to_the_bit(seen: Seen, tracked: Tracked) -> None
     assert beside[1] is not None
     np.testing.assert_array_equal(beside[0].q, beside[1].q)
     assert beside[0].log_odds == beside[1].log_odds
+    without, _ = made.step(np.random.default_rng([7, 2]), replace(again, alternative=None), seen.observations[2])
+    assert not np.array_equal(without.q, after.q)  # and it is followed
     with pytest.raises(DamageError, match="alternative_q has no poses"):
         made.state_from(states[2].arrays() | {"alternative_q": beside[0].q[:0]})
     broken = dict(states[1].arrays(), pose_owner=np.full(len(states[1].owner), 99))
