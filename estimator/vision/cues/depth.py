@@ -9,20 +9,20 @@ import numpy as np
 
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Term
+from estimator.numerics.closest import closest
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed
+from estimator.vision.cues.depth_rays import NOTHING, depth_behind
 from estimator.vision.cues.depth_reading import (
     DepthReading,
     DepthSettings,
-    NodePointPairs,
     PersonPoints,
     closest_nodes,
     closest_points,
     surface_precision,
 )
 from estimator.vision.prediction import Prediction
-from estimator.vision.stereo import DepthPoints
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
 
 AGREES = 3.0  # standard deviations within which a point lies on the surface
@@ -61,42 +61,79 @@ class DepthMatcher(Matcher):
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)
         self._settings: DepthSettings = view.settings
-        self._points: DepthPoints = view.cues[Depth.name].points
+        self._person: PersonPoints = view.cues[Depth.name]
+        self._points = self._person.points
 
     def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
-        """The closest pairs, from the nodes that should be seen to the points and back (ELMO eq. 1)."""
+        """The closest pairs, from the nodes that should be seen to the points and back (ELMO eq. 1), nodes below the
+        floor, and what the rays contradict."""
         if self._settings.evidence <= 0.0:
             return []
-        both = self._pairs(posed, prediction)
-        s, surface = self._settings, self.view.surface
-        node, point = (np.concatenate(parts) for parts in zip(*both, strict=True))
-        joint, points = surface.joint[node], self._points.some(point)
-        normals = directions_in_world(posed, joint, surface.normal[node])
-        each = 0.5 * self.view.weight * s.evidence
-        weight = np.concatenate([np.full(len(pairs.node), each / len(pairs.node)) for pairs in both])
-        precision = surface_precision(points, normals, s.surface_noise, s.slide)
-        body, local = self.view.body, surface.local[node]
-        return [
-            PointTargets(
-                body,
-                joint,
-                local,
-                points.places,
-                precision,
-                weight=weight,
-                potential="lorentzian",
-                nu=s.nu,
-                name=Depth.name,
-            )
-        ]
+        nodes = self._should_be_seen(prediction)
+        places = self._places(posed, nodes)
+        return [self._pairs(posed, nodes, places), *self._below_floor(posed), *self._by_rays(nodes, places, prediction)]
 
-    def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[NodePointPairs, NodePointPairs]:
-        """From nodes to points and back. A body outside the picture is charged for all its nodes: what is seen belongs
-        to a person."""
+    def _should_be_seen(self, prediction: Prediction) -> np.ndarray:
+        """The nodes (N,) that should be seen. A body outside the picture is charged for all its nodes: what is seen
+        belongs to a person."""
+        return np.flatnonzero(prediction.visible) if prediction.visible.any() else np.arange(len(prediction.state))
+
+    def _places(self, posed: PosedBody, nodes: np.ndarray) -> np.ndarray:
         surface = self.view.surface
-        nodes = np.flatnonzero(prediction.visible) if prediction.visible.any() else np.arange(len(surface.joint))
-        places = points_in_world(posed, surface.joint[nodes], surface.local[nodes])
-        return closest_points(self._points, places, nodes), closest_nodes(self._points, places, nodes)
+        return points_in_world(posed, surface.joint[nodes], surface.local[nodes])
+
+    def _pairs(self, posed: PosedBody, nodes: np.ndarray, places: np.ndarray) -> PointTargets:
+        both = closest_points(self._points, places, nodes), closest_nodes(self._points, places, nodes)
+        node, point = (np.concatenate(parts) for parts in zip(*both, strict=True))
+        s, seen = self._settings, self._points.some(point)
+        normals = directions_in_world(posed, self.view.surface.joint[node], self.view.surface.normal[node])
+        precision = surface_precision(seen, normals, s.surface_noise, s.slide)
+        weight = np.concatenate([np.full(len(p.node), 0.5 * s.evidence / len(p.node)) for p in both])
+        return self._targets(node, seen.places, precision, weight)
+
+    def _below_floor(self, posed: PosedBody) -> list[Term]:
+        """Nodes below the floor, drawn up to it: nobody stands in it, whatever they may stand on."""
+        s, floor = self._settings, self._person.floor
+        if floor is None:
+            return []
+        places = self._places(posed, np.arange(len(self.view.surface.joint)))
+        height = floor.height(places)
+        low = np.flatnonzero(height < 0.0)
+        if not len(low):
+            return []
+        upwards = np.outer(floor.normal, floor.normal) / s.surface_noise**2
+        on_floor = places[low] - height[low, None] * floor.normal
+        weight = np.full(len(low), 0.5 * s.evidence / len(places))
+        return [self._targets(low, on_floor, np.tile(upwards, (len(low), 1, 1)), weight)]
+
+    def _by_rays(self, nodes: np.ndarray, places: np.ndarray, prediction: Prediction) -> list[Term]:
+        """Nodes (N,) at places (N, 3) that the camera sees past, drawn to what it sees there, or to the closest point
+        of the person where that is another thing; and the closest nodes drawn to the points that the body does not
+        cover."""
+        s, rays, points = self._settings, self._person.rays, self._points
+        if s.rays <= 0.0:
+            return []
+        past = rays.seen_past(places, s.surface_noise, AGREES, s.patch)
+        beside = points.places[closest(places[past.place], points.places)[0]]
+        met = np.where((past.point == NOTHING)[:, None], beside, rays.surface.places[past.point])
+        off = depth_behind(self.view.camera, rays.surface.places, prediction)
+        bare = rays.surface.places[off > AGREES * np.hypot(rays.surface.along, s.surface_noise)]
+        node = nodes[np.concatenate([past.place, closest(bare, places)[0]])]
+        if not len(node):
+            return []
+        weight = s.rays * np.concatenate([past.weight, np.full(len(bare), rays.share(s.patch))])
+        anywhere = np.tile(np.eye(3) / s.slide**2, (len(node), 1, 1))
+        return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "depth's rays")]
+
+    def _targets(
+        self, node: np.ndarray, target: np.ndarray, precision: np.ndarray, weight: np.ndarray, name: str = Depth.name
+    ) -> PointTargets:
+        """The term of nodes (P,) drawn to places (P, 3)."""
+        body, surface = self.view.body, self.view.surface
+        return PointTargets(
+            body, surface.joint[node], surface.local[node], target, precision, weight=self.view.weight * weight,
+            potential="lorentzian", nu=self._settings.nu, name=name,
+        )  # fmt: skip
 
     def agreement(self, prediction: Prediction) -> float | None:
         """Share of the points that lie on the body's front as the camera sees it."""
@@ -104,16 +141,8 @@ class DepthMatcher(Matcher):
 
     def _explained(self, prediction: Prediction) -> np.ndarray:
         """Which points (P,) bool are as far from the camera as the body that is seen there."""
-        points, camera = self._points, self.view.camera
-        left, top, size = prediction.frame
-        cells = np.nan_to_num((camera.project(points.places) - [left, top]) / size + 0.5, nan=-1.0).astype(int)
-        rows, columns = prediction.buffer.shape
-        inside = ((cells >= 0) & (cells < [columns, rows])).all(axis=1)
-        nearness = np.zeros(len(points))
-        nearness[inside] = prediction.buffer[cells[inside, 1], cells[inside, 0]]
-        depth = points.places @ camera.R_camera_world[2] + camera.t_camera_world[2]
-        away = np.abs(1.0 / np.maximum(nearness, 1e-9) - depth)
-        return np.asarray(away < AGREES * np.hypot(points.along, self._settings.surface_noise))
+        off = depth_behind(self.view.camera, self._points.places, prediction)
+        return np.asarray(np.abs(off) < AGREES * np.hypot(self._points.along, self._settings.surface_noise))
 
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""

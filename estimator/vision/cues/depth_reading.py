@@ -15,6 +15,7 @@ from estimator.energy.priors import world_up
 from estimator.numerics.closest import closest
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.depth_person import nearest_thing
+from estimator.vision.cues.depth_rays import DepthRays
 from estimator.vision.stereo import DepthMap, DepthPoints, StereoPair, StereoSettings
 from humanoid.support.settings import setting
 
@@ -81,6 +82,8 @@ class DepthSettings(StereoSettings):
     surface_noise: float = setting(0.02, above=0)
     slide: float = setting(0.1, above=0)
     nu: float = setting(6.0, above=0)
+    rays: float = setting(1.0, at_least=0)
+    patch: float = setting(8.0, above=0)
 
 
 _ON_GRID = 20_000  # pixels sampled, about
@@ -122,12 +125,15 @@ class PersonPoints:
     """The person's surface as seen at one instant.
 
     points: some of it. pixels (M, 2): of the depth picture's pixels that show the person, in the camera of the cues.
-    step [px]: between neighbouring ones.
+    step [px]: between neighbouring ones. rays: the depth picture itself. floor: that the person is above, None without
+    one.
     """
 
     points: DepthPoints
     pixels: np.ndarray
     step: float
+    rays: DepthRays
+    floor: Floor | None
 
     def mask(self, shape: tuple[int, ...]) -> np.ndarray:
         """Where the person is in a picture of some (height, width) of the cues, bool."""
@@ -195,7 +201,9 @@ def _person(pictures: CameraPictures, instant: int, settings: DepthSettings, sce
         return None
     points = points.some(mine)
     pixels = pictures.camera.project(points.places)
-    return PersonPoints(points.some(spread_over(len(points), settings.points)), pixels, float(grid.step))
+    rays = DepthRays.of(depth, grid.rows, grid.columns, grid.step, jumps, where[mine])
+    some = points.some(spread_over(len(points), settings.points))
+    return PersonPoints(some, pixels, float(grid.step), rays, scene.floor)
 
 
 def _grid(source: DepthSource) -> Grid:

@@ -1,0 +1,114 @@
+"""What the rays of a depth picture contradict: the body where the camera sees past it, and the person's surface where
+the body leaves it uncovered.
+
+Closest pairs let a limb before the trunk borrow the trunk's points, or one in the air those of the nearest other limb;
+a ray cannot: it goes through empty space until it meets something (free space: Ganapathi, Plagemann, Koller and Thrun,
+*Real-time human pose tracking from range data*, ECCV 2012, section 4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.vision.prediction import Prediction
+from estimator.vision.stereo import DepthMap, DepthPoints
+
+NOTHING = -1
+
+
+class Contradicted(NamedTuple):
+    """Places of a body that a camera sees past.
+
+    place (C,): which. point (C,): the point of the person's surface that their rays meet behind them, `NOTHING` where
+    that is another thing. weight (C,): of each, so that all places in one square of the picture, contradicted or not,
+    count 1.
+    """
+
+    place: np.ndarray
+    point: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class DepthRays:
+    """The depth of one camera at one instant, on a grid of its pixels.
+
+    camera: of the depth picture. step [px]: of the grid. first (2,): row and column of the grid's first pixel. depth
+    (R, C) [m]: along the optical axis, NaN where unknown, as beside jumps, where the nearer thing is seen too wide.
+    noise: as in `DepthMap`. surface (M): the points of the person's surface that are not beside jumps. point (R, C):
+    which of these a pixel shows, `NOTHING` where it shows something else.
+    """
+
+    camera: Camera
+    step: int
+    first: np.ndarray
+    depth: np.ndarray
+    noise: float
+    surface: DepthPoints
+    point: np.ndarray
+
+    @staticmethod
+    def of(
+        depth: DepthMap, rows: np.ndarray, columns: np.ndarray, step: int, jumps: np.ndarray, mine: np.ndarray
+    ) -> DepthRays:
+        """The depth at every `step`-th pixel, at rows and columns (P,), of which those of `jumps` (P,) bool lie beside
+        a jump, and those numbered `mine` (M,) show the person."""
+        first = np.array([rows.min(), columns.min()])
+        row, column = (rows - first[0]) // step, (columns - first[1]) // step
+        sure = mine[~jumps[mine]]
+        values = np.full((row.max() + 1, column.max() + 1), np.nan, np.float32)
+        values[row, column] = np.where(jumps, np.nan, depth.depth[rows, columns])
+        point = np.full(values.shape, NOTHING, np.int64)
+        point[row[sure], column[sure]] = np.arange(len(sure))
+        pixels = np.stack([columns[sure], rows[sure]], axis=1).astype(float)
+        surface = depth.points(rows[sure], columns[sure], depth.camera.directions(pixels))
+        return DepthRays(depth.camera, step, first, values, depth.noise, surface, point)
+
+    def seen_past(self, places: np.ndarray, noise: float, margin: float, patch: float) -> Contradicted:
+        """Which of some places (N, 3) [m] in the world, of a surface that differs from the person's by `noise` [m], lie
+        before what their rays meet, by more than `margin` standard deviations. patch [px]: side of the squares."""
+        cell, inside = self._cells(places)
+        row, column = cell.T
+        depth = np.where(inside, self.depth[row, column], np.nan)
+        distance = places @ self.camera.R_camera_world[2] + self.camera.t_camera_world[2]
+        known = np.flatnonzero(np.isfinite(depth))
+        std = np.hypot(noise, self.noise * np.square(depth[known]))
+        past = known[depth[known] - distance[known] > margin * std]
+        weight = np.zeros(len(places))
+        weight[known] = one_a_square(cell[known] // max(1, round(patch / self.step)))
+        return Contradicted(past, self.point[row[past], column[past]], weight[past])
+
+    def _cells(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column (N, 2) of the pixel that shows each place, clipped to the grid, and which lie inside it."""
+        pixels = np.nan_to_num(self.camera.project(places), nan=-1e6, posinf=-1e6, neginf=-1e6)
+        cell = np.round((pixels[:, ::-1] - self.first) / self.step)
+        inside = ((cell >= 0) & (cell < self.depth.shape)).all(axis=1)
+        return cell.clip(0, np.array(self.depth.shape) - 1).astype(np.int64), inside
+
+    def share(self, patch: float) -> float:
+        """Of one point of the surface in a square of this side [px]."""
+        return (self.step / patch) ** 2
+
+
+def one_a_square(square: np.ndarray) -> np.ndarray:
+    """Weights (N,) of what lies in squares at row and column (N, 2), those in one square together 1."""
+    _, own, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(1.0 / count[own.reshape(-1)])
+
+
+def depth_behind(camera: Camera, places: np.ndarray, prediction: Prediction) -> np.ndarray:
+    """How much farther from a camera the body is than places (N, 3) in the same directions [m], negative where it is
+    nearer, infinite where there is no body."""
+    left, top, size = prediction.frame
+    cells = np.nan_to_num((camera.project(places) - [left, top]) / size + 0.5, nan=-1.0).astype(int)
+    rows, columns = prediction.buffer.shape
+    inside = ((cells >= 0) & (cells < [columns, rows])).all(axis=1)
+    nearness = np.zeros(len(places))
+    nearness[inside] = prediction.buffer[cells[inside, 1], cells[inside, 0]]
+    depth = places @ camera.R_camera_world[2] + camera.t_camera_world[2]
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / nearness - depth)
