@@ -586,6 +586,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.training.walking_forwards",
+        "How much rather captured people move forwards than backwards.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.limb_learning",
         "The shipped potentials between limbs: tried on clips that were held out; `--write` learns and writes them.",
         "walk_straight 13.5, punch 11, jump 13.5 nats",

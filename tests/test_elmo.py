@@ -16,14 +16,13 @@ from builders import body_of, camera_at, random_pose
 
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
-from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.inference.mixture import Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
 from estimator.search.examples.lookup import Lookup, either_way
 from estimator.search.frame_search import FrameProblem
-from estimator.search.from_examples import example_starts, without_silhouette
+from estimator.search.from_examples import example_starts, turned_round, without_silhouette
 from estimator.search.hypothesis import Hypothesis
 from estimator.synthesis import training
 from estimator.synthesis.pictures import ExamplePainter, variants
@@ -462,26 +461,39 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     assert [set(camera.cues) for camera in wide.cameras] == [{"depth"}]
 
 
-def test_an_early_silhouette_constrains_the_heading_less() -> None:
+def facing(body: Body, heading: float, q: np.ndarray | None = None) -> np.ndarray:
+    """A pose (nq,), by default the neutral one, at the origin and turned by a heading [rad]."""
+    turned = (body.neutral if q is None else q).copy()
+    turned[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", heading), np.zeros(3)))
+    return turned
+
+
+def mode_at(body: Body, q: np.ndarray) -> Mode:
+    return Mode(q, 0.01 * np.eye(body.nv), 0.0, "converged", np.zeros(body.nv))
+
+
+def elmo(body: Body, **changes: Any) -> Elmo:
+    tracker = make_tracker("elmo", body, settings_for("elmo", changes={"elmo": changes}))
+    assert isinstance(tracker, Elmo)
+    return tracker
+
+
+def unseen(body: Body, time: float) -> Observation:
+    camera, nothing = camera_at(0.0), np.full((1, len(body.landmark_names), 2), np.nan)
+    return Observation(1, time, (camera,), nothing, np.zeros(nothing.shape[:2]))
+
+
+def test_an_early_frame_constrains_the_heading_less() -> None:
     """Modes facing as before or turned round, each with one limb moved: the best of both headings differ by less within
-    `correlated`, but not after it or without a silhouette; limbs never do."""
+    `correlated`, but not after it; limbs never do."""
     body = body_of("human34")
-    modes = []
-    for heading in (0.0, np.pi):
-        for bent in (0.0, 0.4):
-            q = body.integrate(body.neutral, np.eye(body.nv)[-1] * bent)
-            q[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", heading), np.zeros(3)))
-            modes.append(Mode(q, 0.01 * np.eye(body.nv), 0.0, "converged", np.zeros(body.nv)))
+    bent = [body.integrate(body.neutral, np.eye(body.nv)[-1] * angle) for angle in (0.0, 0.4)]
+    modes = [mode_at(body, facing(body, heading, q)) for heading in (0.0, np.pi) for q in bent]
     likely = mixture_of(tuple(modes), np.array([-4.0, -5.0, 0.0, -3.0]))
     state = ElmoState(mixture_of(tuple(modes[:1]), np.zeros(1)), 1.0, 1.0)
-    camera, nothing = camera_at(0.0), np.full((1, len(body.landmark_names), 2), np.nan)
 
-    def scores(correlated: float, dt: float, cue: str = "silhouette") -> np.ndarray:
-        tracker = make_tracker("elmo", body, settings_for("elmo", changes={"elmo": {"correlated": correlated}}))
-        assert isinstance(tracker, Elmo)
-        cues = (ImageCues(camera, {cue: "seen"}),)
-        seen = Observation(1, 1.0 + dt, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=cues)
-        renewed = tracker._as_new(likely, state, seen)
+    def scores(correlated: float, dt: float) -> np.ndarray:
+        renewed = elmo(body, correlated=correlated)._as_new(likely, state, unseen(body, 1.0 + dt))
         return np.array([renewed[[m.q.tobytes() for m in likely.modes].index(mode.q.tobytes())] for mode in modes])
 
     whole = scores(0.0, 0.05)
@@ -489,7 +501,39 @@ def test_an_early_silhouette_constrains_the_heading_less() -> None:
     soon = scores(0.2, 0.05)
     np.testing.assert_allclose(soon - soon[2], [-1.0, -2.0, 0.0, -3.0])
     np.testing.assert_array_equal(scores(0.2, 0.3), whole)
-    np.testing.assert_array_equal(scores(0.2, 0.05, "depth"), whole)
+
+
+def test_people_walk_forwards() -> None:
+    """Two modes at one place, one turned round, each continuing one of the last frame: they differ by the nats of the
+    way between, forwards for one and backwards for the other."""
+    body = body_of("human34")
+    before = tuple(mode_at(body, facing(body, heading)) for heading in (0.0, np.pi))
+    moved = [mode.q.copy() for mode in before]
+    for q in moved:
+        q[0] += 0.1  # m, along where the first faces
+    likely = mixture_of(tuple(mode_at(body, q) for q in moved), np.zeros(2))
+    state = ElmoState(mixture_of(before, np.zeros(2)), 1.0, 1.0)
+    for nats in (0.0, 5.0):
+        weighed = elmo(body, forwards=nats)._weighed(likely, state, unseen(body, 2.0))
+        ahead = [mode.q.tobytes() for mode in weighed.modes].index(moved[0].tobytes())
+        ahead_score, back_score = weighed.log_scores[[ahead, 1 - ahead]]
+        assert ahead_score - back_score == pytest.approx(2.0 * 0.1 * nats, abs=1e-6)
+
+
+@pytest.mark.parametrize("headings", [True, False])
+def test_the_best_mode_that_is_turned_round_is_kept(clip: RenderedClip, file: Path, headings: bool) -> None:
+    body, few = Body(load_subject(clip.subject)), {"neighbours": 12, "rounds": 2, "survivors": 2, "headings": headings}
+    tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
+    (seen,) = depth_frames(clip, 1)
+    state, _ = tracker.init(np.random.default_rng(0), seen)
+    first = state.mixture.modes[0]
+    other = replace(first, q=first.q.copy())
+    half_turn = pin.SE3(pin.utils.rotate("z", np.pi), np.zeros(3))
+    other.q[ROOT_Q] = pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(first.q[ROOT_Q]) * half_turn)
+    before = ElmoState(mixture_of((first, other), np.array([0.0, -8.0])), seen.time, seen.time)
+    after, _ = tracker.step(np.random.default_rng(0), before, replace(seen, time=seen.time + 0.2))
+    poses = np.array([mode.q for mode in after.mixture.modes])
+    assert turned_round(body, poses, poses[0]).any() == headings
 
 
 def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:

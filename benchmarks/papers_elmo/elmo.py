@@ -31,6 +31,7 @@ from estimator.runs.run_reader import Run
 from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.spec import together
 from estimator.tracking.registry import TRACKERS
+from humanoid.kinematics.body import points_of_each
 from humanoid.subject.subject import Subject
 from humanoid.support.files import replacing
 from kinemode.shot import RenderedClip
@@ -70,14 +71,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """seed: of clip and tracker. error, legs (T): means over `JOINTS` and `LEGS` in the world [mm], NaN without a
-    hypothesis. seconds: of processor time a frame."""
+    """seed: of clip and tracker. error, legs (T): means over `JOINTS` and `LEGS` of the likeliest hypothesis of each
+    frame in the world [mm], NaN without one. path (T): over `JOINTS` of the trajectory that the run ends with, which
+    later frames decide too. seconds: of processor time a frame."""
 
     sequence: str
     tracker: str
     seed: int
     error: list[float]
     legs: list[float]
+    path: list[float]
     seconds: float
 
 
@@ -98,11 +101,14 @@ def tracked(task: Task) -> Result:
         tracker=tracker, seed=task.seed, settings=task.settings,
         index=index if looks_up else None, end=task.until,
     )  # fmt: skip
-    error, legs = (errors(run, clip, joints) for joints in (JOINTS, LEGS))
+    error, legs = (errors(run.mode_landmarks[:, 0], run, clip, joints) for joints in (JOINTS, LEGS))
+    path = errors(points_of_each(run.body.placed(run.q), run.body.landmark_joint, run.body.landmark_local), run, clip)
     removed(out)
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
     tell(f"{task.film.name}, {task.tracker}, seed {task.seed}: {shown}")
-    return Result(task.film.name, task.tracker, task.seed, error.tolist(), legs.tolist(), times.cpu_tracking)
+    return Result(
+        task.film.name, task.tracker, task.seed, error.tolist(), legs.tolist(), path.tolist(), times.cpu_tracking
+    )
 
 
 def fitted(clip: RenderedClip) -> Subject:
@@ -125,14 +131,14 @@ def shuffled(index: Path, path: Path) -> Path:
     return path
 
 
-def errors(run: Run, clip: RenderedClip, joints: Sequence[str] = JOINTS) -> np.ndarray:
-    """Mean errors (T,) over some joints of the likeliest hypothesis of every frame [mm], nothing aligned."""
+def errors(landmarks: np.ndarray, run: Run, clip: RenderedClip, joints: Sequence[str] = JOINTS) -> np.ndarray:
+    """Mean errors (T,) over some joints of a run's landmarks (T, L, 3) in the world [mm], nothing aligned."""
     with np.load(clip.truth) as truth:
         names, true = truth["landmark_names"].tolist(), truth["landmarks"]
     ours = [run.body.landmark_names.index(name) for name in joints]
     theirs = [names.index(name) for name in joints]
-    best = run.mode_landmarks[:, 0][:, ours]
-    return np.asarray(1e3 * np.linalg.norm(best - true[: len(best), theirs], axis=2).mean(axis=1))
+    off = landmarks[:, ours] - true[: len(landmarks), theirs]
+    return np.asarray(1e3 * np.linalg.norm(off, axis=2).mean(axis=1))
 
 
 def main(
@@ -211,7 +217,7 @@ def main(
 
 def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
     """The changes that are about a tracker."""
-    groups = {"cost", "search", "cues", TRACKERS[run_as(tracker)].group}
+    groups = {"cost", "search", "cues", "smooth", TRACKERS[run_as(tracker)].group}
     return {name: value for name, value in changes.items() if name in groups}
 
 
@@ -219,7 +225,8 @@ def show(results: list[Result], trackers: tuple[str, ...]) -> None:
     out, seeds = report.console(), sorted({result.seed for result in results})
     table = report.table(
         "errors [mm] over shoulders, elbows, wrists, neck and head, in the world",
-        "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "legs", "s a frame",
+        "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "path", "legs",
+        "s a frame",
     )  # fmt: skip
     for name in trackers:
         own = [result for result in results if result.tracker == name]
@@ -228,21 +235,23 @@ def show(results: list[Result], trackers: tuple[str, ...]) -> None:
             table.add_row(row, *cells(np.array(result.error)), *_means([result]))
         for seed in seeds if len(seeds) > 1 else ():
             of_seed = np.concatenate([result.error for result in own if result.seed == seed])
-            table.add_row(f"{name}: all, seed {seed}", *cells(of_seed)[:2], "", cells(of_seed)[3], *4 * [""])
+            table.add_row(f"{name}: all, seed {seed}", *cells(of_seed)[:2], "", cells(of_seed)[3], *5 * [""])
         every = np.concatenate([result.error for result in own])
         table.add_row(f"{name}: all", *cells(every)[:2], "", cells(every)[3], "", "", *_means(own))
         table.add_section()
     out.print(table)
     out.print(
-        f"lost at: the first frame over {LOST:.0f} mm; back: whether a later one is under {FAR:.0f} mm; legs: the mean"
-        " over knees and ankles [mm]."
+        f"lost at: the first frame over {LOST:.0f} mm; back: whether a later one is under {FAR:.0f} mm; path: the mean"
+        " of the trajectory that the run ends with, which later frames decide too; legs: over knees and ankles [mm]."
     )
 
 
-def _means(results: Sequence[Result]) -> tuple[str, str]:
-    """Means of legs and of time."""
-    legs = np.concatenate([result.legs for result in results])
-    return f"{np.nanmean(legs):.1f}", f"{np.mean([result.seconds for result in results]):.2f}"
+def _means(results: Sequence[Result]) -> tuple[str, str, str]:
+    """Means along the path, of legs and of time."""
+    path, legs = (
+        np.nanmean(np.concatenate([getattr(result, name) for result in results])) for name in ("path", "legs")
+    )
+    return f"{path:.1f}", f"{legs:.1f}", f"{np.mean([result.seconds for result in results]):.2f}"
 
 
 def cells(error: np.ndarray) -> tuple[str, ...]:

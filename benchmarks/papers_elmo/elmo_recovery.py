@@ -87,7 +87,7 @@ def tracked(task: Task) -> Result:
         seed=task.seed, settings=_SETTINGS.get(task.tracker, {}), stereo={"cam01": "cam01_right"},
         index=task.index if neighbours or name not in GIVEN else None,
     )  # fmt: skip
-    error = errors(run, clip)
+    error = errors(run.mode_landmarks[:, 0], run, clip)
     removed(out)
     ends = [(round(begin * FPS), round(end * FPS)) for begin, end in task.film.hidden]
     after = [error[end : end + WITHIN].tolist() for _, end in ends]

@@ -14,11 +14,11 @@ from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
 from estimator.search.examples.lookup import Lookup, turned_away
 from estimator.search.frame_search import FrameProblem
-from estimator.search.hypothesis import Candidate, Hypothesis
-from estimator.search.mode_search import ModeSearch
+from estimator.search.hypothesis import Candidate, Hypothesis, Refined
+from estimator.search.mode_search import ModeSearch, Scored
 from estimator.vision.cues.depth import Depth
 from estimator.vision.cues.silhouette import Outline
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_JOINT, Body
 
 
 class ExampleSearch(NamedTuple):
@@ -83,10 +83,12 @@ def best_reached(
     how: ExampleSearch,
     count: int,
     rng: np.random.Generator | None = None,
+    *,
+    headings: bool = False,
 ) -> Mixture:
     """The `count` best distinct modes that are reached from groups of starts, each searched apart: in the case without
     the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
-    it, limbs tried again."""
+    it, limbs tried again. headings: the best that is turned round is among them, however unlikely."""
     wide = without_silhouette(search, observation, case, groups[0][0].q)
     candidates = [c for group in groups for c in descended(search, group, lookups, observation, wide, how)]
     if wide is not case:
@@ -97,7 +99,47 @@ def best_reached(
         for _ in range(how.again):
             best = search.distinct(candidates, how.recombined_of)
             candidates = candidates + search.explored(_recombined(search, best, lookups, seen, how), case)
-    return search.best_of(candidates, case, count, rng)
+    if not headings or count < 2 or len(lookups) != 1 or not search.body.has_free_root:
+        return search.best_of(candidates, case, count, rng)
+    candidates = candidates + search.explored(_kept_each_way(search.body, groups), case)
+    return search.mixture(_both_headings(search, candidates, case, count), case, count, rng)
+
+
+def _kept_each_way(body: Body, groups: Sequence[Sequence[Hypothesis]]) -> list[Hypothesis]:
+    """The likeliest earlier mode, and the likeliest that is turned round from it: among all starts few rounds would be
+    enough for either to be dropped."""
+    kept = [h for group in groups for h in group if h.origin.family is Family.KEPT]
+    if not kept:
+        return []
+    turned = np.flatnonzero(turned_round(body, np.array([h.q for h in kept]), kept[0].q))
+    return [kept[0], *(kept[k] for k in turned[:1])]
+
+
+def _both_headings(
+    search: ModeSearch, candidates: Sequence[Candidate], case: FrameProblem, count: int
+) -> list[Refined]:
+    """The `count` best distinct modes of candidates, searched to convergence. Where all face one way, the best that is
+    turned round is in place of the last."""
+    best = search.distinct(candidates, count + search.settings.spare)
+    others = _turned_from(search, candidates, best[0].q)
+    missing = [] if _turned_from(search, best, best[0].q) else search.distinct(others, 1)
+    reached = search.apart(search.refined([*best, *missing], case))
+    kept = search.distinct(reached, count)
+    if _turned_from(search, kept, kept[0].q):
+        return kept
+    return [*kept[: count - 1], *search.distinct(_turned_from(search, reached, kept[0].q), 1)]
+
+
+def _turned_from(search: ModeSearch, searched: Sequence[Scored], q: np.ndarray) -> list[Scored]:
+    """Those that are turned round from a pose (nq,)."""
+    turned = turned_round(search.body, np.array([c.q for c in searched]), q)
+    return [c for c, away in zip(searched, turned.tolist(), strict=True) if away]
+
+
+def turned_round(body: Body, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Which of some poses (N, nq) face away from where another (nq,) faces, (N,) bool."""
+    ahead = body.placed(np.vstack([other, q])).placements[:, ROOT_JOINT, :3]
+    return np.asarray(ahead[1:] @ ahead[0] < 0.0)
 
 
 def without_silhouette(search: ModeSearch, observation: Observation, case: FrameProblem, q: np.ndarray) -> FrameProblem:

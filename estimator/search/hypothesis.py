@@ -61,6 +61,11 @@ class Refined(NamedTuple):
     steps: StepCounts = StepCounts()
 
     @property
+    def q(self) -> np.ndarray:
+        """The mode's configuration (nq,)."""
+        return self.mode.q
+
+    @property
     def score(self) -> float:
         """See `Candidate.score`."""
         return self.hypothesis.prior_score - self.mode.energy

@@ -22,7 +22,7 @@ from estimator.search.examples.lookup import Lookup
 from estimator.search.examples.person_seen import CUES, can_look_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
-from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
+from estimator.search.from_examples import best_reached, example_starts, sides, turned_round
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.mode_search import ModeSearch
@@ -169,9 +169,9 @@ class Elmo(Initialisation):
         s, search = self.settings, self.search
         if s.rounds == 0:
             return self._likeliest(starts, case)
-        if not anew:
-            return best_reached(search, [starts], lookups, observation, case, s.descent._replace(again=0), s.modes)
-        return best_reached(search, sides(self.body, starts, lookups), lookups, observation, case, s.descent, s.modes)
+        groups = sides(self.body, starts, lookups) if anew else [starts]
+        how = s.descent if anew else s.descent._replace(again=0)
+        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=s.headings)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy, unsearched, with the uncertainty of one frame's change."""
@@ -192,22 +192,29 @@ class Elmo(Initialisation):
         modes, jump = [m.q for m in likely.modes], self.settings.jump
         wide = [m.covariance for m in likely.modes] if self.settings.settle else None
         weighed = reweighted(self.body, modes, self._as_new(likely, state, observation), state.mixture, std, jump, wide)
-        continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
-        return mixture_of(tuple(continued), weighed.log_scores)
+        continued = [replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True)]
+        walked = np.array([self._walked(mode, state) for mode in continued])
+        return mixture_of(tuple(continued), weighed.log_scores + self.settings.forwards * walked)
+
+    def _walked(self, mode: Mode, state: ElmoState) -> float:
+        """How far the root has moved forwards since a mode's parent [m], negative backwards; 0 without a parent."""
+        if mode.parent < 0 or not self.body.has_free_root:
+            return 0.0
+        both = self.body.placed(np.array([state.mixture.modes[mode.parent].q, mode.q])).placements[:, ROOT_JOINT]
+        return float((both[1, 9:] - both[0, 9:]) @ both[:, :3].mean(axis=0))
 
     def _as_new(self, likely: Mixture, state: ElmoState, observation: Observation) -> np.ndarray:
         """Log scores (L,) of modes by the new evidence of a frame.
 
-        A silhouette hardly shows which way a person faces, and its errors, which then decide, stay the same for a
-        while: by so much less the best mode that faces as before and the best that is turned round differ. Among those
-        that face one way nothing changes.
+        Neither a silhouette nor stereo shows well which way a person faces, and their errors, which then decide, stay
+        the same for a while: by so much less the best mode that faces as before and the best that is turned round
+        differ. Among those that face one way nothing changes.
         """
         share = (observation.time - state.seen) / max(self.settings.correlated, 1e-9)
-        if share >= 1.0 or not self.body.has_free_root or not shows_silhouette(observation):
+        if share >= 1.0 or not self.body.has_free_root:
             return likely.log_scores
-        poses = np.array([state.mixture.modes[0].q, *(mode.q for mode in likely.modes)])
-        ahead = self.body.placed(poses).placements[:, ROOT_JOINT, :3]
-        turned, scores = ahead[1:] @ ahead[0] < 0.0, likely.log_scores
+        q, scores = np.array([mode.q for mode in likely.modes]), likely.log_scores
+        turned = turned_round(self.body, q, state.mixture.modes[0].q)
         best = np.array([scores[turned == way].max() for way in turned])
         return np.asarray(scores - (1.0 - share) * best)
 
