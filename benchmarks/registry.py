@@ -561,6 +561,12 @@ MEASURES = (
         (OPENCAP,),
     ),
     Measure(
+        "benchmarks.training.limb_colours",
+        "Colours of halves of one limb, and where limbs end by colour, at true poses of rendered captured people.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.trunk_evidence",
         "Which terms of the energy part the two readings of a trunk, on captured people who bend.",
         "",

@@ -31,6 +31,7 @@ from benchmarks.support.tracking import timed_track
 from estimator.runs.reference_motion import Reference
 from humanoid.support.errors import InputError
 from humanoid.support.files import replacing
+from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")
@@ -52,7 +53,8 @@ Result = tuple[Scores, float]
 class Task:
     """One run: of a view, with the pictures for some of `CUES`.
 
-    copy: of the keypoints, 0 for what they are. folder, keypoints: of the clip, and of its keypoints there. work: where
+    copy: of the keypoints, 0 for what they are. pictures: cues that follow from the first frame's keypoints alone, ""
+    where those of every frame are used. folder, keypoints: of the clip, and of its keypoints there. work: where
     the run goes. masks: folder of the person's, None where the background is learned. how: arguments of `timed_track`.
     """
 
@@ -65,6 +67,7 @@ class Task:
     work: Path
     masks: Path | None
     how: dict[str, Any]
+    pictures: str = ""
 
 
 def cameras_of(view: str) -> tuple[str, ...]:
@@ -85,17 +88,20 @@ def masks_of(folder: Path, names: Iterable[str]) -> dict[str, Path]:
 
 def tracked(task: Task) -> Result:
     names = cameras_of(task.view)
-    seen = CUES[task.cues] if task.keypoints != NONE else SEEN_ALONE
+    seen = task.pictures or (CUES[task.cues] if task.keypoints != NONE else SEEN_ALONE)
     files, how = None, dict(task.how)
     if task.keypoints != NONE:
         files = {name: copied(task.folder / task.keypoints / f"{name}.json", task.copy, task.work) for name in names}
+        if task.pictures:
+            files = {name: first_frame_of(path, task.work) for name, path in files.items()}
     else:
         how["fit"] = "off"
     if task.masks is not None and SEEN_ALONE in seen:
         how["masks"] = masks_of(task.masks, names)
     pictures = seen != "off"
     clips = {name: task.folder / "videos" / f"{name}.mp4" for name in names} if pictures else None
-    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.keypoints}_{task.seed}_{task.copy}.run"
+    shown = task.pictures.replace(",", "_") or task.cues.replace(" ", "_")
+    out = task.work / f"{task.view}_{shown}_{task.keypoints}_{task.seed}_{task.copy}.run"
     run, times = timed_track(
         files, task.folder / "calibration.json", out, clips=clips, cues=seen, seed=task.seed, **how
     )
@@ -126,6 +132,16 @@ def copied(path: Path, copy: int, work: Path) -> Path:
     return made
 
 
+def first_frame_of(path: Path, work: Path) -> Path:
+    """The keypoints of the first frame of a file, and none in the others, in a file of `work`."""
+    content = json_module.loads(path.read_text(encoding="utf-8"))
+    content["frames"] = [{**frame, "keypoints": None} if i else frame for i, frame in enumerate(content["frames"])]
+    made = work / f"first_{path.parent.name}_{path.stem}.json"
+    with replacing(made) as temporary:
+        temporary.write_text(json_module.dumps(content), encoding="utf-8")
+    return made
+
+
 def main(
     *,
     data: Data = None,
@@ -133,6 +149,7 @@ def main(
     copies: Annotated[tuple[int, ...], Several] = (0,),
     views: Annotated[tuple[str, ...], Several] = (*CAMERAS, TOGETHER),
     cues: Annotated[bool, Parameter(negative="")] = False,
+    pictures: str = "",
     tracker: str = "css",
     modes: int | None = None,
     keypoints: str = "keypoints",
@@ -156,6 +173,8 @@ def main(
         Cameras to track from alone, several joined by "+" (cam01+cam03), and "four" for all together.
     cues
         Track from each camera alone with keypoints, with one cue of the pictures besides, and with all of them.
+    pictures
+        Cues, separated by commas: track from the keypoints of the first frame and by these alone after it.
     tracker, modes
         As in `kinemode track`.
     keypoints
@@ -175,12 +194,13 @@ def main(
     """
     folder, settings = beam_folder(data), nested(changes)
     how: dict[str, Any] = {"tracker": tracker, "modes": modes, "settings": settings, "subject": subject}
+    alone = ",".join(cue_choice(pictures) or ()) if pictures else ""
     how |= {} if floor is None else {"floor": floor}
     runs = [(seed, copy) for seed in seeds for copy in copies]
     shown = checked(views, CAMERAS if cues else (*CAMERAS, TOGETHER))
     with work_folder(work) as kept:
         tasks = [
-            Task(view, cue, seed, copy, folder, keypoints, kept, masks, how)
+            Task(view, cue, seed, copy, folder, keypoints, kept, masks, how, alone)
             for cue in (CUES if cues else (ALONE,))
             for view in shown
             for seed, copy in runs
@@ -194,7 +214,7 @@ def main(
         save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, runs, how) for c, f in by_cues.items()}})
     else:
         print_table(by_cues[ALONE], len(runs))
-        save(json, {"measure": "beam4cam", **figures(by_cues[ALONE], runs, how)})
+        save(json, {"measure": "beam4cam", "pictures": alone, **figures(by_cues[ALONE], runs, how)})
 
 
 def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:

@@ -41,6 +41,7 @@ from benchmarks.support.tracking import timed_track
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
 from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
+from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
@@ -57,7 +58,7 @@ class Task:
     """One captured motion to render and to track in every condition.
 
     seconds: only so much of it. plate: whether the empty scene is given. conditions: some of `CONDITIONS`. how:
-    arguments of `timed_track`.
+    arguments of `timed_track`. cues: those that are used where pictures are.
     """
 
     motion: Path
@@ -67,6 +68,7 @@ class Task:
     folder: Path
     conditions: tuple[str, ...]
     how: dict[str, Any]
+    cues: str = ",".join(CUES)
 
 
 def tracked(task: Task) -> dict[str, Outcome]:
@@ -84,7 +86,7 @@ def tracked(task: Task) -> dict[str, Outcome]:
             clip.cameras,
             task.folder / f"{condition.replace(' ', '_')}.run",
             clips=clip.videos,
-            cues="off" if condition == KEYPOINTS else ",".join(CUES),
+            cues="off" if condition == KEYPOINTS else task.cues,
             background=clip.plates if task.plate and condition != KEYPOINTS else None,
             **task.how,
         )
@@ -100,6 +102,7 @@ def main(
     clips: Annotated[tuple[str, ...], Several] = DEFAULT,
     every: Annotated[bool, Parameter(name="--all", negative="")] = False,
     seconds: float | None = None,
+    cues: str = ",".join(CUES),
     background: Literal["learned", "plate"] = "learned",
     conditions: Annotated[tuple[Condition, ...], Several] = CONDITIONS,
     prior: PriorChoice = "unseen",
@@ -121,6 +124,8 @@ def main(
         All of them.
     seconds
         Only so much of each.
+    cues
+        Those of the pictures, separated by commas.
     background
         Learned from the clip, or a picture of the empty scene is given.
     conditions
@@ -143,18 +148,21 @@ def main(
     if not files:
         print(NO_CAPTURE_HERE)
         return
+    chosen = ",".join(cue_choice(cues) or ()) or "off"
     how = {"seed": seed, "modes": modes}
     with work_folder(work) as folder:
         settings = prior_settings(prior, [f.stem for f in files], data, nested(changes), folder / "priors")
         tasks = [
-            Task(f, clip_seed, seconds, background == "plate", folder / f.stem, conditions, how | {"settings": s})
+            Task(
+                f, clip_seed, seconds, background == "plate", folder / f.stem, conditions, how | {"settings": s}, chosen
+            )
             for f, s in zip(files, settings, strict=True)
         ]
         outcomes = in_processes(tracked, tasks, jobs)
     by_clip = {f.stem: by_condition for f, by_condition in zip(files, outcomes, strict=True)}
     show(by_clip, background)
     figures = {name: {condition: asdict(o) for condition, o in of.items()} for name, of in by_clip.items()}
-    recipe = how | {"prior": prior, "settings": nested(changes)}
+    recipe = how | {"prior": prior, "settings": nested(changes), "cues": chosen}
     save(json, {"measure": "mocap", "background": background, "how": recipe, "target_mm": TARGET_MM, "clips": figures})
 
 
