@@ -22,6 +22,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import Settings, make_tracker, settings_for, stored_changes
 from estimator.vision.cues.base import ExplainedPose, PastPose
 from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.vision.cues.learned import with_learned, without_learned
 from estimator.vision.cues.reader import CueReader, persons_before
 from estimator.vision.cues.settings import CUES
 from estimator.vision.resolution import scaled_camera
@@ -91,6 +92,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
     result, cameras = run.result(frame), range(len(observation.cameras))
+    observation = with_learned(observation, result.extra)
     if can.seen_as is not None:
         observation = can.seen_as(observation, result)
     stored, parts = float(result.energy[k]), tuple[EnergyPart, ...]()
@@ -109,7 +111,8 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
         )
     return Explanation(
         run.file, frame, k, result.status, float(result.weight[k]), result.association[k], parts, stored, notes, views,
-        int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k), result.extra,
+        int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k),
+        without_learned(result.extra),
         keypoint_residuals(run, settings.cost, [frame]),
     )  # fmt: skip
 

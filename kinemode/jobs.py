@@ -27,6 +27,7 @@ from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import EXCHANGED
 from estimator.trackers.base import capabilities_of
 from estimator.trackers.markers import NAME
+from estimator.tracking.learning import stored_learning
 from estimator.tracking.registry import Settings, make_tracker
 from estimator.tracking.runner import run, run_into, stored_state
 from estimator.tracking.smoothing import smooth_track
@@ -242,10 +243,11 @@ def _track_into(
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         state, last = stored_state(tracker, stored, target.path)
+        learning = stored_learning(tracker, stored, target.path)
         with job.request.reporter("tracking") as report:
             run_into(
                 writer, tracker, observations, job.request.seed,
-                state=state, first=first, cues=cues, last=last, progress=report,
+                state=state, first=first, cues=cues, last=last, learning=learning, progress=report,
             )  # fmt: skip
         # as stored, so that a resumed run has the same
         results = Spill(_IN_MEMORY).list(Run.open(target.path).paths(covariances=cues is not None))

@@ -39,8 +39,8 @@ def chosen_cues(
 ) -> CueSettings | None:
     """Settings of the cues to use, None to track from keypoints alone. source: the file they are from, for errors.
 
-    Left to decide, all cues that the settings allow are used where there are clips and most frames lack keypoints, or
-    where there is depth.
+    Left to decide, the cues that are used by default and the settings allow are used where there are clips and most
+    frames lack keypoints, or where there is depth.
 
     Raises
     ------
@@ -49,7 +49,8 @@ def chosen_cues(
     """
     if choice is None:
         wanted = inputs.has_depth or keypoint_share(inputs) < ENOUGH
-        possible = [n for n in names_of(settings) if inputs.has_depth or not CUES[n].needs_depth]
+        known = [name for name in names_of(settings) if CUES[name].by_default]
+        possible = [name for name in known if inputs.has_depth or not CUES[name].needs_depth]
         return settings.using(possible) if possible and wanted and None not in inputs.clips else None
     if inputs.has_depth and not any(CUES[name].needs_depth for name in choice):
         users = " or ".join(name for name, cue in CUES.items() if cue.needs_depth)

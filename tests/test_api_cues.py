@@ -61,7 +61,7 @@ def test_choices(given: str | list[str], expected: tuple[str, ...] | None) -> No
 
 def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tracked: Run) -> None:
     assert tracked.complete
-    assert tracked.header.cues == tuple(name for name, cue in CUES.items() if not cue.needs_depth)
+    assert tracked.header.cues == tuple(name for name, cue in CUES.items() if cue.by_default and not cue.needs_depth)
     assert set(tracked.status) <= {"tracked", "hard"}
     assert np.isfinite(tracked.q).all()
     assert tracked.header.masks == {name: str(path) for name, path in clip.masks.items()}
@@ -191,7 +191,7 @@ def test_invalid_input_is_refused_before_any_work(clip: RenderedClip, tmp_path: 
         ({"keypoints": None}, "keypoints: are needed.*kinemode annotate"),
         ({"keypoints": nobody}, "no frame has 4 or more of the subject's landmarks"),
         ({"clips": None, "cues": "edges"}, "cues: edges need the pictures"),
-        ({"cues": "edges,colour"}, "no cue 'colour'.*edges, flow, silhouette"),
+        ({"cues": "edges,taste"}, "no cue 'taste'.*edges, flow, silhouette"),
         ({"cues": "flow", "mask": masks}, "is for the silhouette"),
         ({"cues": "off", "background": clip.plates}, "is for the silhouette"),
         ({"mask": few}, f"masks of 1 frames, the clip has {FRAMES}"),

@@ -99,6 +99,11 @@ def restless() -> Callable[..., np.ndarray]:
     return lambda self, pictures, instant, *_: Bright.read(self, pictures, instant, *_) + next(looks)
 
 
+def chance() -> Callable[..., np.ndarray]:
+    draws = iter(range(10**6))
+    return lambda *_: np.full(2, float(next(draws)))
+
+
 def on_contours(point: int, weight: float, target: float = 5.0, label: str = "bright") -> dict[str, Any]:
     def contours(self: Matcher, prediction: Any) -> list[ContourMatch]:
         target_px, W = np.full((1, 2), target), isotropic(np.full(1, 0.01))
@@ -168,6 +173,12 @@ BROKEN: dict[str, tuple[Cue, str]] = {
         "pictures have the size of the cues",
     ),
     "writes": (cue({"terms": writing}), "matching does not change a reading"),
+    "learns nothing": (cue(learns=True), "what is learned is an array"),
+    "learns by chance": (cue({"learn": chance()}, learns=True), "what is learned depends on the frame alone"),
+    "learns in place": (
+        cue({"learn": lambda *_: np.ones(2)}, learns=True, with_learned=lambda _, r, known: np.add(r, known, out=r)),
+        "learning does not change a reading",
+    ),
 }  # fmt: skip
 
 

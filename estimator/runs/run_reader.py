@@ -40,6 +40,7 @@ from estimator.runs.unobserved import unseen_in, unseen_landmarks
 from estimator.search.jumps.readings import AWAY, TOWARDS, trunk_readings
 from estimator.trackers.frame_result import HARD, RESULT_FIELDS, TRACKED, FrameResult, backtrack
 from estimator.tracking.smoothing import Smoothed
+from estimator.vision.cues.learned import learned_arrays, without_learned
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError, misplaced
@@ -142,11 +143,11 @@ class Run(Summarised):
         return (frame_result(arrays, self.body) for arrays in self._stored())
 
     def paths(self, *, covariances: bool = False) -> Iterator[FrameResult]:
-        """`streamed` without what takes most room: there are no extra arrays, and covariances are (K, 0, 0) unless they
-        are requested."""
+        """`streamed` without what takes most room: of the extra arrays there is only what cues have learned, and
+        covariances are (K, 0, 0) unless they are requested."""
         for result in self.streamed():
             kept = result.covariance if covariances else np.zeros((len(result.weight), 0, 0))
-            yield replace(result, covariance=kept, extra={})
+            yield replace(result, covariance=kept, extra=learned_arrays(result.extra))
 
     def _unpacked(
         self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]
@@ -369,9 +370,10 @@ class Run(Summarised):
 
         Where a frame has nothing under a name, or a smaller array than others, the rest is NaN (whole numbers and
         booleans then become floats) or empty text. Raises InputError where the arrays of a name cannot be stacked:
-        some have more axes than others, or are text, or they would fill the memory; `result(i).extra` has them singly.
+        some have more axes than others, or are text, or they would fill the memory; `result(i).extra` has them singly,
+        and what image cues had learned before the frame.
         """
-        frames = [extra_of(f) for f in self._frames]
+        frames = [without_learned(extra_of(f)) for f in self._frames]
         names = dict.fromkeys(name for of_frame in frames for name in of_frame)
         return {name: stacked([f.get(name) for f in frames], self.file, f"extra array {name}") for name in names}
 

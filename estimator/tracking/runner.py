@@ -15,6 +15,8 @@ from estimator.data.sequence import Cues, Progress
 from estimator.trackers.base import State, TrackerProtocol, capabilities_of
 from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.tracking.leaps import LastFrame, LeapCheck
+from estimator.tracking.learning import Learning
+from estimator.vision.cues.learned import with_learned
 from humanoid.support.errors import InputError
 
 S = TypeVar("S", bound=State)
@@ -32,6 +34,7 @@ class FrameByFrame(Generic[S]):
     ----------
     state: the tracker's after the last searched frame, None before the first. last: the reference for leaps from there.
         before: the frames before the first one to be tracked, at least as many as the tracker looks back.
+    learning: what the image cues have learned until there, None for nothing yet.
 
     Attributes
     ----------
@@ -46,11 +49,13 @@ class FrameByFrame(Generic[S]):
         state: S | None = None,
         last: LastFrame | None = None,
         before: Iterable[Observation] = (),
+        learning: Learning | None = None,
     ) -> None:
         self.tracker, self.seed = tracker, seed
         self.state, self.last = state, last
         self._check = LeapCheck(tracker.body)
         self._can = capabilities_of(tracker)
+        self._learning = learning or Learning(self._can.energy)
         self._waiting: deque[Observation] = deque()
         self._before = deque(before, maxlen=self._can.frames_behind)
 
@@ -68,12 +73,17 @@ class FrameByFrame(Generic[S]):
         """State for a resumed run."""
         if self.state is None:
             return {}
-        return self.state.arrays() | ({} if self.last is None else self.last.arrays())
+        return self.state.arrays() | ({} if self.last is None else self.last.arrays()) | self._learning.arrays()
 
     def _next(self) -> FrameResult:
-        observation = self._waiting.popleft()
+        known = self._learning.extra
+        as_read = self._waiting.popleft()
+        observation = with_learned(as_read, known)
         result = self._searched(observation, tuple(self._waiting))
-        self._before.append(observation)
+        if known:
+            result = replace(result, extra={**result.extra, **known})
+        self._learning.learn(observation, result)
+        self._before.append(as_read)
         self.last = LastFrame.after(self.last, result)
         return result
 
@@ -157,11 +167,13 @@ def run_into(
     first: int = 0,
     cues: Cues | None = None,
     last: LastFrame | None = None,
+    learning: Learning | None = None,
     progress: Progress | None = None,
 ) -> None:
     """`run`, each frame stored as soon as it is done; `progress` is called with the number of finished frames and of
-    all."""
-    frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
+    all. learning: what the image cues have learned until `first`."""
+    before = _before(tracker, observations[:first], cues)
+    frames = FrameByFrame(tracker, seed, state=state, last=last, before=before, learning=learning)
     for done, result in enumerate(_results(frames, observations[first:], cues), first + 1):
         writer.append(result, frames.stored())
         if progress is not None:

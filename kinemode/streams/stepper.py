@@ -22,6 +22,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import FrameByFrame
 from estimator.tracking.smoothing import FixedLag
+from estimator.vision.cues.learned import with_learned
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import CUES, CueSettings
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
@@ -157,7 +158,7 @@ class Stepper:
             return [step for step in (*steps, *self._delay.rest()) if step is not None]
 
     def _done(self, result: FrameResult) -> Step | None:
-        observation = self._shown.popleft()
+        observation = with_learned(self._shown.popleft(), result.extra)
         if self._watcher is not None:
             self._watcher(observation, result)
         return self._delay.push(observation, result)

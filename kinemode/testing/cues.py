@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,8 @@ def check_cue(
     on what was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
     is an InputError; what its matcher returns depends on the pose alone; features lie on existing points, with
     weights not below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
-    agreement is one; its pictures have the size of the cues.
+    agreement is one; its pictures have the size of the cues. A cue that learns is matched after the first instant: what
+    it learned is an array that depends on the frame alone, and does not change the reading that it is added to.
 
     Parameters
     ----------
@@ -123,6 +124,8 @@ class _CueCheck:
         if instant is None:
             raise ValueError(f"{self.who} reads nothing from this clip")
         view = self.view(instant)
+        if self.cue.learns:
+            view = self.after_learning(view)
         matching = _Matching(self, view, self.body, self.q[instant], self.q[max(0, instant - 1)])
         before = copied(parts(view.cues[self.cue.name]))
         matching.said_of(matching.q)
@@ -151,6 +154,23 @@ class _CueCheck:
             body=self.body, surface=model.surface, predictor=model.predictor(cues), cues=cues, extent=extent,
             weight=1.0, shared=model.settings, settings=self.settings,
         )  # fmt: skip
+
+    def after_learning(self, view: CameraView) -> CameraView:
+        """The same instant of a cue that has learned of the first one."""
+        first = self.view(0)
+        prediction = first.predictor.predict(self.body.at(self.q[0]))
+        learned = [self.cue.match(first).learn(prediction, 0.0, 1.0) for _ in range(2)]
+        law = "what is learned is an array"
+        self.require(isinstance(learned[0], np.ndarray), law, f"it is {learned[0]!r}")
+        assert learned[0] is not None
+        apart = differing(parts(learned[0]), parts(learned[1]))
+        self.require(not apart, "what is learned depends on the frame alone", apart)
+        reading = view.cues[self.cue.name]
+        before = copied(parts(reading))
+        taught = self.cue.with_learned(reading, learned[0])
+        apart = differing(before, parts(reading))
+        self.require(not apart, "learning does not change a reading", apart)
+        return replace(view, cues=view.cues.changed(**{self.cue.name: taught}))
 
 
 class _Matching:

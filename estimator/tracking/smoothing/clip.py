@@ -38,6 +38,7 @@ from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.smoothed import Smoothed, smooth
 from estimator.tracking.smoothing.stances import SUNK, Stances
 from estimator.tracking.smoothing.ties import Ties
+from estimator.vision.cues.learned import with_learned
 from humanoid.collision.floor import Clearances, FloorDistances
 from humanoid.kinematics.body import SHORTEST_STEP, Body
 from humanoid.support.spilled import MadeList, Spill, SpilledList
@@ -300,7 +301,9 @@ class _Track:
 
     def _seen(self, t: int) -> Observation:
         observation = self._observations[t]
-        return observation if self._cues is None else replace(observation, cues=self._cues.at(observation.index))
+        if self._cues is None:
+            return observation
+        return with_learned(replace(observation, cues=self._cues.at(observation.index)), self._results[t].extra)
 
 
 def _above(costs: Sequence[Cost], above: AboveFloor) -> Sequence[Cost]:

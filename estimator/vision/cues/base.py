@@ -153,6 +153,14 @@ class Matcher:
         where the cue does not determine it."""
         return None
 
+    def learn(self, prediction: Prediction, elapsed: float, weight: float) -> np.ndarray | None:
+        """An array of all that a cue that `learns` has learned after this frame, None for nothing.
+
+        prediction: the view of the frame's likeliest mode, and weight, 0 to 1, that mode's. elapsed [s]: since the
+        frame of which it learned last.
+        """
+        return None
+
     def pictures(self, shown: ExplainedPose) -> Iterable[CuePicture]:
         """Diagnostic images of the cue for an explanation of a pose."""
         return ()
@@ -175,6 +183,8 @@ class Cue:
     on_contours: ClassVar[bool] = False
     uses_masks: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
+    by_default: ClassVar[bool] = True
+    learns: ClassVar[bool] = False
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:
         """Data computed from a whole clip before it is read, such as its background; passed to `read`."""
@@ -193,6 +203,11 @@ class Cue:
     def match(self, view: CameraView) -> Matcher:
         """Its matcher, where something was read."""
         raise NotImplementedError
+
+    def with_learned(self, reading: Any, learned: np.ndarray) -> Any:
+        """A reading with what was learned in the frames before, for a cue that `learns`; raises InputError for an array
+        that its matcher does not return."""
+        return reading
 
     def doubt(self, cues: ImageCues, keypoints: np.ndarray, instant: int) -> str:
         """Why the evidence read is inconsistent with the person's keypoints (N, 2) [px], empty where it is
