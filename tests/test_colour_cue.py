@@ -243,8 +243,9 @@ def test_its_energy_is_explained_with_what_was_learned(tracked: Run) -> None:
     for t in (0, 1, len(tracked) - 1):
         explained = explain(tracked, t, 0)
         assert explained.total == pytest.approx(tracked.mode_energy[t, 0], abs=1e-9)
-        named_so = [part for part in explained.parts if part.name.endswith("colour")]
-        assert bool(named_so) == (t > 0)
+        labels = [part.name for part in explained.parts]
+        for label in ("colour", "limb of another colour, or hidden", "colours within limbs"):
+            assert labels.count(label) == (t > 0)
         pictures = [picture.name for view in explained.views for picture in view.pictures]
         assert ("colour" in pictures) == (t > 0)
 

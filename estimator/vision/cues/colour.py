@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from estimator.numerics.robust import LECLERC
@@ -16,7 +15,7 @@ from estimator.vision.cues.assigned import assignments, nothing
 from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.colour_matching import MATCHED, MISSING, OFF, find_borders, limb_costs
 from estimator.vision.cues.colour_model import ColourReading, LimbColours, colour_bins, seen_colours, updated
-from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
+from estimator.vision.cues.cue_picture import CuePicture, Dots, links
 from estimator.vision.prediction import Prediction
 from estimator.vision.visibility import HIDDEN
 from humanoid.support.errors import InputError
@@ -42,6 +41,9 @@ class ColourSettings:
     nu: float = setting(6.0, above=0)
     limbs: float = setting(2.0, above=0)
     behind: float = setting(0.2, above=0)
+
+
+_DIMMED = 0.6  # brightness of the picture that is drawn on
 
 
 class Colour(Cue):
@@ -129,7 +131,7 @@ class ColourMatcher(Matcher):
             costs,
         )  # fmt: skip
         each = self.view.weight * self._settings.inside / max(1, int(np.count_nonzero(visible)))
-        return [ContourMatch("colour", nothing(), each * float(costs.sum()), "colours within limbs")]
+        return [ContourMatch("colours within limbs", nothing(), each * float(costs.sum()))]
 
     def learn(self, prediction: Prediction, elapsed: float, weight: float) -> np.ndarray | None:
         """See `Matcher.learn`."""
@@ -141,16 +143,17 @@ class ColourMatcher(Matcher):
 
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
-        base, contours = cv2.cvtColor(dimmed(self.view.cues.picture), cv2.COLOR_GRAY2BGR), shown.prediction.contours
+        picture, contours = self.view.cues.picture, shown.prediction.contours
         if self._colours is None:
             return
+        assert picture is not None
         *_, status = self.borders(shown.prediction)
         groups = [match.features for match in self.contours(shown.assigned) if len(match.features.point)]
         lines = [links(self.view.on_contours(shown.assigned, g), shown.posed, "hypothesis") for g in groups]
         kinds = ((OFF, "muted"), (MATCHED, "good"), (MISSING, "bad"))
         dots = [Dots(contours.pixels[(status == k) & (contours.state != HIDDEN)], colour) for k, colour in kinds]
         yield CuePicture(
-            "colour", "colours of limbs and behind them", base, [*lines, *dots],
-            [("colours differ", "good"), ("and the limb is not here", "bad"), ("colours agree: not used", "muted"),
+            "colour", "colours of limbs and behind them", (_DIMMED * picture).astype(np.uint8), [*lines, *dots],
+            [("colours differ", "good"), ("and the limb is not here", "bad"), ("alike, or unknown: not used", "muted"),
              ("to where the limb's colours end", "hypothesis")],
         )  # fmt: skip
