@@ -16,6 +16,8 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import image_extent
 from estimator.runs.run_reader import Run
+from estimator.tracking.learning import stored_learning
+from estimator.tracking.registry import make_tracker
 from estimator.vision.cues.colour import ColourMatcher
 from estimator.vision.cues.colour_matching import MATCHED, MISSING
 from estimator.vision.cues.colour_model import (
@@ -270,6 +272,19 @@ def test_learned_colours_of_another_shape_are_refused(scene: Scene) -> None:
         reading.with_learned(learned[:, :, 1:])
     with pytest.raises(InputError, match=r"are of .* parts, the body has"):
         scene.likelihood(picture, learned[:, 1:])
+
+
+def test_a_damaged_state_is_refused(tracked: Run, tmp_path: Path) -> None:
+    tracker = make_tracker("css", tracked.body)
+    learned = tracked.result(1).extra[f"{LEARNED}colour"]
+    state = {f"last_{LEARNED}colour": learned, "last_time_learned": np.array(0.2)}
+    stored = stored_learning(tracker, state, tmp_path / "a.run")
+    assert {name: array.tobytes() for name, array in stored.arrays().items()} == {
+        name: array.tobytes() for name, array in state.items()
+    }
+    for damaged in (np.full_like(learned, np.nan), learned.astype(int), learned[0, 0, 0]):
+        with pytest.raises(InputError, match=r"a\.run.*state.*is damaged: what colour learned"):
+            stored_learning(tracker, {**state, f"last_{LEARNED}colour": damaged}, tmp_path / "a.run")
 
 
 def test_a_picture_shows_which_limbs_count(tracked: Run) -> None:
