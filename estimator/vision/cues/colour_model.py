@@ -23,10 +23,8 @@ _DARKEST, _BRIGHTEST = 16.0, 255.0
 _DARK = 8.0  # grey values added to every channel, so that noise turns no dark pixel into a saturated colour
 _LEVELS = 32  # of a channel, by which the bins of all colours are tabulated
 _STRAY = 0.1  # share of a part's pixels that may have any colour
-_ALIKE, _FEW = (
-    0.2,
-    3.0,
-)  # Hellinger's squared distance of halves of one limb: 2 % have more than alike + few (1/n + 1/m)
+# squared Hellinger distance of halves of one limb, of n and m pixels: 2 % have more than _ALIKE + _FEW (1/n + 1/m)
+_ALIKE, _FEW = 0.2, 3.0
 _RAMP = 0.1  # of the distance beyond that, from which colours count in full
 LIMBS, BEHIND = 0, 1
 """Rows of learned histograms: of the parts, and of what lies beside them."""
