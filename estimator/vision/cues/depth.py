@@ -13,7 +13,7 @@ from estimator.numerics.closest import closest
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed
-from estimator.vision.cues.depth_rays import NOTHING, depth_behind
+from estimator.vision.cues.depth_rays import NOTHING, Contradicted, depth_behind
 from estimator.vision.cues.depth_reading import (
     DepthReading,
     DepthSettings,
@@ -113,7 +113,7 @@ class DepthMatcher(Matcher):
         s, rays, points = self._settings, self._person.rays, self._points
         if s.rays <= 0.0:
             return []
-        past = rays.seen_past(places, s.surface_noise, AGREES, s.patch)
+        past = self._seen_past(places)
         beside = points.places[closest(places[past.place], points.places)[0]]
         met = np.where((past.point == NOTHING)[:, None], beside, rays.surface.places[past.point])
         off = depth_behind(self.view.camera, rays.surface.places, prediction)
@@ -124,6 +124,10 @@ class DepthMatcher(Matcher):
         weight = s.rays * np.concatenate([past.weight, np.full(len(bare), rays.share(s.patch))])
         anywhere = np.tile(np.eye(3) / s.slide**2, (len(node), 1, 1))
         return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "depth's rays")]
+
+    def _seen_past(self, places: np.ndarray) -> Contradicted:
+        s = self._settings
+        return self._person.rays.seen_past(places, s.surface_noise, AGREES, s.patch)
 
     def _targets(
         self, node: np.ndarray, target: np.ndarray, precision: np.ndarray, weight: np.ndarray, name: str = Depth.name
@@ -147,11 +151,15 @@ class DepthMatcher(Matcher):
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         explained, at = self._explained(shown.prediction), self.view.camera.project(self._points.places)
+        nodes = self._should_be_seen(shown.prediction)
+        past = nodes[self._seen_past(self._places(shown.posed, nodes)).place]
         layers = [
-            Dots(self.view.cues[Depth.name].pixels, "muted", 1.0),
+            Dots(self._person.pixels, "muted", 1.0),
             Dots(at[explained], "good", 1.5),
             Dots(at[~explained], "bad", 1.5),
+            Dots(shown.prediction.pixels[past], "warn", 1.5),
         ]
         base = cv2.cvtColor(dimmed(self.view.cues.picture), cv2.COLOR_GRAY2BGR)
         legend = [("points on the body as it lies", "good"), ("points before or behind it, or beside", "bad")]
+        legend.append(("the body where the camera sees past it", "warn"))
         yield CuePicture(Depth.name, Depth.name, base, layers, legend)
