@@ -82,7 +82,10 @@ def _keypoints(case: Case, c: int, name: str) -> EnergyPart:
 
 
 def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[EnergyPart]:
-    """The energy of one camera's picture as summed by `CameraLikelihood`, cue by cue."""
+    """The energy of one camera's picture as summed by `CameraLikelihood`, cue by cue; none of a picture of which no cue
+    has a reading, as of a pair's right one."""
+    if not likelihood.matchers:
+        return
     name, prediction = likelihood.cues.camera.name, likelihood.predictor.predict(case.assigned)
     for match in likelihood.contours(prediction):
         part = EnergyPart(match.label, name, 0.0, 0)

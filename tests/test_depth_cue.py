@@ -257,6 +257,18 @@ def test_a_body_is_tracked_by_depth_and_explained(clip: RenderedClip, tmp_path: 
     assert again.header.cues == ("edges", "flow", "silhouette", "depth")
 
 
+def test_a_pair_is_explained_by_its_left_camera_as_the_run_has_it(pair: RenderedClip, tmp_path: Path) -> None:
+    """The parts of the energy add up to what is stored: the right picture, which only gives depth, has none."""
+    out = tmp_path / "a.run"
+    km.track(
+        pair.subject, clips=pair.videos, cameras=pair.cameras, keypoints=pair.first_frame, cues="depth", fit="off",
+        stereo={"cam01": "cam01_right"}, settings=QUICK, end=0.3, out=out,
+    )  # fmt: skip
+    explained = explain(Run.open(out), 1)
+    assert {part.camera for part in explained.parts if part.name == "depth"} == {"cam01"}
+    assert sum(part.energy for part in explained.parts) == pytest.approx(explained.stored, abs=1e-6)
+
+
 def test_invalid_depth_is_refused_before_any_work(clip: RenderedClip, pair: RenderedClip, tmp_path: Path) -> None:
     short = tmp_path / "short"
     short.mkdir()

@@ -24,7 +24,7 @@ from humanoid.subject.subject import load_subject
 
 K = np.array([[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]])
 CAMERA = Camera("ahead", (64, 48), K, np.zeros(5), np.eye(3), np.zeros(3))  # looks along z
-RAYS = "depth's rays"
+RAYS = "what rays contradict"
 
 
 def before_a_wall() -> DepthRays:

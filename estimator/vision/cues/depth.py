@@ -104,7 +104,7 @@ class DepthMatcher(Matcher):
         upwards = np.outer(floor.normal, floor.normal) / s.surface_noise**2
         on_floor = places[low] - height[low, None] * floor.normal
         weight = np.full(len(low), 0.5 * s.evidence / len(places))
-        return [self._targets(low, on_floor, np.tile(upwards, (len(low), 1, 1)), weight)]
+        return [self._targets(low, on_floor, np.tile(upwards, (len(low), 1, 1)), weight, "nodes below the floor")]
 
     def _by_rays(self, nodes: np.ndarray, places: np.ndarray, prediction: Prediction) -> list[Term]:
         """Nodes (N,) at places (N, 3) that the camera sees past, drawn to what it sees there, or to the closest point
@@ -123,7 +123,7 @@ class DepthMatcher(Matcher):
             return []
         weight = s.rays * np.concatenate([past.weight, np.full(len(bare), rays.share(s.patch))])
         anywhere = np.tile(np.eye(3) / s.slide**2, (len(node), 1, 1))
-        return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "depth's rays")]
+        return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "what rays contradict")]
 
     def _seen_past(self, places: np.ndarray) -> Contradicted:
         s = self._settings
