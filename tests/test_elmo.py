@@ -16,6 +16,7 @@ from builders import body_of, camera_at, random_pose
 
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
+from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.inference.mixture import Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
@@ -478,22 +479,23 @@ def elmo(body: Body, **changes: Any) -> Elmo:
     return tracker
 
 
-def unseen(body: Body, time: float) -> Observation:
+def seen_by(body: Body, time: float, cue: str) -> Observation:
     camera, nothing = camera_at(0.0), np.full((1, len(body.landmark_names), 2), np.nan)
-    return Observation(1, time, (camera,), nothing, np.zeros(nothing.shape[:2]))
+    cues = (ImageCues(camera, {cue: "seen"}),)
+    return Observation(1, time, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=cues)
 
 
-def test_an_early_frame_constrains_the_heading_less() -> None:
+def test_an_early_silhouette_constrains_the_heading_less() -> None:
     """Modes facing as before or turned round, each with one limb moved: the best of both headings differ by less within
-    `correlated`, but not after it; limbs never do."""
+    `correlated`, but not after it or without a silhouette; limbs never do."""
     body = body_of("human34")
     bent = [body.integrate(body.neutral, np.eye(body.nv)[-1] * angle) for angle in (0.0, 0.4)]
     modes = [mode_at(body, facing(body, heading, q)) for heading in (0.0, np.pi) for q in bent]
     likely = mixture_of(tuple(modes), np.array([-4.0, -5.0, 0.0, -3.0]))
     state = ElmoState(mixture_of(tuple(modes[:1]), np.zeros(1)), 1.0, 1.0)
 
-    def scores(correlated: float, dt: float) -> np.ndarray:
-        renewed = elmo(body, correlated=correlated)._as_new(likely, state, unseen(body, 1.0 + dt))
+    def scores(correlated: float, dt: float, cue: str = "silhouette") -> np.ndarray:
+        renewed = elmo(body, correlated=correlated)._as_new(likely, state, seen_by(body, 1.0 + dt, cue))
         return np.array([renewed[[m.q.tobytes() for m in likely.modes].index(mode.q.tobytes())] for mode in modes])
 
     whole = scores(0.0, 0.05)
@@ -501,6 +503,7 @@ def test_an_early_frame_constrains_the_heading_less() -> None:
     soon = scores(0.2, 0.05)
     np.testing.assert_allclose(soon - soon[2], [-1.0, -2.0, 0.0, -3.0])
     np.testing.assert_array_equal(scores(0.2, 0.3), whole)
+    np.testing.assert_array_equal(scores(0.2, 0.05, "depth"), whole)
 
 
 def test_people_walk_forwards() -> None:
@@ -514,7 +517,7 @@ def test_people_walk_forwards() -> None:
     likely = mixture_of(tuple(mode_at(body, q) for q in moved), np.zeros(2))
     state = ElmoState(mixture_of(before, np.zeros(2)), 1.0, 1.0)
     for nats in (0.0, 5.0):
-        weighed = elmo(body, forwards=nats)._weighed(likely, state, unseen(body, 2.0))
+        weighed = elmo(body, forwards=nats)._weighed(likely, state, seen_by(body, 2.0, "depth"))
         ahead = [mode.q.tobytes() for mode in weighed.modes].index(moved[0].tobytes())
         ahead_score, back_score = weighed.log_scores[[ahead, 1 - ahead]]
         assert ahead_score - back_score == pytest.approx(2.0 * 0.1 * nats, abs=1e-6)

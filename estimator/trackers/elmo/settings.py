@@ -24,12 +24,13 @@ class ElmoSettings(CheckedSettings):
     this, beside those of the neighbours. again: how often they are tried again where the silhouette counts too, in the
     first frame, or the first after some without the person. away: penalty [nats] then of a pose with its back to the
     only camera: most people are filmed from the front, and depth hardly shows which way they face.
-    headings: keep the best mode that is turned round, in place of the worst, however unlikely: later frames may show it
-    to be right. forwards: how much rather people move forwards than backwards [nats/m]
+    headings: by depth alone keep the best mode that is turned round, in place of the worst, however unlikely: later
+    frames may show it to be right. forwards: how much rather people move forwards than backwards [nats/m]
     (`benchmarks.training.walking_forwards`), which shows which way they face.
     jump: largest penalty [nats] of a pose for being far from all modes of the frame before, which may be lost; the
-    paper has no such bound. correlated: time [s] for which errors of a film are correlated. A frame sooner than this
-    after the last with the person counts by that share less for the direction they face; 0 for never.
+    paper has no such bound. correlated: time [s] for which the silhouette errors of a film are correlated. Where there
+    is a silhouette, a frame sooner than this after the last with the person counts by that share less for the direction
+    they face; 0 for never.
     settle: the product of likelihood and prior as it is: modes are weighted with their covariances, and searched
     further with the transition from their previous mode in the energy. Off, eqs. 5 and 6, which leave modes at the
     likelihood's maxima and treat what is only unknown as far from the past. turn_floor, root_turn_floor [rad],

@@ -22,7 +22,7 @@ from estimator.search.examples.lookup import Lookup
 from estimator.search.examples.person_seen import CUES, can_look_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
-from estimator.search.from_examples import best_reached, example_starts, sides, turned_round
+from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides, turned_round
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.mode_search import ModeSearch
@@ -171,7 +171,8 @@ class Elmo(Initialisation):
             return self._likeliest(starts, case)
         groups = sides(self.body, starts, lookups) if anew else [starts]
         how = s.descent if anew else s.descent._replace(again=0)
-        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=s.headings)
+        headings = s.headings and not shows_silhouette(observation)
+        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=headings)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy, unsearched, with the uncertainty of one frame's change."""
@@ -206,12 +207,12 @@ class Elmo(Initialisation):
     def _as_new(self, likely: Mixture, state: ElmoState, observation: Observation) -> np.ndarray:
         """Log scores (L,) of modes by the new evidence of a frame.
 
-        Neither a silhouette nor stereo shows well which way a person faces, and their errors, which then decide, stay
-        the same for a while: by so much less the best mode that faces as before and the best that is turned round
-        differ. Among those that face one way nothing changes.
+        A silhouette hardly shows which way a person faces, and its errors, which then decide, stay the same for a
+        while: by so much less the best mode that faces as before and the best that is turned round differ. Among those
+        that face one way nothing changes.
         """
         share = (observation.time - state.seen) / max(self.settings.correlated, 1e-9)
-        if share >= 1.0 or not self.body.has_free_root:
+        if share >= 1.0 or not self.body.has_free_root or not shows_silhouette(observation):
             return likely.log_scores
         q, scores = np.array([mode.q for mode in likely.modes]), likely.log_scores
         turned = turned_round(self.body, q, state.mixture.modes[0].q)
