@@ -293,6 +293,7 @@ def test_a_stream_with_gaps_and_late_frames() -> None:
     q = np.array([frame.q for frame in frames])
     assert np.isfinite(q).all()
     check_laws(body, q[12:], times[12:], 1.0)
+    assert all(frame.keeps for frame in frames[:12])  # the motion begins where something is seen
     assert angles_between(source, landmarks_of(body, q, times))[26:].mean() < 6.0
 
 

@@ -75,14 +75,16 @@ class MotionStream:
     def _emit(self) -> LiveFrame:
         problem = self._problem()
         t, time = self._next, self._times[self._next]
-        if self._before is None:
-            q, moved, dt = best_start(problem, np.random.default_rng(self._seed), self._settings.starts), None, 1.0
-        else:
+        if self._before is not None:
             earlier, before, moved = self._before
             dt = max(time - earlier, SHORTEST_STEP)
             q, _, _ = follow_frame(problem, t, before, moved * dt, dt)
-            moved = self.body.difference(before, q) / dt
-        self._before = time, q, np.zeros(self.body.nv) if moved is None else moved
+            self._before = time, q, self.body.difference(before, q) / dt
+        elif (problem.targets.weight[t] > 0.0).any():
+            q = best_start(problem, np.random.default_rng(self._seed), self._settings.starts)
+            self._before = time, q, np.zeros(self.body.nv)
+        else:  # anywhere: where nothing leads the body, a search ends as its roundings have it
+            q = self.body.neutral.copy()
         self._stood = problem.stances.stands[t]
         kept = problem.keeps(t, q)
         self._forget()
@@ -131,9 +133,11 @@ class MotionStream:
         return stances._replace(place=place)
 
     def _forget(self) -> None:
-        """Frames that are too long ago."""
+        """Frames that are too long ago; all that were given out, as long as none has shown anything: the motion begins
+        with the first of the kept frames."""
         self._next += 1
         last = self._times[self._next - 1]
         old = sum(time < last - _PAST for time in self._times[: self._next - 1])
+        old = self._next if self._before is None else old
         del self._times[:old], self._points[:old]
         self._next -= old
