@@ -207,7 +207,7 @@ def test_points_lie_on_the_person(pair: RenderedClip, stereo: bool, off: float) 
         mask = cv2.imread(str(pair.masks["cam01"] / f"{instant:05d}.png"), cv2.IMREAD_GRAYSCALE) > 0
         x, y = np.round(seen.pixels).astype(int).T
         assert mask[y, x].mean() > (0.8 if stereo else 0.97)
-        assert len(x) * seen.step**2 > 0.75 * mask.sum()
+        assert len(x) * seen.rays.step**2 > 0.75 * mask.sum()
     if stereo:
         assert Depth.name not in cues.at(0)[1]
     cues.close()

@@ -35,7 +35,9 @@ def before_a_wall() -> DepthRays:
     rows, columns = (x.ravel() for x in np.mgrid[0:48:2, 0:64:2])
     jumps = np.isin(columns, (28, 30))
     mine = np.flatnonzero((columns >= 20) & (columns < 30))
-    return DepthRays.of(DepthMap(CAMERA, depth, 0.002), rows, columns, 2, jumps, mine)
+    seen, pixels = DepthMap(CAMERA, depth, 0.002), np.stack([columns, rows], axis=1).astype(float)
+    person = seen.points(rows[mine], columns[mine], CAMERA.directions(pixels[mine]))
+    return DepthRays.of(seen, rows, columns, 2, jumps, person, mine)
 
 
 def place(column: float, row: float, depth: float) -> np.ndarray:

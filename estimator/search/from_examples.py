@@ -127,7 +127,7 @@ def _both_headings(
     kept = search.distinct(reached, count)
     if _turned_from(search, kept, kept[0].q):
         return kept
-    return [*kept[: count - 1], *search.distinct(_turned_from(search, reached, kept[0].q), 1)]
+    return search.with_one_of(kept, _turned_from(search, reached, kept[0].q), count)
 
 
 def _turned_from(search: ModeSearch, searched: Sequence[Scored], q: np.ndarray) -> list[Scored]:

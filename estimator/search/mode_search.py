@@ -214,8 +214,12 @@ class ModeSearch:
         missing = [r for r in (TOWARDS, AWAY) if r not in there]
         if there[0] == ACROSS or len(missing) != 1:
             return best
-        others: list[Scored] = [c for c, r in zip(searched, readings, strict=True) if r == missing[0]]
-        return best[:-1] + (self.distinct(others, 1) or best[-1:])
+        return self.with_one_of(best, [c for c, r in zip(searched, readings, strict=True) if r == missing[0]], count)
+
+    def with_one_of(self, best: list[Scored], others: Sequence[Scored], count: int) -> list[Scored]:
+        """The best, at most `count` of them, with the best of others among them, in place of the worst if need be; as
+        they are where there are no others."""
+        return best[: count - 1] + (self.distinct(others, 1) or best[count - 1 :])
 
     def readings(self, q: np.ndarray, camera: Camera | None) -> np.ndarray:
         """The reading (K,) of the trunk in each of some configurations (K, nq) that one camera sees, see

@@ -53,19 +53,23 @@ class DepthRays:
 
     @staticmethod
     def of(
-        depth: DepthMap, rows: np.ndarray, columns: np.ndarray, step: int, jumps: np.ndarray, mine: np.ndarray
+        depth: DepthMap,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        step: int,
+        jumps: np.ndarray,
+        person: DepthPoints,
+        mine: np.ndarray,
     ) -> DepthRays:
         """The depth at every `step`-th pixel, at rows and columns (P,), of which those of `jumps` (P,) bool lie beside
-        a jump, and those numbered `mine` (M,) show the person."""
+        a jump, and those numbered `mine` (M,) show the points (M) of the person."""
         first = np.array([rows.min(), columns.min()])
         row, column = (rows - first[0]) // step, (columns - first[1]) // step
-        sure = mine[~jumps[mine]]
+        surface, sure = person.some(~jumps[mine]), mine[~jumps[mine]]
         values = np.full((row.max() + 1, column.max() + 1), np.nan, np.float32)
         values[row, column] = np.where(jumps, np.nan, depth.depth[rows, columns])
         point = np.full(values.shape, NOTHING, np.int64)
         point[row[sure], column[sure]] = np.arange(len(sure))
-        pixels = np.stack([columns[sure], rows[sure]], axis=1).astype(float)
-        surface = depth.points(rows[sure], columns[sure], depth.camera.directions(pixels))
         return DepthRays(depth.camera, step, first, values, depth.noise, surface, point)
 
     def seen_past(self, places: np.ndarray, noise: float, margin: float, patch: float) -> Contradicted:

@@ -125,13 +125,11 @@ class PersonPoints:
     """The person's surface as seen at one instant.
 
     points: some of it. pixels (M, 2): of the depth picture's pixels that show the person, in the camera of the cues.
-    step [px]: between neighbouring ones. rays: the depth picture itself. floor: that the person is above, None without
-    one.
+    rays: the depth picture itself. floor: that the person is above, None without one.
     """
 
     points: DepthPoints
     pixels: np.ndarray
-    step: float
     rays: DepthRays
     floor: Floor | None
 
@@ -141,7 +139,7 @@ class PersonPoints:
         x, y = np.round(self.pixels).astype(int).T
         inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
         mask[y[inside], x[inside]] = 1
-        side = 2 * int(np.ceil(0.5 * self.step)) + 1
+        side = 2 * int(np.ceil(0.5 * self.rays.step)) + 1
         return cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0
 
 
@@ -201,9 +199,9 @@ def _person(pictures: CameraPictures, instant: int, settings: DepthSettings, sce
         return None
     points = points.some(mine)
     pixels = pictures.camera.project(points.places)
-    rays = DepthRays.of(depth, grid.rows, grid.columns, grid.step, jumps, where[mine])
+    rays = DepthRays.of(depth, grid.rows, grid.columns, grid.step, jumps, points, where[mine])
     some = points.some(spread_over(len(points), settings.points))
-    return PersonPoints(some, pixels, float(grid.step), rays, scene.floor)
+    return PersonPoints(some, pixels, rays, scene.floor)
 
 
 def _grid(source: DepthSource) -> Grid:
