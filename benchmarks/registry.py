@@ -229,6 +229,12 @@ MEASURES = (
         (OPENCAP,),
     ),
     Measure(
+        "benchmarks.accuracy.forces",
+        "Ground reaction forces, centres of pressure and joint moments by markers against plates of three people.",
+        "total of walking 4 / 2 / 1.2 % of the weight, each foot 5 / 2 / 1.2",
+        (OPENCAP,),
+    ),
+    Measure(
         "benchmarks.accuracy.outline",
         "Widths of the body's outline beside those of beam4cam's silhouettes, across limbs, hips and head.",
         "",

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
         contact as contact,
         evaluate as evaluate,
         export as export,
+        forces as forces,
         gait as gait,
         open_run as open_run,
         overlay as overlay,

@@ -71,6 +71,7 @@ for command in (
     results.export,
     results.contact,
     results.gait,
+    results.forces,
     results.evaluate,
     version,
 ):

@@ -39,6 +39,15 @@ class PageOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Weighed:
+    mass: float | None = option(
+        None,
+        "Mass in kg of the person with what is worn and carried: adds ground reaction forces, see `kinemode forces`.",
+        low=2.0, high=500.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Filtered:
     filter: float | None = option(
         None,
@@ -48,7 +57,7 @@ class _Filtered:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewRequest(PageOptions, OfRun):
+class ViewRequest(_Weighed, PageOptions, OfRun):
     """The request of `kinemode.view`."""
 
     html: OutPath | None = option(
@@ -75,7 +84,7 @@ class OverlayRequest(ProgressOptions, OfRun):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportRequest(ProgressOptions, OfRun):
+class ReportRequest(_Weighed, ProgressOptions, OfRun):
     """The request of `kinemode.report`."""
 
     file: OutPath = field(
@@ -139,6 +148,32 @@ class ContactRequest(OfRun):
 @dataclass(frozen=True)
 class GaitRequest(OfRun):
     """The request of `kinemode.gait`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcesRequest(ProgressOptions, OfRun):
+    """The request of `kinemode.forces`."""
+
+    filter: float | None = option(
+        None,
+        "Cut-off in Hz of a Butterworth filter (fourth order, without lag) of the poses, 0 for none; 12 unless given,"
+        " or none in runs of 24 frames/s or fewer.",
+        low=0,
+    )
+
+    mass: float | None = option(
+        None,
+        "Mass in kg of the person with what is worn and carried; that of the URDF, or of adults as tall, unless given.",
+        low=2.0, high=500.0,
+    )  # fmt: skip
+    out: OutPath | None = option(
+        None,
+        "Write there by its ending: .csv everything with bands, for OpenSim .mot external loads, .sto joint moments.",
+    )
+    plot: OutPath | None = option(
+        None, "Draw forces of the feet and moments of the legs over time with 90 % bands, a PNG."
+    )
+    seed: int = option(0, "Seed of the samples that the bands come from.", low=0)
 
 
 @dataclass(frozen=True, kw_only=True)

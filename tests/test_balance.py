@@ -18,7 +18,7 @@ from estimator.search.cost_model import CostModel
 from estimator.search.cost_terms import CostSettings
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
-from humanoid.shape.segment_masses import SHARES, mass_points
+from humanoid.shape.segment_masses import mass_points
 from humanoid.subject.example_robots import installed
 from humanoid.subject.landmarks import foot_landmarks
 from humanoid.subject.subject import load_subject
@@ -42,17 +42,6 @@ def standing(q: np.ndarray, *names: str, seated: float = 0.0) -> Observation:
     """A frame in which some landmarks stand."""
     seen = observe(BODY, q, (CAMERA,))
     return replace(seen, standing=np.array([float(name in names) for name in NAMES]), seated=seated)
-
-
-def test_the_shares_of_the_segments_are_those_of_a_whole_person() -> None:
-    sided = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
-    assert sum((2.0 if name in sided else 1.0) * share for name, share in SHARES.items()) == pytest.approx(
-        1.0, abs=2e-3
-    )
-    points = mass_points(BODY)
-    assert points is not None
-    assert points.share.sum() == pytest.approx(1.0)
-    assert not points.from_urdf
 
 
 def test_the_centre_of_mass_of_a_urdf_with_masses_is_pinocchios() -> None:

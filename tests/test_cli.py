@@ -28,7 +28,7 @@ from tests.waiting import DEADLINE, ended, kinemode_process
 COMMANDS = (
     "demo", "annotate", "batch", "retarget", "detect", "render", "track", "compare", "fit", "live", "calibrate",
     "settings", "subjects", "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export",
-    "evaluate", "contact", "gait", "train-index", "train-templates", "version",
+    "evaluate", "contact", "gait", "forces", "train-index", "train-templates", "version",
 )  # fmt: skip
 FRAMES = 4
 

@@ -40,7 +40,7 @@ RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues
 QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
 """Pages whose tracks use few searches and the unfitted subject: other pages fit it."""
 BATCH = "batch"
-PAGES = (FIRST, *RUNNABLE, *QUICKLY, BATCH, "conventions", "install", "troubleshooting", "two-phones")
+PAGES = (FIRST, *RUNNABLE, *QUICKLY, BATCH, "conventions", "forces", "install", "troubleshooting", "two-phones")
 MANIFESTS = {"text": "clips.csv", "toml": "clips.toml"}
 """Files shown on the batch page, by block type."""
 COMMANDS = {name for name in cli.app if not name.startswith("-")}

@@ -15,8 +15,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 TOP = ("humanoid", "estimator", "viz", "kinemode")
 ESTIMATOR = (
-    "numerics", "data", "energy", "vision", "inference", "search", "trackers", "tracking", "fitting", "runs",
-    "synthesis", "retargeting",
+    "numerics", "data", "energy", "vision", "inference", "dynamics", "search", "trackers", "tracking", "fitting",
+    "runs", "synthesis", "retargeting",
 )  # fmt: skip
 """The packages of `estimator`, the lowest first."""
 FEWEST = 3  # modules in a folder, without `__init__`

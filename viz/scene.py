@@ -13,6 +13,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.runs.contact import Contact, contact_of_run
 from estimator.runs.filtering import evenly_spaced, frame_rate
+from estimator.runs.forces import Forces
 from estimator.runs.run_reader import Run
 from estimator.synthesis.settings import ViewSettings
 from estimator.synthesis.views import framing_cameras
@@ -36,7 +37,8 @@ class Scene:
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     interval (T, 2, nq): ends of the calibrated 90 % interval of joints with one coordinate in q, NaN elsewhere; None
     where it is not known. contact: gives when the feet stand, and on what floor; None without it. source: the motion
-    that the body follows, drawn beside it; None where it was tracked.
+    that the body follows, drawn beside it; None where it was tracked. forces: on the feet, drawn as arrows; None where
+    they are not known.
     """
 
     body: Body
@@ -55,6 +57,7 @@ class Scene:
     interval: np.ndarray | None = None
     contact: Callable[[], Contact | None] = lambda: None
     source: SourceFigure | None = None
+    forces: Forces | None = None
 
     def __len__(self) -> int:
         return len(self.time)

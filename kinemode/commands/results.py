@@ -12,6 +12,7 @@ from kinemode.run_requests import (
     ContactRequest,
     EvaluateRequest,
     ExportRequest,
+    ForcesRequest,
     GaitRequest,
     OverlayRequest,
     PlotRequest,
@@ -197,6 +198,30 @@ def gait(
     report.print_gait(walked)
     if out is not None:
         print(walked.write(out))
+
+
+@flags_of(ForcesRequest, arguments=_RUN)
+def forces(**given: Any) -> None:
+    """Estimate ground reaction forces, joint moments and powers, with 50 and 90 % bands.
+
+    By inverse dynamics with contact of the soles; bands come from samples of poses, contacts and mass. Of who stands on
+    both feet only the sum is determined by motion, and the split between the feet in part.
+
+    For example:
+
+    kinemode forces walk.run --mass 72 --out forces.csv --plot forces.png
+
+    kinemode forces walk.run --out loads.mot
+    """
+    import kinemode as km
+
+    result = km.forces(**given, progress=km.reported)
+    from kinemode.terminal import report
+
+    report.print_forces(result)
+    for path in (given["out"], given["plot"]):
+        if path is not None:
+            print(path)
 
 
 @flags_of(EvaluateRequest, arguments=_RUN)

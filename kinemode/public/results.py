@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,7 @@ from kinemode.run_requests import (
     ContactRequest,
     EvaluateRequest,
     ExportRequest,
+    ForcesRequest,
     GaitRequest,
     OverlayRequest,
     PlotRequest,
@@ -27,9 +30,11 @@ from kinemode.run_requests import (
 if TYPE_CHECKING:
     from estimator.runs.contact import Contact
     from estimator.runs.evaluation import Evaluation
+    from estimator.runs.forces import Forces
     from estimator.runs.gait import Gait
     from estimator.runs.run_reader import Run
     from kinemode.run_requests import RunLike
+    from viz.scene import Scene
 
 
 def open_run(path: PathLike) -> Run:
@@ -56,13 +61,18 @@ def view(request: ViewRequest) -> Path | None:
     InputError: no run, one without a pose to show, a page that cannot be written, a port that cannot be used.
     """
     opened = _drawn(request.run)
+    shown: Run | Scene = opened
+    if request.mass is not None:
+        from viz.scene import as_scene
+
+        shown = replace(as_scene(opened), forces=_forces(opened, request.mass))
     if request.html is not None:
         from viz.preview.page import write_html
 
-        return write_html(opened, Path(request.html))
+        return write_html(shown, Path(request.html))
     from viz.preview.live import serve
 
-    serve(opened, port=request.port, open_browser=request.browser)
+    serve(shown, port=request.port, open_browser=request.browser)
     return None
 
 
@@ -107,8 +117,9 @@ def report(request: ReportRequest) -> Path:
     from kinemode.reporting import facts_of
     from viz.report.page import write_report
 
+    forces = None if request.mass is None else _forces(opened, request.mass)
     with request.reporter("report") as step:
-        return write_report(opened, Path(request.file), facts_of(opened), progress=step)
+        return write_report(opened, Path(request.file), facts_of(opened), forces=forces, progress=step)
 
 
 @takes(PlotRequest)
@@ -257,6 +268,41 @@ def gait(request: GaitRequest) -> Gait:
     return gait_of_run(opened)
 
 
+@takes(ForcesRequest)
+def forces(request: ForcesRequest) -> Forces:
+    """Ground reaction forces, joint moments and powers of a run's best hypothesis, with bands.
+
+    By inverse dynamics of the drawn trajectory, as smooth as the run is: forces under the soles push, stay within their
+    friction cones and balance the body; where both feet stand, what motion does not determine is chosen (see
+    `estimator.dynamics.contact_forces`). World z is up, and gravity along it. Bands come from samples of what the
+    poses, the times of contact and the mass might be. Of a body with a fixed base there are moments alone. Where hips
+    rest on a chair, `seat` is what the feet cannot carry.
+
+    Parameters
+    ----------
+    OPTIONS
+
+    Raises
+    ------
+    InputError: no run, a body without masses that is not a person, or without feet, feet that never stand or stand on a
+        treadmill of unknown speed, a person who does not stand along z, fewer than eight poses in a row, a cut-off that
+        is not below half the frame rate, or a picture that cannot be written.
+    """
+    if request.out is not None:
+        from estimator.runs.forces import check_ending
+
+        check_ending(request.out)
+    with request.reporter("forces") as report:
+        result = _forces(_opened(request.run), request.mass, request.filter, request.seed, report)
+    if request.out is not None:
+        result.write(request.out)
+    if request.plot is not None:
+        from viz.pictures.forces_plot import write_forces_plot
+
+        write_forces_plot(result, request.plot)
+    return result
+
+
 @takes(EvaluateRequest)
 def evaluate(request: EvaluateRequest) -> Evaluation:
     """Compare a run with known landmarks [m] and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
@@ -293,6 +339,26 @@ def _check_run(run: RunLike) -> None:
 
 def _opened(run: RunLike) -> Run:
     return open_run(run) if isinstance(run, (str, os.PathLike)) else run
+
+
+def _forces(
+    run: Run,
+    mass: float | None,
+    cutoff: float | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Forces:
+    """Forces of a run, with a warning where they are doubtful; cutoff [Hz]: None for the usual one."""
+    from estimator.runs.inverse_dynamics import forces_of_run, usual_cutoff
+    from kinemode.findings import upright_note
+
+    if tilted := upright_note(run):
+        raise InputError(run.file, tilted, remedy="forces need gravity along -z")
+    chosen = usual_cutoff(run.time) if cutoff is None else cutoff
+    result = forces_of_run(_filtered(run, chosen or None), mass, seed=seed, progress=progress)
+    if result.remark:
+        warn(result.remark)
+    return result
 
 
 def _filtered(run: Run, cutoff: float | None) -> Run:

@@ -12,10 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.fitting.fit import Fit, ShapeFit
+from estimator.numerics.stretches import stretches
 from estimator.runs.contact import Contact
 from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
 from estimator.runs.events import SIDES, Event
+from estimator.runs.forces import Forces
 from estimator.runs.gait import METHODS, Gait
 from estimator.runs.keypoint_residuals import KeypointResiduals
 from estimator.runs.pairs import CENTRED
@@ -190,6 +192,34 @@ def print_gait(gait: Gait) -> None:
         out.print(gait.remark, soft_wrap=True)
 
 
+def print_forces(forces: Forces) -> None:
+    """What each foot carries, and the largest moments."""
+    out, weight = console(), forces.weight
+    out.print(f"mass {forces.mass.kilograms:.1f} +- {forces.mass.std:.1f} kg, {forces.mass.source}", soft_wrap=True)
+    if forces.feet:
+        made = table("forces on the feet, % of the weight", "foot", "mean", "largest", "90 %", "at [s]")
+        halves = np.ptp(forces.interval("force"), axis=0) / 2.0
+        for k, foot in enumerate(forces.feet):
+            upwards = forces.force[:, k, 2]
+            t = int(np.nanargmax(upwards))
+            parts = (np.nanmean(upwards), upwards[t], halves[t, k, 2])
+            mean, most, half = (f"{100.0 * value / weight:.0f}" for value in parts)
+            made.add_row(foot, mean, most, f"+- {half}", f"{forces.time[t]:.2f}")
+        out.print(made)
+        seat = np.nan_to_num(forces.seat[:, 2])
+        if (carries := seat > _SEATED * weight).any():
+            spans = ", ".join(f"{forces.time[a]:.2f} to {forces.time[b - 1]:.2f}" for a, b in stretches(carries))
+            out.print(f"something else than the feet carries at the hips [s]: {spans}", soft_wrap=True)
+        lacking = 100.0 * np.sqrt(np.nanmean(np.square(forces.residual[:, :3]).sum(axis=1))) / weight
+        out.print(f"the root's balance lacks {lacking:.1f} % of the weight (root mean square)", soft_wrap=True)
+    made = table("moments of the joints per kilogram", "joint", "least", "largest", "unit")
+    least, most = (edge(forces.moment, axis=0) / forces.mass.kilograms for edge in (np.nanmin, np.nanmax))
+    for j in np.argsort(-np.maximum(-least, most), kind="stable")[:_LARGEST]:
+        made.add_row(forces.names[j], f"{least[j]:.2f}", f"{most[j]:.2f}", f"{forces.units[j]}/kg")
+    out.print(made)
+
+
+_SEATED, _LARGEST = 0.05, 10
 _STRIDE_COLUMNS = (
     "foot", "strike [s]", "off [s]", "strike [s]", "time [s]", "length [m]", "width [m]", "speed [m/s]", "steps/min",
     "stance [%]", "swing [%]", "flight [%]", "unsure frames",

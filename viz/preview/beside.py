@@ -1,4 +1,4 @@
-"""Beside the body in the preview: the source that it follows, the floor, and discs under what is to stand."""
+"""Beside the body in the preview: the source that it follows, the floor, discs under what is to stand, and forces."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from meshcat.animation import Animation, AnimationClip
 
 from estimator.inference.ground import Ground
 from estimator.runs.contact import Contact
+from estimator.runs.forces import Forces
 from viz import palette
 from viz.preview.recorder import MotionTrack, line_segments
 from viz.scene import Scene
@@ -65,6 +66,27 @@ def add_discs(
         animation.clips[node.path] = AnimationClip(tracks, fps=animation.default_framerate)
 
 
+_ARROW, _HEAD = 0.012, 0.03  # m: radii of an arrow's shaft and of its point
+_POINT = 0.08  # m: length of its point
+_FAINT = 0.03  # weights: forces below are not drawn
+
+
+def add_forces(root: meshcat.Visualizer, animation: Animation, forces: Forces, rows: list[int]) -> None:
+    """An arrow from the centre of pressure of each foot, a metre long for the body's weight, with a disc under it."""
+    shares = np.linalg.norm(forces.force, axis=2) / forces.weight
+    start = np.where(shares[..., None] > _FAINT, forces.pressure, np.nan)
+    end = start + forces.force / forces.weight
+    paint = g.MeshBasicMaterial(color=palette.hexadecimal(palette.WARN))
+    for k, foot in enumerate(forces.feet):
+        node, along = root[foot], end[rows, k] - start[rows, k]
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        tip = end[rows, k] - along / length * np.minimum(_POINT, length)
+        _add_bone(node["shaft"], animation, np.stack([start[rows, k], tip], axis=1), paint, _ARROW)
+        _add_bone(node["point"], animation, np.stack([tip, end[rows, k]], axis=1), paint, _HEAD, 0.0)
+    sizes = np.where(np.isfinite(start[rows]).all(axis=2), 1.0, 0.0)
+    add_discs(root["pressure"], animation, forces.feet, start[rows], sizes)
+
+
 _BONE = 0.014  # radius [m]
 _HIDDEN = 1e-3  # size of what is not shown: three cannot turn a matrix of none
 _ALONG = np.array([0.0, 1.0, 0.0])  # the axis of three's cylinders
@@ -76,7 +98,7 @@ def add_source(root: meshcat.Visualizer, animation: Animation, scene: Scene, row
     if source is None:
         return
     for k, ((i, j), side) in enumerate(zip(source.segments, source.sides, strict=True)):
-        _add_bone(root["source"][f"bone_{k}"], animation, source.points[rows][:, [i, j]], side)
+        _add_bone(root["source"][f"bone_{k}"], animation, source.points[rows][:, [i, j]], _material(side))
     if source.head is not None:
         head = root["source"]["head"]
         head["ball"].set_object(g.Sphere(HEAD_RADIUS), _material("trunk"))
@@ -109,9 +131,17 @@ def _add_standing(
     )  # fmt: skip
 
 
-def _add_bone(node: meshcat.Visualizer, animation: Animation, ends: np.ndarray, side: Side) -> None:
-    """A cylinder between points (T, 2, 3) [m]."""
-    node["rod"].set_object(g.Cylinder(1.0, _BONE), _material(side))
+def _add_bone(
+    node: meshcat.Visualizer,
+    animation: Animation,
+    ends: np.ndarray,
+    material: g.Material,
+    radius: float = _BONE,
+    far: float | None = None,
+) -> None:
+    """A cylinder between points (T, 2, 3) [m], or a cone that has another radius [m] at the second."""
+    wide = radius if far is None else far
+    node["rod"].set_object(g.Cylinder(1.0, radius, radiusTop=wide, radiusBottom=radius), material)
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(ends), 1))

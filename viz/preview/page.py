@@ -25,7 +25,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.files import replacing
 from viz import palette
 from viz.pictures.painter import BodyPainter
-from viz.preview.beside import add_floor, add_source, add_stances
+from viz.preview.beside import add_floor, add_forces, add_source, add_stances
 from viz.preview.cameras import add_camera
 from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh
 from viz.scene import Scene, as_scene, evenly
@@ -74,6 +74,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 KEY_FRAMES = 600
 _NOTHING = 0.005  # a weight below would be written as 0 %
 _HOME_FOV = np.radians(38.0)
+_ABOUT_FORCES = 0.5  # opacity of a body with arrows of forces, which lie inside its legs
 
 
 def write_html(run: Run | Scene, path: str | Path) -> Path:
@@ -99,6 +100,8 @@ def page(run: Run | Scene, script: str = "") -> str:
     _add_bodies(root, animation, scene, rows, parts)
     if scene.source is not None:
         add_source(root, animation, scene, rows)
+    elif scene.forces is not None:
+        add_forces(root["forces"], animation, scene.forces, rows)
     elif contact is not None:
         add_stances(root, animation, contact, rows)
     cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
@@ -261,6 +264,7 @@ def _player_data(
         },
         "legend": _legend(scene, parts),
         "nothing": _NOTHING,
+        "body_opacity": 1.0 if scene.forces is None else _ABOUT_FORCES,
         "best_colour": _css(palette.GOOD),
         "other_colour": _css(palette.HYPOTHESIS),
         "status_colour": {name: _css(colour) for name, colour in palette.STATUS.items()},

@@ -10,6 +10,7 @@ from pathlib import Path
 from string import Template
 
 from estimator.runs.contact import contact_of_run
+from estimator.runs.forces import Forces
 from estimator.runs.gait import gait_if_whole
 from estimator.runs.ranges import ranges_of_motion
 from estimator.runs.run_reader import Run
@@ -18,7 +19,7 @@ from humanoid.support.files import replacing
 from viz.page_style import page_style, text
 from viz.pictures.overlay import Progress
 from viz.report import pictures
-from viz.report.pictures import COLOURS, Facts, Figure, angle_figures, contact_figure
+from viz.report.pictures import COLOURS, Facts, Figure, angle_figures, contact_figure, forces_figure
 from viz.report.tables import (
     assumed_part,
     cameras_table,
@@ -54,20 +55,28 @@ def write_report(
     facts: Facts,
     *,
     figures: Sequence[Figure] | None = None,
+    forces: Forces | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write the page and return its path. The file is written whole or not at all.
 
     facts: what is reported beside the motion. figures: the joint angles over time, by default those of `angle_figures`.
-    progress: called with (frames of the film drawn, frames in all).
+    forces: of the run, drawn below when the feet stand. progress: called with (frames of the film drawn, all frames).
     Raises InputError for a run without a tracked frame, or a file that cannot be written.
     """
     with replacing(path) as temporary:
-        temporary.write_text(page(run, facts, figures=figures, progress=progress), encoding="utf-8")
+        temporary.write_text(page(run, facts, figures=figures, forces=forces, progress=progress), encoding="utf-8")
     return Path(path)
 
 
-def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, progress: Progress | None = None) -> str:
+def page(
+    run: Run,
+    facts: Facts,
+    *,
+    figures: Sequence[Figure] | None = None,
+    forces: Forces | None = None,
+    progress: Progress | None = None,
+) -> str:
     """The text of the page, see `write_report`."""
     scene = pictured_scene(run)
     source = _source(run)
@@ -83,7 +92,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         motion=motion_part(facts.motion),
         key=_key(run) if figures is None else "",
         curves=_curves(drawings),
-        feet=_feet(run),
+        feet=_feet(run) + ("" if forces is None else forces_part(forces)),
         ranges=ranges_table(ranges_of_motion(run), intervals=not run.header.retargeted),
         ranges_key=_MADE_RANGES if run.header.retargeted else _TRACKED_RANGES,
         untrusted=_untrusted(run, scene),
@@ -190,6 +199,17 @@ def _feet(run: Run) -> str:
     gait = gait_if_whole(run, contact)
     drawn = _shown([contact_figure(contact, gait.events if gait else ())])
     return drawn if gait is None else f"{drawn}\n{gait_part(gait)}"
+
+
+def forces_part(forces: Forces) -> str:
+    """What the feet carry and the moments of the legs, and what they rest on."""
+    key = (
+        f"Upwards, along x and along y on each foot in percent of the weight, then joint moments; shaded, 90&nbsp;%."
+        f" Mass {forces.mass.kilograms:.1f} kg ({escape(forces.mass.source)}). With both feet on the ground how they"
+        " share the forces is determined in part."
+    )
+    remark = f"<p>{text(forces.remark)}</p>" if forces.remark else ""
+    return f'\n<h3>Forces</h3>\n<p class="muted">{key}</p>\n{_shown([forces_figure(forces)])}{remark}'
 
 
 def _shown(figures: Sequence[Figure]) -> str:

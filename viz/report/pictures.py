@@ -16,9 +16,11 @@ import numpy as np
 from estimator.data.media.film import write_film
 from estimator.runs.contact import Contact
 from estimator.runs.events import Event
+from estimator.runs.forces import Forces
 from estimator.runs.run_reader import Run
 from viz.palette import ON_PAPER, web
 from viz.pictures.contact_plot import contact_drawing
+from viz.pictures.forces_plot import forces_drawing
 from viz.pictures.joint_plot import JointPanel, draw_panel, panels_of
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
@@ -192,6 +194,11 @@ def angle_figures(run: Run) -> list[Figure]:
 def contact_figure(contact: Contact, events: Sequence[Event]) -> Figure:
     """When the feet stand, as `kinemode contact` draws it, with events of gait."""
     return _as_svg(contact_drawing(contact, events), "when the feet stand")
+
+
+def forces_figure(forces: Forces) -> Figure:
+    """Forces and moments, as `kinemode forces` draws them."""
+    return _as_svg(forces_drawing(forces), "forces on the feet and moments of joints")
 
 
 def rig_figure(run: Run) -> Figure:

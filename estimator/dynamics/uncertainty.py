@@ -1,0 +1,98 @@
+"""How uncertain loads are: by samples of what they are computed from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.dynamics.contact_forces import ContactLoads, Disturbance, InverseDynamics, Support
+from estimator.dynamics.motion import Motion, near_mean
+from humanoid.support.settings import CheckedSettings, setting
+
+_WAVES = 24
+_JITTER = 1e-12
+
+
+class SmoothNoise(NamedTuple):
+    """A random curve of N values over time with unit variance, and its first and second derivatives, (T, N)."""
+
+    value: np.ndarray
+    rate: np.ndarray
+    second: np.ndarray
+
+
+def smooth_noise(rng: np.random.Generator, time: np.ndarray, count: int, correlation: float) -> SmoothNoise:
+    """Curves with a correlation of exp(-1/2 (dt / correlation)^2), at times (T,) [s], as sums of waves (A. Rahimi,
+    B. Recht, Random features for large-scale kernel machines, NIPS 2007)."""
+    frequency = rng.normal(size=(count, _WAVES)) / correlation
+    phase = rng.uniform(0.0, 2.0 * np.pi, (count, _WAVES))
+    angle = time[:, None, None] * frequency + phase
+    scale = np.sqrt(2.0 / _WAVES)
+    value, slope = scale * np.cos(angle), -scale * np.sin(angle)
+    return SmoothNoise(value.sum(axis=2), (slope * frequency).sum(axis=2), -(value * np.square(frequency)).sum(axis=2))
+
+
+@dataclass(frozen=True)
+class UncertaintySettings(CheckedSettings):
+    """What loads are uncertain by.
+
+    samples: how many. correlation [s]: how long an error of a pose lasts, whose covariance is the run's. lost: standard
+        deviation of the force that a motion lacks, as smoothing flattens peaks and flesh moves on its own, over the
+        size of the force that accelerates the centre of mass there; burst [s]: how long that lasts. strike [s]:
+        standard deviation of when a foot begins and ceases to stand. sway [s]: how long a foot's force stays beside its
+        pivot.
+
+    lost is that of `python -m benchmarks forces --learn`.
+    """
+
+    samples: int = setting(16, at_least=2)
+    correlation: float = setting(0.2, above=0)
+    lost: float = setting(0.35, at_least=0)
+    burst: float = setting(0.06, above=0)
+    strike: float = setting(0.02, at_least=0)
+    sway: float = setting(0.2, above=0)
+
+
+def samples_of(
+    rng: np.random.Generator,
+    dynamics: InverseDynamics,
+    motion: Motion,
+    covariance: np.ndarray,
+    support: Support | None,
+    settings: UncertaintySettings,
+) -> Iterator[ContactLoads]:
+    """Loads that may be instead: by poses that are off by smooth curves with the covariances (T, nv, nv) of their
+    tangents, by feet that stand sooner and later, and by disturbances."""
+    body, known = dynamics.body, motion.known
+    factors = np.linalg.cholesky(np.nan_to_num(covariance) + _JITTER * np.eye(body.nv))
+    size = accelerating(dynamics, motion, settings.burst)
+    for _ in range(settings.samples):
+        noise = smooth_noise(rng, motion.time, body.nv, settings.correlation)
+        off, rate, second = (np.einsum("tij,tj->ti", factors, part) for part in noise)
+        q = motion.q.copy()
+        q[known] = body.integrated(motion.q[known], off[known])
+        moved = motion._replace(q=q, v=motion.v + rate, a=motion.a + second)
+        force = settings.lost * size * smooth_noise(rng, motion.time, 3, settings.burst).value
+        sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).value
+        apart = Disturbance(force, sway.reshape(-1, 2, 2))
+        shifted = None if support is None else _shifted(rng, motion.time, support, settings.strike)
+        yield dynamics.loads(moved, shifted, apart)
+
+
+def accelerating(dynamics: InverseDynamics, motion: Motion, span: float) -> np.ndarray:
+    """Size (T, 3), in units of the weight, of the force that accelerates the centre of mass: its root mean square over
+    frames within about `span` [s]; 0 of a fixed base."""
+    if not dynamics.body.has_free_root:
+        return np.zeros((len(motion.time), 3))
+    square = np.nan_to_num(np.square(dynamics.force_of_acceleration(motion) / dynamics.weight))
+    known = np.maximum(near_mean(motion.time, motion.known.astype(float), 2.0 * span), _JITTER)
+    return np.sqrt(near_mean(motion.time, square, 2.0 * span) / known[:, None])
+
+
+def _shifted(rng: np.random.Generator, time: np.ndarray, support: Support, std: float) -> Support:
+    """The support with each point that stands sooner or later, by a normal time."""
+    shifted = [np.interp(time - rng.normal(0.0, std), time, column) for column in support.standing.T]
+    return support._replace(standing=np.stack(shifted, axis=1))

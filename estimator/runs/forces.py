@@ -1,0 +1,228 @@
+"""Ground reaction forces, joint moments and powers over time with their uncertainty, and as files: csv with bands,
+external loads and inverse dynamics as OpenSim reads them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
+from estimator.dynamics.contact_forces import GRAVITY
+from humanoid.support.errors import InputError
+from humanoid.support.files import replacing
+from humanoid.support.summary import Facts, Summarised
+
+_AXES = ("x", "y", "z")
+_LEVELS = (0.5, 0.9)
+
+
+class BodyMass(NamedTuple):
+    """kilograms and their standard deviation; source: where they come from."""
+
+    kilograms: float
+    std: float
+    source: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Forces(Summarised):
+    """Forces of a run over T frames, world z up, NaN where there are no accelerations: in frames without a pose, and
+    where fewer than eight are in a row.
+
+    time (T,) [s]. mass: see `BodyMass`. feet: "left" and "right", none for a body with a fixed base. force (T, F, 3)
+    [N]: of the ground on each foot. pressure (T, F, 3) [m]: centres of pressure, NaN where a foot carries less than 2 %
+    of the weight. free_moment (T, F) [N m]: about the vertical there. seat (T, 3) [N]: what something else carries at
+    the hips, such as a chair. names, units (J), moment (T, J) [N m; N of joints that slide]: of the joints by their
+    degrees of freedom, positive where they drive these up. power (T, J) [W]. residual (T, 6) [N, N m]: what the balance
+    of the root lacks, in the world, moments about the root. samples: the same computed from what might be instead, (S,
+    T, ...) each. remark: reasons for doubt; may be empty.
+    """
+
+    time: np.ndarray
+    mass: BodyMass
+    feet: tuple[str, ...]
+    force: np.ndarray
+    pressure: np.ndarray
+    free_moment: np.ndarray
+    seat: np.ndarray
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    moment: np.ndarray
+    power: np.ndarray
+    residual: np.ndarray
+    samples: ForceSamples
+    remark: str = ""
+
+    @property
+    def weight(self) -> float:
+        """[N]"""
+        return GRAVITY * self.mass.kilograms
+
+    @property
+    def total(self) -> np.ndarray:
+        """Sum (T, 3) [N] of the forces on the feet."""
+        return np.asarray(self.force.sum(axis=1))
+
+    def std(self, quantity: str) -> np.ndarray:
+        """Standard deviation of "force", "pressure", "free_moment", "seat", "total", "moment" or "power", shaped as it.
+
+        Raises InputError for another name.
+        """
+        known = (*ForceSamples._fields, "total")
+        if quantity not in known:
+            raise InputError("quantity", f"there is no {quantity!r}", remedy=f"one of {', '.join(known)}")
+        s = self.samples
+        drawn = s.force.sum(axis=2) if quantity == "total" else getattr(s, quantity)
+        enough = np.isfinite(drawn).sum(axis=0) > 1
+        off = np.where(enough, drawn, 0.0)
+        mean = np.nanmean(off, axis=0)
+        spread = np.sqrt(np.nanmean(np.square(off - mean), axis=0) * len(drawn) / max(len(drawn) - 1, 1))
+        if quantity != "pressure":
+            spread = np.hypot(spread, np.abs(getattr(self, quantity)) * self.mass.std / self.mass.kilograms)
+        return np.where(enough, spread, np.nan)
+
+    def interval(self, quantity: str, level: float = 0.9) -> np.ndarray:
+        """Ends (2, T, ...) of the interval that holds a quantity with probability `level`, by its standard deviation.
+
+        Raises InputError for another name, or a level that is not between 0 and 1.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError("level", f"must be between 0 and 1, got {level:g}", remedy="0.9 for 90 %")
+        half, value = float(ndtri(0.5 + 0.5 * level)) * self.std(quantity), getattr(self, quantity)
+        return np.stack([value - half, value + half])
+
+    def in_percent(self, force: np.ndarray) -> np.ndarray:
+        """A force [N] in percent of the body's weight."""
+        return 100.0 * force / self.weight
+
+    def write(self, path: str | Path) -> Path:
+        """Write a file by its ending, and return its path: .csv has everything, with half-widths of the 50 and 90 %
+        intervals; .mot the external loads for OpenSim, force, centre of pressure and free moment of each foot; .sto the
+        joint moments, as OpenSim's inverse dynamics writes them.
+
+        Raises
+        ------
+        InputError: another ending, external loads of a body without feet, or a file that is not writable.
+        """
+        path = Path(path)
+        with replacing(path) as temporary:
+            WRITERS[check_ending(path)](self, temporary, path.name)
+        return path
+
+    def _facts(self) -> Facts:
+        known = np.isfinite(self.residual).all(axis=1)
+        facts = [("frames", f"{len(self.time)}"), ("mass", f"{self.mass.kilograms:.1f} +- {self.mass.std:.1f} kg")]
+        for k, side in enumerate(self.feet):
+            peak = self.in_percent(np.nanmax(self.force[:, k, 2])) if known.any() else np.nan
+            facts.append((f"{side} foot at most", f"{peak:.0f} % of the weight"))
+        return [*facts, ("but", self.remark)] if self.remark else facts
+
+
+def check_ending(path: str | Path) -> str:
+    """The ending of a file of forces in lower case; raises InputError for another one."""
+    ending = Path(path).suffix.lower()
+    if ending not in WRITERS:
+        raise InputError(path, "is not a file of forces", remedy=f"let it end in {', '.join(WRITERS)}")
+    return ending
+
+
+class ForceSamples(NamedTuple):
+    """S samples of quantities of `Forces`, (S, T, ...) each."""
+
+    force: np.ndarray
+    pressure: np.ndarray
+    free_moment: np.ndarray
+    seat: np.ndarray
+    moment: np.ndarray
+    power: np.ndarray
+
+
+def _csv(forces: Forces, path: Path, name: str) -> None:
+    columns = list(_columns(forces))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["time [s]", *(column for column, _ in columns)])
+        values = np.column_stack([forces.time, *(value for _, value in columns)])
+        rows.writerows([["" if np.isnan(v) else f"{v:.6g}" for v in row] for row in values])
+
+
+def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
+    """Columns (T,) of the csv by their heads."""
+    halves = {q: {level: np.ptp(forces.interval(q, level), axis=0) / 2.0 for level in _LEVELS} for q in _QUANTITIES}
+
+    def banded(head: str, unit: str, quantity: str, *place: int) -> Iterator[tuple[str, np.ndarray]]:
+        where = (slice(None), *place)
+        yield f"{head} [{unit}]", getattr(forces, quantity)[where]
+        for level in _LEVELS:
+            yield f"{head} +- {100 * level:.0f} % [{unit}]", halves[quantity][level][where]
+
+    for k, foot in enumerate(forces.feet):
+        for i, axis in enumerate(_AXES):
+            yield from banded(f"{foot} force {axis}", "N", "force", k, i)
+            yield f"{foot} force {axis} [% of weight]", forces.in_percent(forces.force[:, k, i])
+        for i, axis in enumerate(_AXES):
+            yield from banded(f"{foot} pressure {axis}", "m", "pressure", k, i)
+        yield from banded(f"{foot} free moment", "N m", "free_moment", k)
+    if forces.feet:
+        for i, axis in enumerate(_AXES):
+            yield from banded(f"seat force {axis}", "N", "seat", i)
+    for j, joint in enumerate(forces.names):
+        yield from banded(f"{joint} moment", forces.units[j], "moment", j)
+        yield from banded(f"{joint} power", "W", "power", j)
+    if forces.feet:
+        for i, axis in enumerate(_AXES):
+            yield f"residual force {axis} [N]", forces.residual[:, i]
+            yield f"residual moment {axis} [N m]", forces.residual[:, 3 + i]
+
+
+_QUANTITIES = ("force", "pressure", "free_moment", "seat", "moment", "power")
+
+
+def _external_loads(forces: Forces, path: Path, name: str) -> None:
+    """Where a foot carries nothing its centre of pressure is 0, as OpenSim's own files have it."""
+    if not forces.feet:
+        raise InputError(name, "the body stands on no feet: there are no external loads", remedy="write .sto or .csv")
+    heads, columns = [], []
+    known = np.isfinite(forces.force).all(axis=(1, 2))
+    for k, foot in enumerate(forces.feet):
+        level = np.zeros((len(known), 2))
+        turning = np.column_stack([level[:, 0], forces.free_moment[:, k], level[:, 1]])
+        pressure = np.nan_to_num(forces.pressure[:, k] @ R_OPENSIM_WORLD.T)
+        heads += [f"ground_{kind}_{foot[0]}_{letter}{axis}" for kind, letter in _LOADS for axis in _AXES]
+        columns += [forces.force[:, k] @ R_OPENSIM_WORLD.T, np.where(known[:, None], pressure, np.nan), turning]
+    _write_storage(path, name, heads, np.hstack(columns), forces.time)
+
+
+_LOADS = (("force", "v"), ("force", "p"), ("torque", ""))
+
+
+def _inverse_dynamics(forces: Forces, path: Path, name: str) -> None:
+    kinds = [
+        f"{joint}_{'force' if unit == 'N' else 'moment'}"
+        for joint, unit in zip(forces.names, forces.units, strict=True)
+    ]
+    _write_storage(path, name, kinds, forces.moment, forces.time)
+
+
+def _write_storage(path: Path, title: str, names: list[str], values: np.ndarray, time: np.ndarray) -> None:
+    """Write columns (T, N) as an OpenSim storage; frames without values are left out."""
+    known = np.isfinite(values).all(axis=1)
+    head = [title, "version=1", f"nRows={int(known.sum())}", f"nColumns={len(names) + 1}", "inDegrees=no", "endheader"]
+    rows = [
+        "\t".join([f"{t:.6f}", *(f"{v:.8g}" for v in row)]) for t, row in zip(time[known], values[known], strict=True)
+    ]
+    path.write_text("\n".join([*head, "\t".join(["time", *names]), *rows]) + "\n", encoding="utf-8")
+
+
+WRITERS: Mapping[str, Callable[[Forces, Path, str], None]] = {
+    ".csv": _csv,
+    ".mot": _external_loads,
+    ".sto": _inverse_dynamics,
+}
+"""By the ending of a file."""

@@ -1,0 +1,200 @@
+"""Inverse dynamics of a run: its forces, joint moments and powers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.data.sequence import Progress
+from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, InverseDynamics, Support
+from estimator.dynamics.motion import Motion, motion_of
+from estimator.dynamics.soles import SIDES, SolePoints
+from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
+from estimator.inference.contacts import standing_probability
+from estimator.runs.contact import contact_of_run
+from estimator.runs.coordinates import joint_entries
+from estimator.runs.filtering import frame_rate
+from estimator.runs.forces import BodyMass, Forces, ForceSamples
+from estimator.runs.run_reader import Run
+from humanoid.kinematics.body import ROOT_JOINT, ROOT_V, Body
+from humanoid.shape.segment_masses import has_own_masses, is_person, person_inertias, stature
+from humanoid.shape.solids import heights_above_soles
+from humanoid.support.errors import InputError
+
+_BY_STATURE = (-105.0, 101.8, 9.3)
+"""Body mass by stature: constant [kg], slope [kg/m] and residual standard deviation [kg] of 507 adults (G. Heinz, L.
+Peterson, R. Johnson, C. Kerk, J. Stat. Educ. 11(2), 2003)."""
+_CUTOFF = 12.0  # Hz
+_LEAST, _MOST = 2.0, 500.0  # kg
+_NEAR, _MAYBE = 0.06, 0.01
+"""[m] Points so near to the floor may carry, with this probability at least, where nothing else does: feet that take
+off or land move as fast as others that swing."""
+_LOW_HIPS = 0.75  # of their usual height: hips up to there may rest on something
+
+
+def forces_of_run(
+    run: Run,
+    mass: float | None = None,
+    *,
+    seed: int = 0,
+    settings: ForceSettings | None = None,
+    uncertainty: UncertaintySettings | None = None,
+    progress: Progress | None = None,
+) -> Forces:
+    """Forces of a run's drawn trajectory.
+
+    mass [kg]: of the body, with whatever it carries; by default that of the URDF, or of a person as tall.
+
+    Raises
+    ------
+    InputError: a mass that is none; a body without masses that is not a person; one with a free root and without feet;
+        feet that never stand, or on a treadmill of unknown speed; fewer than eight poses in a row.
+    """
+    body, weighed = run.body, mass_of(run.body, mass)
+    inertias = inertias_of(body, weighed)
+    motion = motion_of(body, run.time, run.q)
+    if not motion.known.any():
+        raise InputError(run.file, "has no eight poses in a row", remedy="track a longer clip")
+    support, seat = _support(run) if body.has_free_root else (None, None)
+    dynamics = InverseDynamics(body, inertias, settings or ForceSettings(), seat)
+    chosen = uncertainty or UncertaintySettings()
+    at_best = None if support is None else support.blurred(run.time, chosen.strike)
+    loads = dynamics.loads(motion, at_best)
+    drawn = []
+    sampled = samples_of(np.random.default_rng(seed), dynamics, motion, _covariance(run), support, chosen)
+    for done, sample in enumerate(sampled, 1):
+        drawn.append(_quantities(body, motion, sample))
+        if progress is not None:
+            progress(done, chosen.samples)
+    best = _quantities(body, motion, loads)
+    samples = ForceSamples(*(np.array(part, dtype=np.float32) for part in zip(*drawn, strict=True)))
+    return Forces(
+        run.time, weighed, SIDES if support is not None else (), best.force, best.pressure, best.free_moment,
+        best.seat, tuple(body.v_names[body.first_joint_dof :]), _units(body), best.moment, best.power,
+        _residual(body, motion, loads), samples, _remark(run, motion),
+    )  # fmt: skip
+
+
+def usual_cutoff(time: np.ndarray) -> float:
+    """Cut-off [Hz] of the filter that poses at times (T,) [s] usually get before forces, 0 for none, where frames are
+    too few.
+
+    The errors of walks, squats and rising by markers are the same from 8 to 20 Hz and without a filter; of a drop jump,
+    whose smoothed trajectory has single accelerations of over a hundred m/s2, the peak is nearest to the plates' at 12
+    (docs/history/measures.md).
+    """
+    return _CUTOFF if len(time) > 1 and frame_rate(time) > 2.0 * _CUTOFF else 0.0
+
+
+def mass_of(body: Body, given: float | None) -> BodyMass:
+    """A body's mass: as given [kg], else its URDF's, else that of adults as tall.
+
+    Raises InputError for a number that is no mass, and for a body without masses that is not a person.
+    """
+    if given is not None:
+        if not _LEAST <= given <= _MOST:
+            raise InputError("mass", f"must be {_LEAST:g} to {_MOST:g} kg, got {given:g}", remedy="give kilograms")
+        return BodyMass(float(given), 0.0, "given")
+    if has_own_masses(body):
+        return BodyMass(float(sum(i.mass for i in body.model.inertias)), 0.0, "of the URDF")
+    tall = stature(body) if is_person(body) else None
+    if tall is None:
+        problem = "has no masses, and is not a person from head to heels"
+        raise InputError(body.subject.source, problem, remedy="add <inertial> to its links")
+    constant, slope, std = _BY_STATURE
+    return BodyMass(max(constant + slope * tall, _LEAST), std, f"of adults of {tall:.2f} m")
+
+
+def inertias_of(body: Body, mass: BodyMass) -> list[pin.Inertia]:
+    """Inertias of the joints' segments, which together have a mass."""
+    if not has_own_masses(body) and not is_person(body):
+        problem = "has no masses, and no links with the names of a person's segments"
+        raise InputError(body.subject.source, problem, remedy="add <inertial> to its links")
+    inertias = person_inertias(body, mass.kilograms)
+    scale = mass.kilograms / sum(inertia.mass for inertia in inertias)
+    return [pin.Inertia(scale * i.mass, i.lever, scale * i.inertia) for i in inertias]
+
+
+def _support(run: Run) -> tuple[Support, np.ndarray | None]:
+    """What may carry a run's body over time, and the place (3,) [m] of a seat in the root's frame."""
+    contact = contact_of_run(run) if SolePoints.of(run.body) is not None else None
+    if contact is None:
+        remedy = "forces need a person with feet, such as human34, or a body with a fixed base"
+        raise InputError(run.header.subject_source, "has no heels and toes as landmarks", remedy=remedy)
+    if np.isnan(contact.standing).any():
+        raise InputError(run.file, contact.remark, remedy="forces need to know when feet stand")
+    if not (contact.standing > 0.5).any():
+        raise InputError(run.file, "the feet never stand", remedy="check with kinemode contact; forces need contact")
+    seat, seated = _seat(run)
+    near = np.nan_to_num(contact.heights, nan=np.inf) < _NEAR
+    return Support(np.where(near, np.maximum(contact.standing, _MAYBE), contact.standing), seated), seat
+
+
+def _seat(run: Run) -> tuple[np.ndarray | None, np.ndarray]:
+    """The place (3,) [m] of a seat below the hips in the root's frame, None for a body without a middle of the hips,
+    and the probability (T,) that they rest on something: they are low and do not move."""
+    body, names = run.body, run.body.landmark_names
+    if "mid_hip" not in names or body.landmark_joint[k := names.index("mid_hip")] != ROOT_JOINT:
+        return None, np.zeros(len(run.time))
+    up = np.array([0.0, 0.0, 1.0])
+    local = body.landmark_local[k] - heights_above_soles(body, [k])[0] * up
+    hips = run.landmarks[:, [k]]
+    low = hips[:, 0, 2] - _ground(run) < _LOW_HIPS * _hip_height(body)
+    return local, np.where(low, standing_probability(hips, run.time)[:, 0], 0.0)
+
+
+def _ground(run: Run) -> float:
+    """Height [m] of the ground: where the lowest heel or toe usually is."""
+    feet = [k for k, name in enumerate(run.body.landmark_names) if name.endswith(("heel", "toe"))]
+    return float(np.nanmedian(run.landmarks[:, feet, 2].min(axis=1)))
+
+
+def _hip_height(body: Body) -> float:
+    """Height [m] of the hips over the heels with all joints at zero."""
+    places = dict(zip(body.landmark_names, body.landmarks(body.at(pin.neutral(body.model))), strict=True))
+    return float(places["mid_hip"][2] - min(places["left_heel"][2], places["right_heel"][2]))
+
+
+def _covariance(run: Run) -> np.ndarray:
+    """Covariances (T, nv, nv) of the drawn trajectory's poses."""
+    smoothed = run.smoothed
+    if smoothed is None or smoothed.covariance is None:
+        return run.covariance
+    return np.array([smoothed.covariance[t] for t in range(len(run.time))])
+
+
+def _units(body: Body) -> tuple[str, ...]:
+    """The units of what drives each degree of freedom but a free root's."""
+    units = np.full(body.nv, "N m", dtype="<U3")
+    for entry in joint_entries(body):
+        if entry.kind == "slide" and not entry.follows:
+            units[body.place(entry.name).v] = "N"
+    return tuple(str(unit) for unit in units[body.first_joint_dof :])
+
+
+def _quantities(body: Body, motion: Motion, loads: ContactLoads) -> ForceSamples:
+    """Quantities (T, ...) of loads."""
+    moment = loads.torque[:, body.first_joint_dof :]
+    power = moment * motion.v[:, body.first_joint_dof :]
+    return ForceSamples(loads.force, loads.pressure, loads.free_moment, loads.seat, moment, power)
+
+
+def _residual(body: Body, motion: Motion, loads: ContactLoads) -> np.ndarray:
+    """What the balance of the root lacks (T, 6) [N, N m], in the world; 0 of a fixed base."""
+    residual = np.where(motion.known[:, None], np.zeros(6), np.nan)
+    if body.has_free_root:
+        for t in np.flatnonzero(motion.known):
+            R_world_root = body.at(motion.q[t]).rotations[ROOT_JOINT]
+            residual[t] = (R_world_root @ loads.torque[t, ROOT_V].reshape(2, 3).T).T.ravel()
+    return residual
+
+
+def _remark(run: Run, motion: Motion) -> str:
+    """Reasons for doubt."""
+    doubts = []
+    if run.smoothed is None and run.filtering is None:
+        doubts.append("the run was not smoothed: accelerations are rough; smooth it, or give a cut-off to filter it")
+    if len(motion.parts) > 1 or not motion.known.all():
+        spans = ", ".join(f"{run.time[a]:.2f} to {run.time[b - 1]:.2f} s" for a, b in motion.parts)
+        doubts.append(f"forces are given from {spans} alone: they end at gaps")
+    return "; ".join(doubts)
