@@ -15,7 +15,7 @@ from benchmarks.accuracy.forces import Trial, figures_of, plates_of
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.dynamics.contact_forces import GRAVITY
 from estimator.runs.forces import Forces
-from estimator.runs.inverse_dynamics import mass_of, usual_cutoff
+from estimator.runs.inverse_dynamics import _resting, mass_of, usual_cutoff
 from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
@@ -158,6 +158,18 @@ def test_the_command_prints_writes_and_refuses_early(
     assert plot.stat().st_size > 0
     assert main(["forces", str(run.file), "--out", "forces.txt"]) != 0
     assert "let it end in .csv, .mot, .sto" in capsys.readouterr().err
+
+
+def test_hips_rest_on_a_seat_and_not_at_the_bottom_of_a_landing() -> None:
+    time = np.arange(240) / 60.0
+    sits = np.maximum(np.abs(time - 2.0) - 0.8, 0.0)  # down, still for more than a second and a half, up
+    lands = np.abs(time - 2.0)
+    heights = [np.column_stack([0.0 * time, 0.0 * time, height]) for height in (sits, lands**2, lands)]
+    seat, squat, landing = (_resting(time, hips) for hips in heights)
+    assert seat[120] > 0.95
+    assert seat[:30].max() < 0.1
+    assert squat[120] < 0.75
+    assert landing.max() < 0.05
 
 
 def test_few_frames_a_second_are_not_filtered() -> None:

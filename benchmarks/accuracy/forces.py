@@ -29,6 +29,9 @@ from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
 SQUAT = "opencap/squat"
+RUNNER = Path("forces/runner/run200.trc")
+"""A trial on an instrumented treadmill."""
+_RUNNER_MARKERS = Path(__file__).with_name("runner_markers.toml")
 FILM_DELAY = 0.008
 """[s] Of the film's clock behind the trial's."""
 _AXES = (2, 0, 1)  # vertical, fore-aft, sideways
@@ -137,7 +140,7 @@ def moments_with_plates(run: Run, forces: Forces, plates: Plates, weight: float)
 def weights_of(trials: list[tuple[str, str, Run, Forces, Plates]]) -> list[float]:
     """The weight [N] by the plates in each trial: that with which their vertical force agrees best with ours, which has
     its weight in the mean of a stride; plates of a person disagree by 6 % between trials. Of trials with impacts it is
-    the median of the person's others."""
+    the median of the person's others where there are any."""
     own = []
     for person, name, run, forces, plates in trials:
         rows = Trial(person, name, run, forces, plates, float(np.quantile(plates.total[:, 2], 0.95))).rows
@@ -201,12 +204,14 @@ def main(
 ) -> None:
     """Print errors of forces and moments, trial by trial."""
     folder = data_folder(data)
-    files = [] if folder is None else [f for f in measured_files(folder) if not trials or f.stem in trials]
+    known = [] if folder is None else [*measured_files(folder), folder / RUNNER]
+    files = [f for f in known if f.is_file() and (not trials or f.stem in trials)]
     if folder is None or not files:
         raise InputError("data", "there is no opencap/subject4", remedy="--data DIR or KINEMODE_DATA names the folder")
     loose = []
     for path in files:
-        run = _usual(km.track("human34", points=path))
+        markers: Path | str = _RUNNER_MARKERS if path.parent.name == RUNNER.parent.name else "auto"
+        run = _usual(km.track("human34", points=path, markers=markers))
         forces = forces_of_run(run, mass_of(run.body, None).kilograms)
         loose.append((path.parent.name, path.stem, run, forces, plates_of(_plate_file(path), run)))
         tell(f"{path.parent.name} {path.stem}")

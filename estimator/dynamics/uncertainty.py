@@ -39,7 +39,8 @@ def smooth_noise(rng: np.random.Generator, time: np.ndarray, count: int, correla
 class UncertaintySettings(CheckedSettings):
     """What loads are uncertain by.
 
-    samples: how many. correlation [s]: how long an error of a pose lasts, whose covariance is the run's. lost: standard
+    samples: how many. correlation [s]: how much longer an error of a smoothed pose lasts than those of frames; its
+        covariance is the run's. lost: standard
         deviation of the force that a motion lacks, as smoothing flattens peaks and flesh moves on its own, over the
         size of the force that accelerates the centre of mass there; burst [s]: how long that lasts. strike [s]:
         standard deviation of when a foot begins and ceases to stand. sway [s]: how long a foot's force stays beside its
@@ -49,7 +50,7 @@ class UncertaintySettings(CheckedSettings):
     """
 
     samples: int = setting(16, at_least=2)
-    correlation: float = setting(0.2, above=0)
+    correlation: float = setting(0.15, above=0)
     lost: float = setting(0.35, at_least=0)
     burst: float = setting(0.06, above=0)
     strike: float = setting(0.02, at_least=0)
@@ -63,14 +64,15 @@ def samples_of(
     covariance: np.ndarray,
     support: Support | None,
     settings: UncertaintySettings,
+    lasting: float = 0.05,
 ) -> Iterator[ContactLoads]:
     """Loads that may be instead: by poses that are off by smooth curves with the covariances (T, nv, nv) of their
-    tangents, by feet that stand sooner and later, and by disturbances."""
+    tangents, by feet that stand sooner and later, and by disturbances. lasting [s]: how long errors of frames last."""
     body, known = dynamics.body, motion.known
     factors = np.linalg.cholesky(np.nan_to_num(covariance) + _JITTER * np.eye(body.nv))
     size = accelerating(dynamics, motion, settings.burst)
     for _ in range(settings.samples):
-        noise = smooth_noise(rng, motion.time, body.nv, settings.correlation)
+        noise = smooth_noise(rng, motion.time, body.nv, settings.correlation + lasting)
         off, rate, second = (np.einsum("tij,tj->ti", factors, part) for part in noise)
         q = motion.q.copy()
         q[known] = body.integrated(motion.q[known], off[known])

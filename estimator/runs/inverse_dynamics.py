@@ -6,16 +6,17 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.data.sequence import Progress
+from estimator.data.standing import HIP_SPAN
 from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, InverseDynamics, Support
 from estimator.dynamics.motion import Motion, motion_of
 from estimator.dynamics.soles import SIDES, SolePoints
 from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
-from estimator.inference.contacts import standing_probability
 from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import joint_entries
 from estimator.runs.filtering import frame_rate
 from estimator.runs.forces import BodyMass, Forces, ForceSamples
 from estimator.runs.run_reader import Run
+from estimator.tracking.smoothing import SmoothSettings
 from humanoid.kinematics.body import ROOT_JOINT, ROOT_V, Body
 from humanoid.shape.segment_masses import has_own_masses, is_person, person_inertias, stature
 from humanoid.shape.solids import heights_above_soles
@@ -30,6 +31,7 @@ _NEAR, _MAYBE = 0.06, 0.01
 """[m] Points so near to the floor may carry, with this probability at least, where nothing else does: feet that take
 off or land move as fast as others that swing."""
 _LOW_HIPS = 0.75  # of their usual height: hips up to there may rest on something
+_STILL, _MOST_OF_IT = 0.02, 0.8  # m: standard deviation of resting hips, which settle; share of a span that is there
 
 
 def forces_of_run(
@@ -61,7 +63,8 @@ def forces_of_run(
     at_best = None if support is None else support.blurred(run.time, chosen.strike)
     loads = dynamics.loads(motion, at_best)
     drawn = []
-    sampled = samples_of(np.random.default_rng(seed), dynamics, motion, _covariance(run), support, chosen)
+    rng = np.random.default_rng(seed)
+    sampled = samples_of(rng, dynamics, motion, _covariance(run), support, chosen, _lasting(run))
     for done, sample in enumerate(sampled, 1):
         drawn.append(_quantities(body, motion, sample))
         if progress is not None:
@@ -132,15 +135,28 @@ def _support(run: Run) -> tuple[Support, np.ndarray | None]:
 
 def _seat(run: Run) -> tuple[np.ndarray | None, np.ndarray]:
     """The place (3,) [m] of a seat below the hips in the root's frame, None for a body without a middle of the hips,
-    and the probability (T,) that they rest on something: they are low and do not move."""
+    and the probability (T,) that they rest on something: they are low, and stay where they are for half a second."""
     body, names = run.body, run.body.landmark_names
     if "mid_hip" not in names or body.landmark_joint[k := names.index("mid_hip")] != ROOT_JOINT:
         return None, np.zeros(len(run.time))
     up = np.array([0.0, 0.0, 1.0])
     local = body.landmark_local[k] - heights_above_soles(body, [k])[0] * up
-    hips = run.landmarks[:, [k]]
-    low = hips[:, 0, 2] - _ground(run) < _LOW_HIPS * _hip_height(body)
-    return local, np.where(low, standing_probability(hips, run.time)[:, 0], 0.0)
+    hips = run.landmarks[:, k]
+    low = hips[:, 2] - _ground(run) < _LOW_HIPS * _hip_height(body)
+    return local, np.where(low, _resting(run.time, hips), 0.0)
+
+
+def _resting(time: np.ndarray, hips: np.ndarray) -> np.ndarray:
+    """Probability (T,) that hips (T, 3) [m] rest at times (T,) [s], by how little they wander in the stillest span of
+    `HIP_SPAN` that a frame is in: at the bottom of a squat or a landing they turn sooner."""
+    resting = np.zeros(len(time))
+    for first, after in enumerate(np.searchsorted(time, time + HIP_SPAN, side="right")):
+        span = hips[first:after]
+        if time[after - 1] - time[first] < _MOST_OF_IT * HIP_SPAN or not np.isfinite(span).all():
+            continue
+        wander = float(np.sqrt(span.var(axis=0).sum()))
+        resting[first:after] = np.maximum(resting[first:after], np.exp(-0.5 * np.square(wander / _STILL)))
+    return resting
 
 
 def _ground(run: Run) -> float:
@@ -170,6 +186,12 @@ def _units(body: Body) -> tuple[str, ...]:
         if entry.kind == "slide" and not entry.follows:
             units[body.place(entry.name).v] = "N"
     return tuple(str(unit) for unit in units[body.first_joint_dof :])
+
+
+def _lasting(run: Run) -> float:
+    """How long errors of the run's frames last [s], as its smoothing has it."""
+    smooth = run.header.settings.get("smooth", {})
+    return float(smooth.get("lasting", SmoothSettings().lasting))
 
 
 def _quantities(body: Body, motion: Motion, loads: ContactLoads) -> ForceSamples:

@@ -126,12 +126,15 @@ ended."""
 _SHORT_LIVED: dict[str, Any] = {"smooth": {"lasting": 0.05}}
 """Errors of markers are correlated for a shorter time than those of a detector. Errors common to all frames, those of
 their places, are added (`estimator.runs.lasting_spread`)."""
+_SHARP: dict[str, Any] = {"smooth": {"memory": 0.03, "nu": 16.0}}
+"""With a shorter memory of accelerations, and tails that allow these to jump less, forces are nearer to
+force plates, and angles to captured ones (`python -m benchmarks forces`, `points`)."""
 SPEC = Spec(
     name=NAME,
     sentence="points in space: a descent or two a frame, a search of many where they constrain little",
     make=by_search(MarkerTracker),
     group="markers",
     settings=MarkerTrackerSettings(),
-    defaults=together(NO_CAPTURE, _CLASPED, _QUICK, _SHORT_LIVED),
+    defaults=together(NO_CAPTURE, _CLASPED, _QUICK, _SHORT_LIVED, _SHARP),
     unused=(ONLY_TO_BEGIN,),
 )
