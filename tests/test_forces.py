@@ -87,6 +87,20 @@ def test_the_csv_has_units_and_bands(forces: Forces, tmp_path: Path) -> None:
     assert "left_knee_flexion power [W]" in row
 
 
+def test_forces_along_the_way_a_body_faces_turn_with_it(forces: Forces, tmp_path: Path) -> None:
+    """Whoever is turned about the vertical has the same forces forwards and to the left."""
+    quarter, turned = np.sqrt(0.5) * np.array([0.0, 0.0, 1.0, 1.0]), squatting(0.3)
+    turned[:, :2] = np.stack([-turned[:, 1], turned[:, 0]], axis=1)
+    turned[:, 3:7] = quarter
+    run = made_run(tmp_path / "turned.run", BODY.subject, turned[:, None], std=1e-3, times=TIME)
+    with pytest.warns(km.InputWarning, match="not smoothed"):
+        aside = km.forces(run, mass=60.0, filter=0.0)
+    np.testing.assert_allclose(forces.facing, np.tile([1.0, 0.0], (len(TIME), 1)), atol=1e-9)
+    np.testing.assert_allclose(aside.facing, np.tile([0.0, 1.0], (len(TIME), 1)), atol=1e-9)
+    np.testing.assert_allclose(aside.force_in_facing, forces.force_in_facing, atol=0.1)
+    np.testing.assert_allclose(forces.force_in_facing, forces.force, atol=1e-6)
+
+
 def test_opensim_reads_loads_and_moments(forces: Forces, tmp_path: Path) -> None:
     """External loads in OpenSim's axes, which turn back to ours, and moments by the names of the joints."""
 

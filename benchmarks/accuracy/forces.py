@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
+from scipy.optimize import nnls
 
 import kinemode as km
 from benchmarks.accuracy.plates import Plates, plates_of
@@ -157,30 +158,36 @@ def weights_of(trials: list[tuple[str, str, Run, Forces, Plates]]) -> list[float
 
 
 class Learned(NamedTuple):
-    """pivot, aim: of `ForceSettings`; lost: of `UncertaintySettings`."""
+    """pivot, aim: of `ForceSettings`; lost, leak: of `UncertaintySettings`, as root mean squares."""
 
     pivot: float
     aim: float
     lost: float
+    leak: float
 
 
 def learned_from(trials: list[Trial]) -> Learned:
-    """The constants by trials, of each person with the same weight."""
-    people = sorted({trial.person for trial in trials})
-    slopes, spreads, losses = [], [], []
-    for person in people:
-        own = [_evidence(trial) for trial in trials if trial.person == person]
-        lean, away, share, off, size = (np.concatenate([e[i] for e in own]) for i in range(5))
-        slopes.append((lean @ away, away @ away, lean, away, share))
-        losses.append(float(np.mean(np.square(off)) / np.mean(np.square(size))))
-    pivot = float(np.mean([a / b for a, b, *_ in slopes]))
-    spreads = [np.mean(np.square(share * (lean - pivot * away))) for *_, lean, away, share in slopes]
-    return Learned(pivot, float(np.sqrt(np.mean(spreads))), float(np.sqrt(np.mean(losses))))
+    """The constants by trials: pivot and aim of each person, lost and leak of each trial and direction with the same
+    weight."""
+    slopes, rows, squares = dict[str, list[np.ndarray]](), [], []
+    for trial in trials:
+        feet, (off, size) = _evidence(trial)
+        slopes.setdefault(trial.person, []).append(feet)
+        whole = np.square(size).sum(axis=1)
+        for k in range(3):
+            weight = 1.0 / max(float(np.square(off[:, k]).sum()) * np.sqrt(len(off)), 1e-9)
+            rows.append(weight * len(off) * np.stack([np.square(size[:, k]), whole * (k < 2)], axis=1))
+            squares.append(weight * len(off) * np.square(off[:, k]))
+    people = [np.concatenate(parts, axis=1) for parts in slopes.values()]
+    pivot = float(np.mean([lean @ away / (away @ away) for lean, away, _ in people]))
+    aim = np.sqrt(np.mean([np.mean(np.square(share * (lean - pivot * away))) for lean, away, share in people]))
+    lost, leak = np.sqrt(nnls(np.vstack(rows), np.concatenate(squares))[0])
+    return Learned(pivot, float(aim), float(lost), float(leak))
 
 
-def _evidence(trial: Trial) -> tuple[np.ndarray, ...]:
-    """Of the plates' feet: level over vertical force, the level way to the centre of mass over its height, the share of
-    the weight; of all: errors of the sum and sizes of the force that accelerates, in weights."""
+def _evidence(trial: Trial) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Of the plates' feet (3, N): level over vertical force, the level way to the centre of mass over its height, the
+    share of the weight. Of frames: errors of the sum, and sizes of the force that accelerates, (T, 3) in weights."""
     run, plates, rows = trial.run, trial.plates, trial.rows
     motion = motion_of(run.body, run.time, run.q)
     dynamics = InverseDynamics(run.body, inertias_of(run.body, trial.forces.mass), ForceSettings())
@@ -191,7 +198,7 @@ def _evidence(trial: Trial) -> tuple[np.ndarray, ...]:
     share = np.repeat(plates.force[firm][:, 2] / trial.weight, 2)
     off = 0.01 * trial.percent(trial.forces.total, plates.total)[rows]
     size = accelerating(dynamics, motion, UncertaintySettings().burst)[rows]
-    return lean.ravel(), away.ravel(), share, off.ravel(), size.ravel()
+    return np.stack([lean.ravel(), away.ravel(), share]), (off, size)
 
 
 def main(
@@ -269,7 +276,7 @@ def _film(place: Path, trial: Trial) -> dict[str, float]:
 
 
 def _print_learned(trials: list[Trial]) -> None:
-    table = report.table("constants", "learned from", "pivot", "aim", "lost")
+    table = report.table("constants", "learned from", "pivot", "aim", "lost", "leak")
     for without in ("", *sorted({trial.person for trial in trials})):
         own = learned_from([trial for trial in trials if trial.person != without])
         table.add_row(f"all but {without}" if without else "all", *(f"{value:.3f}" for value in own))

@@ -40,18 +40,19 @@ class UncertaintySettings(CheckedSettings):
     """What loads are uncertain by.
 
     samples: how many. correlation [s]: how much longer an error of a smoothed pose lasts than those of frames; its
-        covariance is the run's. lost: standard
-        deviation of the force that a motion lacks, as smoothing flattens peaks and flesh moves on its own, over the
-        size of the force that accelerates the centre of mass there; burst [s]: how long that lasts. strike [s]:
-        standard deviation of when a foot begins and ceases to stand. sway [s]: how long a foot's force stays beside its
-        pivot.
+        covariance is the run's. lost: standard deviation of the force that a motion lacks, as smoothing flattens peaks
+        and flesh moves on its own, over the size of the force that accelerates the centre of mass in that direction;
+        leak: of a level force, over its size in all directions; burst [s]: how long that lasts. strike [s]: standard
+        deviation of when a foot begins and ceases to stand. sway [s]: how long a foot's force stays beside its pivot.
 
-    lost is that of `python -m benchmarks forces --learn`.
+    lost and leak are those of `python -m benchmarks forces --learn`, widened for the long tails of such errors until
+    90 % intervals hold about that many.
     """
 
     samples: int = setting(16, at_least=2)
     correlation: float = setting(0.15, above=0)
-    lost: float = setting(0.35, at_least=0)
+    lost: float = setting(0.3, at_least=0)
+    leak: float = setting(0.06, at_least=0)
     burst: float = setting(0.06, above=0)
     strike: float = setting(0.02, at_least=0)
     sway: float = setting(0.2, above=0)
@@ -70,14 +71,14 @@ def samples_of(
     tangents, by feet that stand sooner and later, and by disturbances. lasting [s]: how long errors of frames last."""
     body, known = dynamics.body, motion.known
     factors = np.linalg.cholesky(np.nan_to_num(covariance) + _JITTER * np.eye(body.nv))
-    size = accelerating(dynamics, motion, settings.burst)
+    std = lacking(accelerating(dynamics, motion, settings.burst), settings)
     for _ in range(settings.samples):
         noise = smooth_noise(rng, motion.time, body.nv, settings.correlation + lasting)
         off, rate, second = (np.einsum("tij,tj->ti", factors, part) for part in noise)
         q = motion.q.copy()
         q[known] = body.integrated(motion.q[known], off[known])
         moved = motion._replace(q=q, v=motion.v + rate, a=motion.a + second)
-        force = settings.lost * size * smooth_noise(rng, motion.time, 3, settings.burst).value
+        force = std * smooth_noise(rng, motion.time, 3, settings.burst).value
         sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).value
         apart = Disturbance(force, sway.reshape(-1, 2, 2))
         shifted = None if support is None else _shifted(rng, motion.time, support, settings.strike)
@@ -92,6 +93,13 @@ def accelerating(dynamics: InverseDynamics, motion: Motion, span: float) -> np.n
     square = np.nan_to_num(np.square(dynamics.force_of_acceleration(motion) / dynamics.weight))
     known = np.maximum(near_mean(motion.time, motion.known.astype(float), 2.0 * span), _JITTER)
     return np.sqrt(near_mean(motion.time, square, 2.0 * span) / known[:, None])
+
+
+def lacking(size: np.ndarray, settings: UncertaintySettings) -> np.ndarray:
+    """Standard deviations (T, 3) of the force that a motion lacks, by the size (T, 3) of that which accelerates, both
+    in units of the weight."""
+    whole = np.linalg.norm(size, axis=1, keepdims=True)
+    return np.hypot(settings.lost * size, settings.leak * whole * np.array([1.0, 1.0, 0.0]))
 
 
 def _shifted(rng: np.random.Generator, time: np.ndarray, support: Support, std: float) -> Support:

@@ -40,8 +40,9 @@ class Forces(Summarised):
     of the weight. free_moment (T, F) [N m]: about the vertical there. seat (T, 3) [N]: what something else carries at
     the hips, such as a chair. names, units (J), moment (T, J) [N m; N of joints that slide]: of the joints by their
     degrees of freedom, positive where they drive these up. power (T, J) [W]. residual (T, 6) [N, N m]: what the balance
-    of the root lacks, in the world, moments about the root. samples: the same computed from what might be instead, (S,
-    T, ...) each. remark: reasons for doubt; may be empty.
+    of the root lacks, in the world, moments about the root. facing (T, 2): level unit vector of the way the pelvis
+    faces, over about half a second, NaN of a body without feet. samples: the same computed from what might be instead,
+    (S, T, ...) each. remark: reasons for doubt; may be empty.
     """
 
     time: np.ndarray
@@ -56,6 +57,7 @@ class Forces(Summarised):
     moment: np.ndarray
     power: np.ndarray
     residual: np.ndarray
+    facing: np.ndarray
     samples: ForceSamples
     remark: str = ""
 
@@ -69,16 +71,28 @@ class Forces(Summarised):
         """Sum (T, 3) [N] of the forces on the feet."""
         return np.asarray(self.force.sum(axis=1))
 
-    def std(self, quantity: str) -> np.ndarray:
-        """Standard deviation of "force", "pressure", "free_moment", "seat", "total", "moment" or "power", shaped as it.
+    @property
+    def force_in_facing(self) -> np.ndarray:
+        """Forces (T, F, 3) [N] on the feet along the way the body faces, to its left, and upwards."""
+        return self.in_facing(self.force)
 
-        Raises InputError for another name.
-        """
-        known = (*ForceSamples._fields, "total")
+    def in_facing(self, force: np.ndarray) -> np.ndarray:
+        """Forces (..., T, F, 3) [N] of the world along the way the body faces, to its left, and upwards."""
+        x, y = self.facing.T[:, :, None]
+        turned = force[..., 0] * x + force[..., 1] * y, force[..., 1] * x - force[..., 0] * y, force[..., 2]
+        return np.stack(turned, axis=-1)
+
+    def std(self, quantity: str) -> np.ndarray:
+        """Standard deviation of "force", "force_in_facing", "pressure", "free_moment", "seat", "total", "moment" or
+        "power", shaped as it; raises InputError for another name."""
+        known = (*ForceSamples._fields, "force_in_facing", "total")
         if quantity not in known:
             raise InputError("quantity", f"there is no {quantity!r}", remedy=f"one of {', '.join(known)}")
         s = self.samples
-        drawn = s.force.sum(axis=2) if quantity == "total" else getattr(s, quantity)
+        if quantity == "total":
+            drawn = s.force.sum(axis=2)
+        else:
+            drawn = self.in_facing(s.force) if quantity == "force_in_facing" else getattr(s, quantity)
         enough = np.isfinite(drawn).sum(axis=0) > 1
         off = np.where(enough, drawn, 0.0)
         mean = np.nanmean(off, axis=0)
@@ -166,6 +180,8 @@ def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
         for i, axis in enumerate(_AXES):
             yield from banded(f"{foot} force {axis}", "N", "force", k, i)
             yield f"{foot} force {axis} [% of weight]", forces.in_percent(forces.force[:, k, i])
+        for i, way in enumerate(("forwards", "to the left")):
+            yield from banded(f"{foot} force {way}", "N", "force_in_facing", k, i)
         for i, axis in enumerate(_AXES):
             yield from banded(f"{foot} pressure {axis}", "m", "pressure", k, i)
         yield from banded(f"{foot} free moment", "N m", "free_moment", k)
@@ -181,7 +197,7 @@ def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
             yield f"residual moment {axis} [N m]", forces.residual[:, 3 + i]
 
 
-_QUANTITIES = ("force", "pressure", "free_moment", "seat", "moment", "power")
+_QUANTITIES = ("force", "force_in_facing", "pressure", "free_moment", "seat", "moment", "power")
 
 
 def _external_loads(forces: Forces, path: Path, name: str) -> None:

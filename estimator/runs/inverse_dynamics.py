@@ -8,7 +8,7 @@ import pinocchio as pin
 from estimator.data.sequence import Progress
 from estimator.data.standing import HIP_SPAN
 from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, InverseDynamics, Support
-from estimator.dynamics.motion import Motion, motion_of
+from estimator.dynamics.motion import Motion, motion_of, near_mean
 from estimator.dynamics.soles import SIDES, SolePoints
 from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
 from estimator.runs.contact import contact_of_run
@@ -18,7 +18,7 @@ from estimator.runs.forces import BodyMass, Forces, ForceSamples
 from estimator.runs.run_reader import Run
 from estimator.tracking.smoothing import SmoothSettings
 from humanoid.kinematics.body import ROOT_JOINT, ROOT_V, Body
-from humanoid.shape.segment_masses import has_own_masses, is_person, person_inertias, stature
+from humanoid.shape.segment_masses import forward_of, has_own_masses, is_person, person_inertias, stature
 from humanoid.shape.solids import heights_above_soles
 from humanoid.support.errors import InputError
 
@@ -26,6 +26,7 @@ _BY_STATURE = (-105.0, 101.8, 9.3)
 """Body mass by stature: constant [kg], slope [kg/m] and residual standard deviation [kg] of 507 adults (G. Heinz, L.
 Peterson, R. Johnson, C. Kerk, J. Stat. Educ. 11(2), 2003)."""
 _CUTOFF = 12.0  # Hz
+_FACES = 0.25  # s, over which the way a body faces is a mean
 _LEAST, _MOST = 2.0, 500.0  # kg
 _NEAR, _MAYBE = 0.06, 0.01
 """[m] Points so near to the floor may carry, with this probability at least, where nothing else does: feet that take
@@ -74,7 +75,7 @@ def forces_of_run(
     return Forces(
         run.time, weighed, SIDES if support is not None else (), best.force, best.pressure, best.free_moment,
         best.seat, tuple(body.v_names[body.first_joint_dof :]), _units(body), best.moment, best.power,
-        _residual(body, motion, loads), samples, _remark(run, motion),
+        _residual(body, motion, loads), _facing(body, motion), samples, _remark(run, motion),
     )  # fmt: skip
 
 
@@ -209,6 +210,19 @@ def _residual(body: Body, motion: Motion, loads: ContactLoads) -> np.ndarray:
             R_world_root = body.at(motion.q[t]).rotations[ROOT_JOINT]
             residual[t] = (R_world_root @ loads.torque[t, ROOT_V].reshape(2, 3).T).T.ravel()
     return residual
+
+
+def _facing(body: Body, motion: Motion) -> np.ndarray:
+    """Level unit vectors (T, 2) of the way the pelvis faces, over about half a second; NaN of a body without feet."""
+    forward = forward_of(body) if body.has_free_root else None
+    if forward is None:
+        return np.full((len(motion.time), 2), np.nan)
+    known = np.isfinite(motion.q).all(axis=1)
+    level = np.zeros((len(motion.time), 2))
+    R_world_root = body.placed(motion.q[known]).placements[:, ROOT_JOINT, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    level[known] = (R_world_root @ forward)[:, :2]
+    mean = near_mean(motion.time, level, _FACES)
+    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9))
 
 
 def _remark(run: Run, motion: Motion) -> str:

@@ -130,6 +130,12 @@ def stature(body: Body) -> float | None:
     return float(places["head_top"][2] - np.mean(heels, axis=0)[2])
 
 
+def forward_of(body: Body) -> np.ndarray | None:
+    """Unit vector (3,) of the way the feet point with all joints at zero, None without heels and toes."""
+    forward = _points(body).get(_FORWARD)
+    return None if forward is None else np.asarray(forward / np.linalg.norm(forward))
+
+
 def is_person(body: Body) -> bool:
     """Whether links have the names of a person's segments."""
     return any(without_side(name) in REGRESSIONS for names in links_of(body).values() for name in names)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 _WIDTH, _ROW = 9.0, 1.9  # inches
-_AXES = ("along x", "along y", "upwards")
+_AXES = ("forwards", "to the left", "upwards")
 _ORDER = (2, 0, 1)
 _SHADE = 0.2
 _WANTED = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion")
@@ -35,7 +35,8 @@ def write_forces_plot(forces: Forces, path: str | Path) -> Path:
 
 
 def forces_drawing(forces: Forces) -> Drawing:
-    """The picture: forces of the feet and of a seat in percent of the weight, then moments by joint, per kilogram."""
+    """The picture: forces of the feet and of a seat in percent of the weight, along the way the body faces, to its left
+    and upwards, then moments by joint, per kilogram."""
     from matplotlib.figure import Figure
 
     joints = _joints(forces)
@@ -43,14 +44,13 @@ def forces_drawing(forces: Forces) -> Drawing:
     drawing = Figure(figsize=(_WIDTH, _ROW * count + 0.8), layout="constrained")
     rows = np.atleast_1d(drawing.subplots(count, 1, sharex=True))
     if forces.feet:
-        force, band = forces.in_percent(forces.force), forces.in_percent(forces.interval("force"))
+        force, band = (forces.in_percent(part) for part in (forces.force_in_facing, forces.interval("force_in_facing")))
+        seat = forces.in_percent(forces.in_facing(forces.seat[:, None]))[:, 0]
         for row, axis in zip(rows[:3], _ORDER, strict=True):
             for k, foot in enumerate(forces.feet):
                 _curve(row, forces.time, force[:, k, axis], band[:, :, k, axis], foot)
             if np.nanmax(np.abs(forces.seat), initial=0.0) > 0.02 * forces.weight:
-                row.plot(
-                    forces.time, forces.in_percent(forces.seat[:, axis]), color=web(ON_PAPER["trunk"]), label="seat"
-                )
+                row.plot(forces.time, seat[:, axis], color=web(ON_PAPER["trunk"]), label="seat")
             row.set_ylabel(f"{_AXES[axis]} [% weight]")
         rows[0].legend(loc="upper right", ncols=3, frameon=False)
     per_kilogram = forces.moment / forces.mass.kilograms, forces.interval("moment") / forces.mass.kilograms

@@ -204,7 +204,8 @@ def _feet(run: Run) -> str:
 def forces_part(forces: Forces) -> str:
     """What the feet carry and the moments of the legs, and what they rest on."""
     key = (
-        f"Upwards, along x and along y on each foot in percent of the weight, then joint moments; shaded, 90&nbsp;%."
+        "On each foot upwards, forwards as the pelvis faces, and to the left, in percent of the weight, then joint"
+        " moments; shaded, 90&nbsp;%."
         f" Mass {forces.mass.kilograms:.1f} kg ({escape(forces.mass.source)}). With both feet on the ground how they"
         " share the forces is determined in part."
     )
