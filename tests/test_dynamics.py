@@ -37,7 +37,7 @@ def still(q: np.ndarray) -> Motion:
 
 
 def standing(carries: np.ndarray, count: int = len(TIME)) -> Support:
-    return Support(np.tile(carries, (count, 1)), np.zeros(count))
+    return Support(np.tile(carries, (count, 1)), np.zeros(count), np.zeros((count, 0)))
 
 
 def leaning(roll: float) -> np.ndarray:
@@ -166,6 +166,19 @@ def balanced() -> np.ndarray:
         return np.asarray((d.centres(still(q))[0] - sole)[:2])
 
     return posed(fsolve(off, np.zeros(2)))
+
+
+def test_hands_on_the_ground_carry_their_share() -> None:
+    """On all fours hands and feet together carry the weight, and balance it."""
+    q = bent(BODY, left_shoulder_flexion=1.5, right_shoulder_flexion=1.5)
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 1.3, 0.0)).coeffs()
+    wrists = np.array([BODY.landmark_names.index(f"{side}_wrist") for side in ("left", "right")])
+    d = InverseDynamics(BODY, person_inertias(BODY, MASS), ForceSettings(friction=2.0), hands=wrists)
+    support = standing(LEFT + RIGHT)._replace(hands=np.ones((len(TIME), 2)))
+    loads = d.loads(still(q), support)
+    assert loads.hands[5, :, 2].min() > 0.05 * WEIGHT
+    assert loads.force[5, :, 2].sum() + loads.hands[5, :, 2].sum() == pytest.approx(WEIGHT, rel=1e-2)
+    assert np.abs(loads.torque[5, 3:6]).max() < 0.02 * WEIGHT
 
 
 class Simulated(NamedTuple):

@@ -29,6 +29,7 @@ _SIDES = 4  # of the friction pyramid
 _ACCURACY, _ITERATIONS = 1e-6, 200
 _LOW = 0.1  # m: least height of the centre of mass over a point that is used
 _FAINT = 1e-3  # probability of standing up to which a point carries nothing
+_HAND = 2  # in place of a foot's number
 _PRESSED = 0.02  # share of the weight, under a foot or a seat, below which it has no centre of pressure
 
 
@@ -59,27 +60,29 @@ class ContactLoads(NamedTuple):
 
     force (T, F, 3) [N]: of the ground on each foot. pressure (T, F, 3) [m]: its centre of pressure, NaN where a foot
     carries nothing. free_moment (T, F) [N m]: about the vertical through it. seat (T, 3) [N]: what something else than
-    the feet carries, at the hips. torque (T, nv) [N m or N]: of the joints, in the tangent space; those of a root are
-    the residual of its balance, in its own frame.
+    the feet carries, at the hips. hands (T, H, 3) [N]: of the ground on hands. torque (T, nv) [N m or N]: of the
+    joints, in the tangent space; those of a root are the residual of its balance, in its own frame.
     """
 
     force: np.ndarray
     pressure: np.ndarray
     free_moment: np.ndarray
     seat: np.ndarray
+    hands: np.ndarray
     torque: np.ndarray
 
 
 class Support(NamedTuple):
     """What may carry a body. standing (T, P): probability that points of the feet stand (`FootPoints`). seated (T,):
-    that the hips rest on something."""
+    that the hips rest on something. hands (T, H): that hands stand on the ground (`HandPoints`)."""
 
     standing: np.ndarray
     seated: np.ndarray
+    hands: np.ndarray
 
     def blurred(self, time: np.ndarray, std: float) -> Support:
         """The probabilities with times (T,) [s] that are known up to a standard deviation [s]."""
-        return Support(near_mean(time, self.standing, std), near_mean(time, self.seated, std))
+        return Support(*(near_mean(time, part, std) for part in self))
 
 
 class Disturbance(NamedTuple):
@@ -91,8 +94,8 @@ class Disturbance(NamedTuple):
 
 
 class _Pose(NamedTuple):
-    """What carries a body in one pose: points (P, 3) [m], foot (P,): 0, 1, or -1 of a seat, carries (P,): with which
-    probability; centre (3,) [m]: of mass."""
+    """What carries a body in one pose: points (P, 3) [m]; foot (P,): 0, 1, -1 of a seat, or 2 and more of hands;
+    carries (P,): with which probability; centre (3,) [m]: of mass."""
 
     points: np.ndarray
     foot: np.ndarray
@@ -104,13 +107,19 @@ class InverseDynamics:
     """Loads of a body with masses.
 
     inertias: of the joints' segments, in the order of the model's joints. seat (3,) [m]: where a seat carries, in the
-    root's frame, None without one.
+    root's frame, None without one. hands (H,): numbers of the landmarks where hands may carry.
     """
 
     def __init__(
-        self, body: Body, inertias: list[pin.Inertia], settings: ForceSettings, seat: np.ndarray | None = None
+        self,
+        body: Body,
+        inertias: list[pin.Inertia],
+        settings: ForceSettings,
+        seat: np.ndarray | None = None,
+        hands: np.ndarray | None = None,
     ) -> None:
         self.body, self.settings, self._seat = body, settings, seat
+        self._hands = np.zeros(0, dtype=np.int64) if hands is None else hands
         self._model = pin.Model(body.model)
         for joint, inertia in enumerate(inertias):
             self._model.inertias[joint] = inertia
@@ -128,7 +137,8 @@ class InverseDynamics:
         count, feet = len(motion.q), 0 if support is None else 2
         loads = ContactLoads(
             np.full((count, feet, 3), np.nan), np.full((count, feet, 3), np.nan), np.full((count, feet), np.nan),
-            np.full((count, 3), np.nan), np.full((count, self.body.nv), np.nan),
+            np.full((count, 3), np.nan), np.full((count, len(self._hands), 3), np.nan),
+            np.full((count, self.body.nv), np.nan),
         )  # fmt: skip
         for t in np.flatnonzero(motion.known):
             loads.torque[t] = self.torque_without_contact(motion, int(t))
@@ -161,7 +171,7 @@ class InverseDynamics:
     ) -> None:
         """Fill what carries the body in frame t, and take its part from the torque, which is that without contact.
         apart: the disturbance of this frame, (3,) and (2, 2)."""
-        pose, joints = self._pose(posed, support.standing[t], support.seated[t])
+        pose, joints = self._pose(posed, Support(*(part[t] for part in support)))
         torque, root = loads.torque[t], posed.placements[ROOT_JOINT]
         R_world_root = root[:9].reshape(3, 3).T
         wanted = R_world_root @ torque[ROOT_PLACE_V]
@@ -182,15 +192,22 @@ class InverseDynamics:
             else:
                 loads.free_moment[t, foot] = 0.0
         loads.seat[t] = pushes[pose.foot == -1].sum(axis=0)
+        for hand in range(len(self._hands)):
+            loads.hands[t, hand] = pushes[pose.foot == _HAND + hand].sum(axis=0)
 
-    def _pose(self, posed: PosedBody, standing: np.ndarray, seated: float) -> tuple[_Pose, np.ndarray]:
-        """What carries the body in a pose, and the joints (P,) of its points."""
+    def _pose(self, posed: PosedBody, support: Support) -> tuple[_Pose, np.ndarray]:
+        """What carries the body in a pose, by the support in its frame, and the joints (P,) of its points."""
         assert self._soles is not None
         joints, local, foot = self._soles.joint, self._soles.local, self._soles.foot
-        carries = standing[self._soles.point]
+        carries, hands = support.standing[self._soles.point], self._hands
         if self._seat is not None:
             joints, foot = np.append(joints, ROOT_JOINT), np.append(foot, -1)
-            local, carries = np.vstack([local, self._seat]), np.append(carries, seated)
+            local, carries = np.vstack([local, self._seat]), np.append(carries, support.seated)
+        if len(hands):
+            joints = np.concatenate([joints, self.body.landmark_joint[hands]])
+            local = np.vstack([local, self.body.landmark_local[hands]])
+            foot = np.concatenate([foot, _HAND + np.arange(len(hands))])
+            carries = np.concatenate([carries, support.hands])
         return _Pose(points_in_world(posed, joints, local), foot, carries, self._centre(posed)), joints
 
     def _centre(self, posed: PosedBody) -> np.ndarray:

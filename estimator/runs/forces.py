@@ -38,11 +38,12 @@ class Forces(Summarised):
     time (T,) [s]. mass: see `BodyMass`. feet: "left" and "right", none for a body with a fixed base. force (T, F, 3)
     [N]: of the ground on each foot. pressure (T, F, 3) [m]: centres of pressure, NaN where a foot carries less than 2 %
     of the weight. free_moment (T, F) [N m]: about the vertical there. seat (T, 3) [N]: what something else carries at
-    the hips, such as a chair. names, units (J), moment (T, J) [N m; N of joints that slide]: of the joints by their
-    degrees of freedom, positive where they drive these up. power (T, J) [W]. residual (T, 6) [N, N m]: what the balance
-    of the root lacks, in the world, moments about the root. facing (T, 2): level unit vector of the way the pelvis
-    faces, over about half a second, NaN of a body without feet. samples: the same computed from what might be instead,
-    (S, T, ...) each. remark: reasons for doubt; may be empty.
+    the hips, such as a chair. hand_names (H), hands (T, H, 3) [N]: of the ground on wrists that stand on it. names,
+    units (J), moment (T, J) [N m; N of joints that slide]: of the joints by their degrees of freedom, positive where
+    they drive these up. power (T, J) [W]. residual (T, 6) [N, N m]: what the balance of the root lacks, in the world,
+    moments about the root. facing (T, 2): level unit vector of the way the pelvis faces, over about half a second, NaN
+    of a body without feet. samples: the same computed from what might be instead, (S, T, ...) each. remark: reasons for
+    doubt; may be empty.
     """
 
     time: np.ndarray
@@ -52,6 +53,8 @@ class Forces(Summarised):
     pressure: np.ndarray
     free_moment: np.ndarray
     seat: np.ndarray
+    hand_names: tuple[str, ...]
+    hands: np.ndarray
     names: tuple[str, ...]
     units: tuple[str, ...]
     moment: np.ndarray
@@ -83,8 +86,8 @@ class Forces(Summarised):
         return np.stack(turned, axis=-1)
 
     def std(self, quantity: str) -> np.ndarray:
-        """Standard deviation of "force", "force_in_facing", "pressure", "free_moment", "seat", "total", "moment" or
-        "power", shaped as it; raises InputError for another name."""
+        """Standard deviation of "force", "force_in_facing", "pressure", "free_moment", "seat", "hands", "total",
+        "moment" or "power", shaped as it; raises InputError for another name."""
         known = (*ForceSamples._fields, "force_in_facing", "total")
         if quantity not in known:
             raise InputError("quantity", f"there is no {quantity!r}", remedy=f"one of {', '.join(known)}")
@@ -153,6 +156,7 @@ class ForceSamples(NamedTuple):
     pressure: np.ndarray
     free_moment: np.ndarray
     seat: np.ndarray
+    hands: np.ndarray
     moment: np.ndarray
     power: np.ndarray
 
@@ -188,6 +192,9 @@ def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
     if forces.feet:
         for i, axis in enumerate(_AXES):
             yield from banded(f"seat force {axis}", "N", "seat", i)
+        for h, hand in enumerate(forces.hand_names):
+            for i, axis in enumerate(_AXES):
+                yield from banded(f"{hand} force {axis}", "N", "hands", h, i)
     for j, joint in enumerate(forces.names):
         yield from banded(f"{joint} moment", forces.units[j], "moment", j)
         yield from banded(f"{joint} power", "W", "power", j)
@@ -197,7 +204,7 @@ def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
             yield f"residual moment {axis} [N m]", forces.residual[:, 3 + i]
 
 
-_QUANTITIES = ("force", "force_in_facing", "pressure", "free_moment", "seat", "moment", "power")
+_QUANTITIES = ("force", "force_in_facing", "pressure", "free_moment", "seat", "hands", "moment", "power")
 
 
 def _external_loads(forces: Forces, path: Path, name: str) -> None:

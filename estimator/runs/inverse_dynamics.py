@@ -11,6 +11,7 @@ from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, Inver
 from estimator.dynamics.motion import Motion, motion_of, near_mean
 from estimator.dynamics.soles import SIDES, SolePoints
 from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
+from estimator.inference.contacts import HandPoints
 from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import joint_entries
 from estimator.runs.filtering import frame_rate
@@ -59,7 +60,10 @@ def forces_of_run(
     if not motion.known.any():
         raise InputError(run.file, "has no eight poses in a row", remedy="track a longer clip")
     support, seat = _support(run) if body.has_free_root else (None, None)
-    dynamics = InverseDynamics(body, inertias, settings or ForceSettings(), seat)
+    palms = None if support is None else HandPoints.of(body)
+    dynamics = InverseDynamics(
+        body, inertias, settings or ForceSettings(), seat, None if palms is None else palms.landmark
+    )
     chosen = uncertainty or UncertaintySettings()
     at_best = None if support is None else support.blurred(run.time, chosen.strike)
     loads = dynamics.loads(motion, at_best)
@@ -70,13 +74,20 @@ def forces_of_run(
         drawn.append(_quantities(body, motion, sample))
         if progress is not None:
             progress(done, chosen.samples)
-    best = _quantities(body, motion, loads)
     samples = ForceSamples(*(np.array(part, dtype=np.float32) for part in zip(*drawn, strict=True)))
     return Forces(
-        run.time, weighed, SIDES if support is not None else (), best.force, best.pressure, best.free_moment,
-        best.seat, tuple(body.v_names[body.first_joint_dof :]), _units(body), best.moment, best.power,
-        _residual(body, motion, loads), _facing(body, motion), samples, _remark(run, motion),
-    )  # fmt: skip
+        time=run.time,
+        mass=weighed,
+        feet=SIDES if support is not None else (),
+        hand_names=() if palms is None else palms.names,
+        names=tuple(body.v_names[body.first_joint_dof :]),
+        units=_units(body),
+        **_quantities(body, motion, loads)._asdict(),
+        residual=_residual(body, motion, loads),
+        facing=_facing(body, motion),
+        samples=samples,
+        remark=_remark(run, motion),
+    )
 
 
 def usual_cutoff(time: np.ndarray) -> float:
@@ -104,7 +115,8 @@ def mass_of(body: Body, given: float | None) -> BodyMass:
     tall = stature(body) if is_person(body) else None
     if tall is None:
         problem = "has no masses, and is not a person from head to heels"
-        raise InputError(body.subject.source, problem, remedy="add <inertial> to its links")
+        remedy = "give --mass" if is_person(body) else "add <inertial> to its links"
+        raise InputError(body.subject.source, problem, remedy=remedy)
     constant, slope, std = _BY_STATURE
     return BodyMass(max(constant + slope * tall, _LEAST), std, f"of adults of {tall:.2f} m")
 
@@ -121,7 +133,7 @@ def inertias_of(body: Body, mass: BodyMass) -> list[pin.Inertia]:
 
 def _support(run: Run) -> tuple[Support, np.ndarray | None]:
     """What may carry a run's body over time, and the place (3,) [m] of a seat in the root's frame."""
-    contact = contact_of_run(run) if SolePoints.of(run.body) is not None else None
+    contact = contact_of_run(run, hands=True) if SolePoints.of(run.body) is not None else None
     if contact is None:
         remedy = "forces need a person with feet, such as human34, or a body with a fixed base"
         raise InputError(run.header.subject_source, "has no heels and toes as landmarks", remedy=remedy)
@@ -131,7 +143,9 @@ def _support(run: Run) -> tuple[Support, np.ndarray | None]:
         raise InputError(run.file, "the feet never stand", remedy="check with kinemode contact; forces need contact")
     seat, seated = _seat(run)
     near = np.nan_to_num(contact.heights, nan=np.inf) < _NEAR
-    return Support(np.where(near, np.maximum(contact.standing, _MAYBE), contact.standing), seated), seat
+    standing = np.where(near, np.maximum(contact.standing, _MAYBE), contact.standing)
+    hands = np.zeros((len(run.time), 0)) if contact.hands is None else contact.hands
+    return Support(standing, seated, hands), seat
 
 
 def _seat(run: Run) -> tuple[np.ndarray | None, np.ndarray]:
@@ -199,7 +213,7 @@ def _quantities(body: Body, motion: Motion, loads: ContactLoads) -> ForceSamples
     """Quantities (T, ...) of loads."""
     moment = loads.torque[:, body.first_joint_dof :]
     power = moment * motion.v[:, body.first_joint_dof :]
-    return ForceSamples(loads.force, loads.pressure, loads.free_moment, loads.seat, moment, power)
+    return ForceSamples(loads.force, loads.pressure, loads.free_moment, loads.seat, loads.hands, moment, power)
 
 
 def _residual(body: Body, motion: Motion, loads: ContactLoads) -> np.ndarray:

@@ -210,6 +210,10 @@ def print_forces(forces: Forces) -> None:
         if (carries := seat > _SEATED * weight).any():
             spans = ", ".join(f"{forces.time[a]:.2f} to {forces.time[b - 1]:.2f}" for a, b in stretches(carries))
             out.print(f"something else than the feet carries at the hips [s]: {spans}", soft_wrap=True)
+        for h, hand in enumerate(forces.hand_names):
+            most = np.nanmax(forces.hands[:, h, 2], initial=0.0) / weight
+            if most > _SEATED:
+                out.print(f"{hand.replace('_', ' ')} carries up to {100.0 * most:.0f} % of the weight", soft_wrap=True)
         lacking = 100.0 * np.sqrt(np.nanmean(np.square(forces.residual[:, :3]).sum(axis=1))) / weight
         out.print(f"the root's balance lacks {lacking:.1f} % of the weight (root mean square)", soft_wrap=True)
     made = table("moments of the joints per kilogram", "joint", "least", "largest", "unit")
