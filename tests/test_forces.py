@@ -75,6 +75,10 @@ def test_bands_lie_within_each_other_and_grow_with_the_mass_that_is_not_known(ru
         forces.interval("force", 90.0)
 
 
+def test_a_camera_whose_upright_is_assumed_is_noted(forces: Forces) -> None:
+    assert "gravity is taken along the camera's own upright" in forces.remark
+
+
 def test_the_csv_has_units_and_bands(forces: Forces, tmp_path: Path) -> None:
     with forces.write(tmp_path / "forces.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -11,6 +11,7 @@ from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, Inver
 from estimator.dynamics.motion import Motion, motion_of, near_mean
 from estimator.dynamics.soles import SIDES, SolePoints
 from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
+from estimator.energy.priors import up_is_assumed
 from estimator.inference.contacts import HandPoints
 from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import joint_entries
@@ -242,6 +243,8 @@ def _facing(body: Body, motion: Motion) -> np.ndarray:
 def _remark(run: Run, motion: Motion) -> str:
     """Reasons for doubt."""
     doubts = []
+    if up_is_assumed(run.header.cameras):
+        doubts.append("gravity is taken along the camera's own upright: 2 degrees off are 3.5 % of the weight sideways")
     if run.smoothed is None and run.filtering is None:
         doubts.append("the run was not smoothed: accelerations are rough; smooth it, or give a cut-off to filter it")
     if len(motion.parts) > 1 or not motion.known.all():
