@@ -154,6 +154,7 @@ def test_bodies_without_masses_are_refused_and_those_with_a_fixed_base_have_mome
     moments = km.forces(made_run(tmp_path / "arm.run", arm.subject, np.tile(arm.neutral, (20, 1))[:, None]), mass=60)
     assert moments.feet == ()
     assert moments.moment.shape == (20, arm.nv)
+    assert moments.write(tmp_path / "moments.csv").read_text().count("moment [N m]") == arm.nv
     with pytest.raises(InputError, match="no external loads"):
         moments.write(tmp_path / "loads.mot")
 

@@ -55,7 +55,7 @@ def test_the_whole_body_balances_over_its_feet_and_at_the_height_of_a_person() -
     ankles."""
     places = dict(zip(BODY.landmark_names, BODY.landmarks(BODY.at(pin.neutral(BODY.model))), strict=True))
     centre, tall = centre_of_mass(person_inertias(BODY)), stature(BODY)
-    assert tall == pytest.approx(1.70, abs=0.01)
+    assert tall == pytest.approx(1.70, abs=0.01)  # heels lie a little behind the top of the head
     assert 0.53 < (centre[2] - places["left_heel"][2]) / tall < 0.59
     assert places["left_heel"][0] < centre[0] < places["left_big_toe"][0]
 
@@ -73,3 +73,14 @@ def test_a_segment_whose_ends_are_in_one_place_is_spread_over_its_flesh() -> Non
     inertias = person_inertias(Body(subject_from_text(text, source="wrong.urdf")), 60.0)
     assert sum(i.mass for i in inertias) == pytest.approx(60.0, rel=1e-3)
     assert all(np.isfinite(i.toDynamicParameters()).all() for i in inertias)
+
+
+def test_a_body_whose_feet_point_nowhere_has_its_centres_on_the_axes_of_its_limbs() -> None:
+    arm = body_of("arm8")
+    masses, posed = segment_masses(arm)[0], arm.at(pin.neutral(arm.model))
+    places = dict(zip(arm.landmark_names, arm.landmarks(posed), strict=True))
+    joint = arm.model.frames[arm.model.getFrameId("left_upper_arm", pin.FrameType.BODY)].parentJoint
+    centre = posed.rotations[joint] @ masses[joint].centre + posed.translations[joint]
+    along = places["left_elbow"] - places["left_shoulder"]
+    expected = places["left_shoulder"] - REGRESSIONS["upper_arm"].centre[1] * along
+    np.testing.assert_allclose(centre, expected, atol=1e-9)

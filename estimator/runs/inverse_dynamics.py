@@ -184,7 +184,7 @@ def _ground(run: Run) -> float:
 def _hip_height(body: Body) -> float:
     """Height [m] of the hips over the heels with all joints at zero."""
     places = dict(zip(body.landmark_names, body.landmarks(body.at(pin.neutral(body.model))), strict=True))
-    return float(places["mid_hip"][2] - min(places["left_heel"][2], places["right_heel"][2]))
+    return float(np.linalg.norm(places["mid_hip"] - 0.5 * (places["left_heel"] + places["right_heel"])))
 
 
 def _covariance(run: Run) -> np.ndarray:

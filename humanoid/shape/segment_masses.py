@@ -122,12 +122,13 @@ def has_own_masses(body: Body) -> bool:
 
 
 def stature(body: Body) -> float | None:
-    """Height [m] of a person from soles to the top of the head, None for a body without these landmarks."""
+    """Height [m] of a person from heels to the top of the head with all joints at zero, None for a body without these
+    landmarks."""
     places = dict(zip(body.landmark_names, body.landmarks(body.at(pin.neutral(body.model))), strict=True))
     heels = [places[name] for name in ("left_heel", "right_heel") if name in places]
     if not heels or "head_top" not in places:
         return None
-    return float(places["head_top"][2] - np.mean(heels, axis=0)[2])
+    return float(np.linalg.norm(places["head_top"] - np.mean(heels, axis=0)))
 
 
 def forward_of(body: Body) -> np.ndarray | None:
@@ -188,7 +189,8 @@ def _of_person(body: Body, joint: int, links: Sequence[str], points: Mapping[str
             continue
         axes = _axes(start - end, points.get(_FORWARD), side)
         length = float(np.linalg.norm(start - end))
-        centre = start + length * axes @ regression.centre
+        ahead, up, aside = regression.centre if _FORWARD in points else (0.0, regression.centre[1], 0.0)
+        centre = start + length * axes @ [ahead, up, aside]
         square = np.square(length * np.array(regression.radii))
         own = mass * R_world_joint.T @ axes @ np.diag(square) @ axes.T @ R_world_joint
         total += pin.Inertia(mass, R_world_joint.T @ (centre - origin), own)
