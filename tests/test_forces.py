@@ -15,7 +15,7 @@ from benchmarks.accuracy.forces import Trial, figures_of, plates_of
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.dynamics.contact_forces import GRAVITY
 from estimator.runs.forces import Forces
-from estimator.runs.inverse_dynamics import _resting, mass_of, usual_cutoff
+from estimator.runs.inverse_dynamics import _resting, _seat, mass_of, usual_cutoff
 from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
@@ -189,6 +189,15 @@ def test_hips_rest_on_a_seat_and_not_at_the_bottom_of_a_landing() -> None:
     assert seat[:30].max() < 0.1
     assert squat[120] < 0.75
     assert landing.max() < 0.05
+
+
+def test_a_deep_squat_is_not_a_seat(tmp_path: Path) -> None:
+    deep = made_run(tmp_path / "deep.run", BODY.subject, squatting(0.95)[:, None], times=TIME)
+    place, seated = _seat(deep)
+    assert place is not None
+    hips = deep.landmarks[:, BODY.landmark_names.index("mid_hip"), 2]
+    assert hips.min() < 0.7 * hips.max()
+    assert seated.max() < 0.1
 
 
 def test_few_frames_a_second_are_not_filtered() -> None:
