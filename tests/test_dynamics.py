@@ -264,8 +264,8 @@ def test_samples_scatter_as_poses_do_and_repeat_with_their_seed() -> None:
     for std in (0.0, 1e-3, 3e-3):
         covariance = np.tile(std**2 * np.eye(BODY.nv), (len(TIME), 1, 1))
         forces = [
-            np.array([s.force for s in samples_of(np.random.default_rng(5), d, motion, covariance, support, settings)])
-            for _ in range(2)
+            np.array([s.force for s in samples_of(rng, d, motion, covariance, support, settings, lasting=0.05)])
+            for rng in map(np.random.default_rng, (5, 5))
         ]
         np.testing.assert_allclose(*forces, rtol=1e-6)  # but for the solver's last digits
         spreads.append(forces[0].sum(axis=2)[:, :, 2].std(axis=0).mean())

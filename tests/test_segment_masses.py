@@ -8,7 +8,7 @@ import pytest
 from builders import body_of
 
 from humanoid.kinematics.body import Body
-from humanoid.shape.segment_masses import REGRESSIONS, mass_points, person_inertias, segment_masses, stature
+from humanoid.shape.segment_masses import REGRESSIONS, height_over_heels, mass_points, person_inertias, segment_masses
 from humanoid.subject.subject import subject_from_text
 
 BODY = body_of("human34")
@@ -54,7 +54,7 @@ def test_the_whole_body_balances_over_its_feet_and_at_the_height_of_a_person() -
     """The centre of mass of who stands is at 54 to 58 % of the stature (Winter 2009, section 4.1), ahead of the
     ankles."""
     places = dict(zip(BODY.landmark_names, BODY.landmarks(BODY.at(pin.neutral(BODY.model))), strict=True))
-    centre, tall = centre_of_mass(person_inertias(BODY)), stature(BODY)
+    centre, tall = centre_of_mass(person_inertias(BODY)), height_over_heels(BODY, "head_top")
     assert tall == pytest.approx(1.70, abs=0.01)  # heels lie a little behind the top of the head
     assert 0.53 < (centre[2] - places["left_heel"][2]) / tall < 0.59
     assert places["left_heel"][0] < centre[0] < places["left_big_toe"][0]
@@ -65,7 +65,7 @@ def test_mass_scales_masses_and_inertias_alike() -> None:
     for a, b in zip(light, heavy, strict=True):
         if a.mass > 0.01:
             np.testing.assert_allclose(2.0 * a.toDynamicParameters(), b.toDynamicParameters(), rtol=1e-9, atol=1e-12)
-    assert stature(body_of("arm8")) is None
+    assert height_over_heels(body_of("arm8"), "head_top") is None
 
 
 def test_a_segment_whose_ends_are_in_one_place_is_spread_over_its_flesh() -> None:

@@ -128,12 +128,10 @@ class _Log:
         rr, body = self._rr, self._scene.body
         names, solids = link_names(body), merged(body_solids(body))
         rows = np.flatnonzero(self._known)
-        placements = body.placed(self._scene.q[rows]).placements
+        placed = body.placed(self._scene.q[rows])
         for joint in sorted({solid.joint for solid in solids}):
-            R = placements[:, joint, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-            columns = rr.Transform3D.columns(
-                translation=placements[:, joint, 9:], quaternion=Rotation.from_matrix(R).as_quat()
-            )
+            turns = Rotation.from_matrix(placed.rotations_of(joint))
+            columns = rr.Transform3D.columns(translation=placed.placements[:, joint, 9:], quaternion=turns.as_quat())
             self._columns(self._path("world", "body", names[joint]), rows, columns)
         for k, solid in enumerate(solids):
             mesh = rr.Mesh3D(

@@ -19,8 +19,9 @@ import kinemode as km
 from benchmarks.accuracy.captured_steps import print_captured
 from benchmarks.accuracy.degrees import FILMS, columns_of, film_run
 from benchmarks.accuracy.gait_events import COLUMNS, KINDS, WAYS, EventErrors, events_by, loaded_events
+from benchmarks.accuracy.plates import each_plate
 from benchmarks.support.common import Data, Json, Several, data_folder, save
-from estimator.data.formats.opensim import R_OPENSIM_WORLD, MarkerFile, read_mot, read_trc
+from estimator.data.formats.opensim import MarkerFile, read_trc
 from estimator.inference.contacts import foot_contact
 from estimator.retargeting.metrics import NEAR, SKATES, Footing, footing_of
 from estimator.runs.contact import Contact, contact_of_points
@@ -90,16 +91,11 @@ def _points(markers: MarkerFile, names: tuple[str, ...]) -> np.ndarray:
 
 def _loaded(path: Path, time: np.ndarray, sides: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Whether each foot is loaded, (T,)."""
-    forces, times = read_mot(path)
     middle = np.array([points.mean(axis=1)[:, :2] for points in sides.values()])
     load = np.zeros((len(sides), len(time)))
-    plates = [name.removesuffix("_vy") for name in forces.names if name.endswith("_vy")]
-    for plate in plates:
-        column = [forces.values[:, forces.names.index(f"{plate}_{axis}")] for axis in ("vy", "px", "py", "pz")]
-        force, *place = (np.interp(time, times, values) for values in column)
-        at = (np.stack(place, axis=1) @ R_OPENSIM_WORLD)[:, :2]
-        nearest = np.argmin(np.linalg.norm(middle - at, axis=2), axis=0)
-        load[nearest, np.arange(len(time))] += force
+    for force, place in each_plate(path, time):
+        nearest = np.argmin(np.linalg.norm(middle - place[:, :2], axis=2), axis=0)
+        load[nearest, np.arange(len(time))] += force[:, 2]
     return dict(zip(sides, load > _LOADED, strict=True))
 
 

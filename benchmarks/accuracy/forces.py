@@ -7,6 +7,8 @@ percent. Frames count in which a foot that may stand is on a plate, and the plat
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -48,7 +50,8 @@ LEGEND = (
 )
 
 
-class Trial(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Trial:
     """A trial: whose, its name, the run, its forces, the plates, and the weight [N] by the plates."""
 
     person: str
@@ -58,7 +61,7 @@ class Trial(NamedTuple):
     plates: Plates
     weight: float
 
-    @property
+    @cached_property
     def rows(self) -> np.ndarray:
         """The frames (T,) that count."""
         contact = contact_of_run(self.run)
@@ -85,7 +88,7 @@ def figures_of(trial: Trial) -> dict[str, Any]:
     rows, loaded, forces, plates = trial.rows, trial.loaded, trial.forces, trial.plates
     total = trial.percent(forces.total, plates.total)
     each = trial.percent(forces.force, plates.force)
-    half = {q: 0.5 * forces.in_percent(np.ptp(forces.interval(q), axis=0)) for q in ("total", "force")}
+    half = {q: forces.in_percent(forces.half_width(q)) for q in ("total", "force")}
     single = rows & (plates.loaded.sum(axis=1) == 1)
     apart = 1e3 * np.linalg.norm((forces.pressure - plates.pressure)[..., :2], axis=2)[single]
     peaks = [
@@ -110,7 +113,7 @@ def _moments(trial: Trial) -> dict[str, list[float]]:
     of these in the bands, of feet on plates in frames in which one foot or both are."""
     run, forces, plates, rows = trial.run, trial.forces, trial.plates, trial.rows
     theirs = moments_with_plates(run, forces, plates, trial.weight)
-    half = 0.5 * np.ptp(forces.interval("moment"), axis=0) / forces.mass.kilograms
+    half = forces.half_width("moment") / forces.mass.kilograms
     figures = {}
     for joint in _MOMENTS:
         off, inside = [], []
@@ -256,7 +259,7 @@ def _film(place: Path, trial: Trial) -> dict[str, float]:
 
     feet = theirs(trial.plates.force[:, :, 2])
     ours, total = forces.in_percent(forces.force[:, :, 2]), 100.0 * feet / trial.weight
-    half = 0.5 * np.ptp(forces.in_percent(forces.interval("force")), axis=0)[..., 2]
+    half = forces.in_percent(forces.half_width("force"))[..., 2]
     moments = theirs(moments_with_plates(trial.run, trial.forces, trial.plates, trial.weight))
     figures = {
         "total": float(np.abs(ours.sum(axis=1) - total.sum(axis=1))[inside].mean()),

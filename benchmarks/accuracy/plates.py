@@ -32,13 +32,10 @@ class Plates(NamedTuple):
 def plates_of(path: Path, run: Run, delay: float = 0.0) -> Plates:
     """The plates of a trial's file. Each stretch in which a plate is loaded is the foot's that is nearer to its centres
     of pressure. delay [s]: of the run's clock behind the trial's."""
-    forces, times = read_mot(path)
-    names, time = forces.names, run.time - delay
-    heads = [name.removesuffix("vy") for name in names if name.endswith("vy")]
+    time = run.time - delay
     force, moved = np.zeros((len(time), 2, 3)), np.zeros((len(time), 2, 3))
     middle, total = _feet(run), np.zeros((len(time), 3))
-    for head in heads:
-        own, place = (_series(forces.values, names, times, time, head, kind) for kind in "vp")
+    for own, place in each_plate(path, time):
         total += own
         for first, after in stretches(own[:, 2] > _LOADED):
             rows = slice(first, after)
@@ -50,12 +47,17 @@ def plates_of(path: Path, run: Run, delay: float = 0.0) -> Plates:
     return Plates(force, np.where(enough, moved / np.where(enough, force[:, :, 2:], 1.0), np.nan), total)
 
 
-def _series(
-    values: np.ndarray, names: tuple[str, ...], times: np.ndarray, time: np.ndarray, head: str, kind: str
-) -> np.ndarray:
-    """A plate's vector (T, 3) of a kind, in the world."""
-    columns = [values[:, names.index(f"{head}{kind}{axis}")] for axis in "xyz"]
-    return np.stack([np.interp(time, times, column) for column in columns], axis=1) @ R_OPENSIM_WORLD
+def each_plate(path: Path, time: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each plate of a trial's file, the force (T, 3) [N] and the centre of pressure (T, 3) [m] at times (T,) [s], in
+    the world."""
+    measured, times = read_mot(path)
+
+    def vector(plate: str, kind: str) -> np.ndarray:
+        columns = [measured.values[:, measured.names.index(f"{plate}{kind}{axis}")] for axis in "xyz"]
+        return np.stack([np.interp(time, times, column) for column in columns], axis=1) @ R_OPENSIM_WORLD
+
+    plates = [name.removesuffix("vy") for name in measured.names if name.endswith("vy")]
+    return [(vector(plate, "v"), vector(plate, "p")) for plate in plates]
 
 
 def _feet(run: Run) -> np.ndarray:

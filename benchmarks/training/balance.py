@@ -23,8 +23,10 @@ from benchmarks.accuracy.trunk_view_clips import FPS, level_phone
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, data_folder, in_processes, save
 from benchmarks.support.measured_people import measured_files, measured_run
 from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from estimator.data.formats.opensim import read_mot
 from estimator.data.observation import Observation
 from estimator.data.standing import with_standing
+from estimator.dynamics.contact_forces import GRAVITY
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body, points_of_each
@@ -35,7 +37,7 @@ from kinemode.terminal import report
 
 PLATES = ("squats1", "static1")
 """Trials in which all the weight is on plates and people hardly accelerate."""
-_NOISE_PX, _FIRST, _GRAVITY = 1.5, 3, 9.81
+_NOISE_PX, _FIRST = 1.5, 3
 _ENOUGH, _WHOLE = 20, 200  # instants: fewer are not used for a person, more count as so many
 _SITS = 0.5
 _STARTS = ((np.log(0.02), np.log(0.5), np.log(8.0), -3.0), (np.log(0.04), 0.0, np.log(3.0), -2.0))
@@ -144,7 +146,7 @@ def _instants(person: str, body: Body, q: np.ndarray, time: np.ndarray) -> Insta
         if not stands:
             continue
         support, height = landmarks[t, stands, :2], centre[t, 2] - landmarks[t, stands, 2].mean()
-        pace = velocity[t, :2] * np.sqrt(max(height, 0.3) / _GRAVITY)
+        pace = velocity[t, :2] * np.sqrt(max(height, 0.3) / GRAVITY)
         S = np.cov(support.T, bias=True) if len(stands) > 1 else np.zeros((2, 2))
         count = len({names[k].partition("_")[0] for k in stands})
         away = [_outside(support, point) for point in (centre[t, :2], centre[t, :2] + pace)]
@@ -213,15 +215,12 @@ def off_plates(path: Path) -> tuple[float, float]:
     """Horizontal distance [m] of the mean centre of mass of a trial from the centre of pressure, and its standard
     deviation."""
     run = km.track("human34", points=path)
-    lines = path.with_name(f"{path.stem}_grf.mot").read_text(encoding="utf-8").splitlines()
-    first = next(i for i, line in enumerate(lines) if line.strip() == "endheader") + 1
-    names = lines[first].split()
-    values = np.array([[float(x) for x in line.split()] for line in lines[first + 1 :] if line.strip()])
-    column = dict(zip(names, values.T, strict=True))
-    plates = [name[:-2] for name in names if name.endswith("_vy")]  # as ground_force_1_
+    measured, times = read_mot(path.with_name(f"{path.stem}_grf.mot"))
+    column = dict(zip(measured.names, measured.values.T, strict=True))
+    plates = [name[:-2] for name in measured.names if name.endswith("_vy")]  # as ground_force_1_
     force = np.array([column[f"{p}vy"] for p in plates])
     places = np.array([[column[f"{p}p{axis}"] for p in plates] for axis in "xz"])
     pressure = (force * places).sum(axis=1) / np.maximum(force.sum(axis=0), 1.0)
-    there = np.stack([np.interp(run.time, column["time"], x) for x in (pressure[0], -pressure[1])], axis=1)
+    there = np.stack([np.interp(run.time, times, x) for x in (pressure[0], -pressure[1])], axis=1)
     off = (centres_of_mass(run.body, run.q)[:, :2] - there)[np.isfinite(run.q).all(axis=1)]
     return float(np.linalg.norm(off.mean(axis=0))), float(np.linalg.norm(off.std(axis=0)))

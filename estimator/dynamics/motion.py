@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from estimator.numerics.stretches import stretches
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_JOINT, Body
 
 _DEGREE = 5  # of the splines: accelerations are then smooth curves of third degree
 _FEWEST = 8  # poses in a row
@@ -80,7 +80,7 @@ def _coordinates(body: Body, q: np.ndarray) -> np.ndarray:
 
 def _turn_into_root(body: Body, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
     """Turn the linear part of v, a (T, nv) from the world into the root's frame, in place."""
-    R_world_root = body.placed(q).placements[:, 1, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    R_world_root = body.placed(q).rotations_of(ROOT_JOINT)
     v[:, :3] = np.einsum("tji,tj->ti", R_world_root, v[:, :3])
     a[:, :3] = np.einsum("tji,tj->ti", R_world_root, a[:, :3]) - np.cross(v[:, 3:6], v[:, :3])
 

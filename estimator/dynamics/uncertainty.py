@@ -65,7 +65,7 @@ def samples_of(
     covariance: np.ndarray,
     support: Support | None,
     settings: UncertaintySettings,
-    lasting: float = 0.05,
+    lasting: float,
 ) -> Iterator[ContactLoads]:
     """Loads that may be instead: by poses that are off by smooth curves with the covariances (T, nv, nv) of their
     tangents, by feet that stand sooner and later, and by disturbances. lasting [s]: how long errors of frames last."""

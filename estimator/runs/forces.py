@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.data.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.opensim import R_OPENSIM_WORLD, write_storage
 from estimator.dynamics.contact_forces import GRAVITY
 from humanoid.support.errors import InputError
 from humanoid.support.files import replacing
@@ -105,14 +105,20 @@ class Forces(Summarised):
         return np.where(enough, spread, np.nan)
 
     def interval(self, quantity: str, level: float = 0.9) -> np.ndarray:
-        """Ends (2, T, ...) of the interval that holds a quantity with probability `level`, by its standard deviation.
+        """Ends (2, T, ...) of the interval that holds a quantity with probability `level`: `half_width` on either side.
 
         Raises InputError for another name, or a level that is not between 0 and 1.
         """
+        half, value = self.half_width(quantity, level), getattr(self, quantity)
+        return np.stack([value - half, value + half])
+
+    def half_width(self, quantity: str, level: float = 0.9) -> np.ndarray:
+        """Half the width (T, ...) of the interval that holds a quantity with probability `level`, by its standard
+        deviation, NaN where the quantity is; raises as `interval` does."""
         if not 0.0 < level < 1.0:
             raise InputError("level", f"must be between 0 and 1, got {level:g}", remedy="0.9 for 90 %")
-        half, value = float(ndtri(0.5 + 0.5 * level)) * self.std(quantity), getattr(self, quantity)
-        return np.stack([value - half, value + half])
+        half = float(ndtri(0.5 + 0.5 * level)) * self.std(quantity)
+        return np.where(np.isnan(getattr(self, quantity)), np.nan, half)
 
     def in_percent(self, force: np.ndarray) -> np.ndarray:
         """A force [N] in percent of the body's weight."""
@@ -172,10 +178,10 @@ def _csv(forces: Forces, path: Path, name: str) -> None:
 
 def _columns(forces: Forces) -> Iterator[tuple[str, np.ndarray]]:
     """Columns (T,) of the csv by their heads."""
-    halves = {q: {level: np.ptp(forces.interval(q, level), axis=0) / 2.0 for level in _LEVELS} for q in _QUANTITIES}
+    halves = {q: {level: forces.half_width(q, level) for level in _LEVELS} for q in _QUANTITIES}
 
     def banded(head: str, unit: str, quantity: str, *place: int) -> Iterator[tuple[str, np.ndarray]]:
-        where = (slice(None), *place)
+        where: tuple[slice | int, ...] = (slice(None), *place)
         yield f"{head} [{unit}]", getattr(forces, quantity)[where]
         for level in _LEVELS:
             yield f"{head} +- {100 * level:.0f} % [{unit}]", halves[quantity][level][where]
@@ -219,7 +225,7 @@ def _external_loads(forces: Forces, path: Path, name: str) -> None:
         pressure = np.nan_to_num(forces.pressure[:, k] @ R_OPENSIM_WORLD.T)
         heads += [f"ground_{kind}_{foot[0]}_{letter}{axis}" for kind, letter in _LOADS for axis in _AXES]
         columns += [forces.force[:, k] @ R_OPENSIM_WORLD.T, np.where(known[:, None], pressure, np.nan), turning]
-    _write_storage(path, name, heads, np.hstack(columns), forces.time)
+    _write_known(path, name, heads, np.hstack(columns), forces.time)
 
 
 _LOADS = (("force", "v"), ("force", "p"), ("torque", ""))
@@ -230,17 +236,13 @@ def _inverse_dynamics(forces: Forces, path: Path, name: str) -> None:
         f"{joint}_{'force' if unit == 'N' else 'moment'}"
         for joint, unit in zip(forces.names, forces.units, strict=True)
     ]
-    _write_storage(path, name, kinds, forces.moment, forces.time)
+    _write_known(path, name, kinds, forces.moment, forces.time)
 
 
-def _write_storage(path: Path, title: str, names: list[str], values: np.ndarray, time: np.ndarray) -> None:
-    """Write columns (T, N) as an OpenSim storage; frames without values are left out."""
+def _write_known(path: Path, title: str, names: list[str], values: np.ndarray, time: np.ndarray) -> None:
+    """Write columns (T, N) as an OpenSim storage, without the frames that have no values."""
     known = np.isfinite(values).all(axis=1)
-    head = [title, "version=1", f"nRows={int(known.sum())}", f"nColumns={len(names) + 1}", "inDegrees=no", "endheader"]
-    rows = [
-        "\t".join([f"{t:.6f}", *(f"{v:.8g}" for v in row)]) for t, row in zip(time[known], values[known], strict=True)
-    ]
-    path.write_text("\n".join([*head, "\t".join(["time", *names]), *rows]) + "\n", encoding="utf-8")
+    write_storage(path, names, values[known], time[known], title=title)
 
 
 WRITERS: Mapping[str, Callable[[Forces, Path, str], None]] = {

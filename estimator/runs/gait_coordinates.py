@@ -125,20 +125,19 @@ class _Segments:
             remedy = "the coordinates of gait models need a whole person such as human34; mot takes every subject"
             raise InputError(body.subject.source, problem, remedy=remedy)
         self._frames = {name: body.model.frames[body.model.getFrameId(name, pin.FrameType.BODY)] for name in links}
-        self._placements = body.placed(q).placements
+        self._placed = body.placed(q)
 
     def rotation(self, link: str) -> np.ndarray:
         """Rotations (T, 3, 3) in the ground."""
         frame, C = self._frames[link], R_OPENSIM_WORLD
-        R_world_joint = self._placements[:, frame.parentJoint, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        return np.asarray(C @ R_world_joint @ frame.placement.rotation @ C.T)
+        return np.asarray(C @ self._placed.rotations_of(frame.parentJoint) @ frame.placement.rotation @ C.T)
 
     def origin(self, link: str) -> np.ndarray:
         """Places (T, 3) in the ground [m]."""
         frame = self._frames[link]
-        at = self._placements[:, frame.parentJoint]
-        R_world_joint = at[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        return np.asarray((R_world_joint @ frame.placement.translation + at[:, 9:]) @ R_OPENSIM_WORLD.T)
+        R_world_joint = self._placed.rotations_of(frame.parentJoint)
+        at = self._placed.placements[:, frame.parentJoint, 9:]
+        return np.asarray((R_world_joint @ frame.placement.translation + at) @ R_OPENSIM_WORLD.T)
 
     def of(self, parent: str, child: str) -> np.ndarray:
         """Rotations (T, 3, 3) of a child in its parent."""

@@ -20,7 +20,7 @@ from estimator.runs.forces import BodyMass, Forces, ForceSamples
 from estimator.runs.run_reader import Run
 from estimator.tracking.smoothing import SmoothSettings
 from humanoid.kinematics.body import ROOT_JOINT, ROOT_V, Body
-from humanoid.shape.segment_masses import forward_of, has_own_masses, is_person, person_inertias, stature
+from humanoid.shape.segment_masses import forward_of, has_own_masses, height_over_heels, is_person, person_inertias
 from humanoid.shape.solids import heights_above_soles
 from humanoid.support.errors import InputError
 
@@ -113,7 +113,7 @@ def mass_of(body: Body, given: float | None) -> BodyMass:
         return BodyMass(float(given), 0.0, "given")
     if has_own_masses(body):
         return BodyMass(float(sum(i.mass for i in body.model.inertias)), 0.0, "of the URDF")
-    tall = stature(body) if is_person(body) else None
+    tall = height_over_heels(body, "head_top") if is_person(body) else None
     if tall is None:
         problem = "has no masses, and is not a person from head to heels"
         remedy = "give --mass" if is_person(body) else "add <inertial> to its links"
@@ -153,12 +153,13 @@ def _seat(run: Run) -> tuple[np.ndarray | None, np.ndarray]:
     """The place (3,) [m] of a seat below the hips in the root's frame, None for a body without a middle of the hips,
     and the probability (T,) that they rest on something: they are low, and stay where they are for half a second."""
     body, names = run.body, run.body.landmark_names
-    if "mid_hip" not in names or body.landmark_joint[k := names.index("mid_hip")] != ROOT_JOINT:
+    usual = height_over_heels(body, "mid_hip")
+    if usual is None or body.landmark_joint[k := names.index("mid_hip")] != ROOT_JOINT:
         return None, np.zeros(len(run.time))
     up = np.array([0.0, 0.0, 1.0])
     local = body.landmark_local[k] - heights_above_soles(body, [k])[0] * up
     hips = run.landmarks[:, k]
-    low = hips[:, 2] - _ground(run) < _LOW_HIPS * _hip_height(body)
+    low = hips[:, 2] - _ground(run) < _LOW_HIPS * usual
     return local, np.where(low, _resting(run.time, hips), 0.0)
 
 
@@ -179,12 +180,6 @@ def _ground(run: Run) -> float:
     """Height [m] of the ground: where the lowest heel or toe usually is."""
     feet = [k for k, name in enumerate(run.body.landmark_names) if name.endswith(("heel", "toe"))]
     return float(np.nanmedian(run.landmarks[:, feet, 2].min(axis=1)))
-
-
-def _hip_height(body: Body) -> float:
-    """Height [m] of the hips over the heels with all joints at zero."""
-    places = dict(zip(body.landmark_names, body.landmarks(body.at(pin.neutral(body.model))), strict=True))
-    return float(np.linalg.norm(places["mid_hip"] - 0.5 * (places["left_heel"] + places["right_heel"])))
 
 
 def _covariance(run: Run) -> np.ndarray:
@@ -221,9 +216,9 @@ def _residual(body: Body, motion: Motion, loads: ContactLoads) -> np.ndarray:
     """What the balance of the root lacks (T, 6) [N, N m], in the world; 0 of a fixed base."""
     residual = np.where(motion.known[:, None], np.zeros(6), np.nan)
     if body.has_free_root:
-        for t in np.flatnonzero(motion.known):
-            R_world_root = body.at(motion.q[t]).rotations[ROOT_JOINT]
-            residual[t] = (R_world_root @ loads.torque[t, ROOT_V].reshape(2, 3).T).T.ravel()
+        R_world_root = body.placed(motion.q[motion.known]).rotations_of(ROOT_JOINT)
+        wrench = loads.torque[motion.known, ROOT_V].reshape(-1, 2, 3)
+        residual[motion.known] = np.einsum("tij,tkj->tki", R_world_root, wrench).reshape(-1, 6)
     return residual
 
 
@@ -234,7 +229,7 @@ def _facing(body: Body, motion: Motion) -> np.ndarray:
         return np.full((len(motion.time), 2), np.nan)
     known = np.isfinite(motion.q).all(axis=1)
     level = np.zeros((len(motion.time), 2))
-    R_world_root = body.placed(motion.q[known]).placements[:, ROOT_JOINT, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    R_world_root = body.placed(motion.q[known]).rotations_of(ROOT_JOINT)
     level[known] = (R_world_root @ forward)[:, :2]
     mean = near_mean(motion.time, level, _FACES)
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9))

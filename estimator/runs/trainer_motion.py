@@ -103,12 +103,12 @@ def _links(body: Body, q: np.ndarray) -> dict[str, np.ndarray]:
     """Names, places and turns of the links, in the order of the URDF."""
     frames = {frame.name: frame for frame in body.model.frames if frame.type == pin.FrameType.BODY}
     names = [name for name in _order(body, "link") if name in frames]
-    placements = body.placed(q).placements
+    placed = body.placed(q)
     places, turns = np.empty((len(q), len(names), 3)), np.empty((len(q), len(names), 4))
     for b, name in enumerate(names):
-        own, parent = frames[name].placement, placements[:, frames[name].parentJoint]
-        R = parent[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-        places[:, b] = parent[:, 9:] + R @ own.translation
+        own, joint = frames[name].placement, frames[name].parentJoint
+        R = placed.rotations_of(joint)
+        places[:, b] = placed.placements[:, joint, 9:] + R @ own.translation
         turns[:, b] = Rotation.from_matrix(R @ own.rotation).as_quat()
     return {
         "link_names": np.array(names, dtype=np.str_), "link_position": places,

@@ -78,6 +78,10 @@ class PlacedBodies(NamedTuple):
         """The selected ones: an index of rows."""
         return PlacedBodies(self.q[rows], self.placements[rows])
 
+    def rotations_of(self, joint: int) -> np.ndarray:
+        """Rotation of a joint's T_world_joint, (N, 3, 3)."""
+        return self.placements[:, joint, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+
 
 @dataclass(frozen=True)
 class Tree:

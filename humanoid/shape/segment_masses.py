@@ -121,14 +121,14 @@ def has_own_masses(body: Body) -> bool:
     return bool(sum(inertia.mass for inertia in body.model.inertias) > 0.0)
 
 
-def stature(body: Body) -> float | None:
-    """Height [m] of a person from heels to the top of the head with all joints at zero, None for a body without these
-    landmarks."""
+def height_over_heels(body: Body, landmark: str) -> float | None:
+    """Distance [m] of a landmark from the middle of the heels with all joints at zero, None for a body without them:
+    of `head_top` it is a person's height, whichever way is up."""
     places = dict(zip(body.landmark_names, body.landmarks(body.at(pin.neutral(body.model))), strict=True))
     heels = [places[name] for name in ("left_heel", "right_heel") if name in places]
-    if not heels or "head_top" not in places:
+    if not heels or landmark not in places:
         return None
-    return float(np.linalg.norm(places["head_top"] - np.mean(heels, axis=0)))
+    return float(np.linalg.norm(places[landmark] - np.mean(heels, axis=0)))
 
 
 def forward_of(body: Body) -> np.ndarray | None:

@@ -198,7 +198,7 @@ def print_forces(forces: Forces) -> None:
     out.print(f"mass {forces.mass.kilograms:.1f} +- {forces.mass.std:.1f} kg, {forces.mass.source}", soft_wrap=True)
     if forces.feet:
         made = table("forces on the feet, % of the weight", "foot", "mean", "largest", "90 %", "at [s]")
-        halves = np.ptp(forces.interval("force"), axis=0) / 2.0
+        halves = forces.half_width("force")
         for k, foot in enumerate(forces.feet):
             upwards = forces.force[:, k, 2]
             t = int(np.nanargmax(upwards))

@@ -138,12 +138,30 @@ def write_mot(
     path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str, note: str = ROOT_NOTE
 ) -> None:
     """Write coordinates (T, N), angles in degrees and lengths in metres; note: a line about them."""
+    units = "Units are S.I. units (second, meters, Newtons, ...)"
+    lines = ("", units, "Angles are in degrees.", note, "")
+    write_storage(path, names, values, time, title=title, in_degrees=True, lines=lines, style=".8f")
+
+
+def write_storage(
+    path: Path,
+    names: Sequence[str],
+    values: np.ndarray,
+    time: np.ndarray,
+    *,
+    title: str,
+    in_degrees: bool = False,
+    lines: Sequence[str] = (),
+    style: str = ".8g",
+) -> None:
+    """Write any columns (T, N) over time (T,) [s] as an OpenSim storage; lines: more of the header, style: of the
+    numbers."""
+    turns = "yes" if in_degrees else "no"
     head = [
-        title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "",
-        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", note, "", "endheader",
-        "\t".join(["time", *names]),
+        title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", f"inDegrees={turns}", *lines,
+        "endheader", "\t".join(["time", *names]),
     ]  # fmt: skip
-    rows = ["\t".join([f"{t:.6f}", *(f"{v:.8f}" for v in row)]) for t, row in zip(time, values, strict=True)]
+    rows = ["\t".join([f"{t:.6f}", *(f"{v:{style}}" for v in row)]) for t, row in zip(time, values, strict=True)]
     path.write_text("\n".join(head + rows) + "\n", encoding="utf-8")
 
 
