@@ -26,6 +26,8 @@ DEFAULT_FPS = 30.0
 FPS_RANGE = (0.5, 2000.0)
 _FFMPEGS_OWN = 25.0  # frames per second, of streams that store no time
 _SHORT, _SHARE = 0.5, 0.02  # s, and share of a duration, by which a clip may be shorter than an estimate of it
+_NO_TIMEOUTS = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 0, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 0]
+"""OpenCV ends a file where a read takes over 30 s, as it does when the process is suspended or a disk is slow."""
 _ASPECTS = (0.25, 4.0)  # of pixels, that a file may mean
 _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than by seeking
 
@@ -291,7 +293,7 @@ def natural_order(path: Path) -> tuple[list[tuple[int, int, str]], str]:
 
 
 def _capture(path: Path) -> cv2.VideoCapture:
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, _NO_TIMEOUTS)
     if not capture.isOpened():
         raise InputError(path, "is not a video that can be decoded", remedy="try converting it: ffmpeg -i IN out.mp4")
     return capture
