@@ -16,7 +16,7 @@ from estimator.vision.cues.depth_rays import NOTHING, DepthRays, depth_behind, o
 from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
-from estimator.vision.prediction import Predictor
+from estimator.vision.prediction import Prediction, Predictor
 from estimator.vision.stereo import DepthMap
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import surface_of
@@ -24,7 +24,8 @@ from humanoid.subject.subject import load_subject
 
 K = np.array([[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]])
 CAMERA = Camera("ahead", (64, 48), K, np.zeros(5), np.eye(3), np.zeros(3))  # looks along z
-RAYS = "what rays contradict"
+RAYS, SQUARES = "what rays contradict", "depth in squares"
+MOST = 5.0  # nats
 
 
 def before_a_wall() -> DepthRays:
@@ -77,6 +78,30 @@ def test_a_square_of_the_picture_counts_once_however_many_places_are_in_it() -> 
     np.testing.assert_allclose(one_a_square(np.array([[0, 1], [1, 0], [0, 1], [1, 1]])), [0.5, 1.0, 0.5, 1.0])
 
 
+def energy_before_a_wall(depth: np.ndarray) -> float:
+    """Of a body with a depth (48, 64) [m] in every pixel, infinite where it is not; its surface is known to 20 mm, the
+    mean of a square of the board to 4 mm."""
+    body = dict.fromkeys(Prediction._fields, np.zeros(0)) | {"buffer": 1.0 / depth, "frame": np.array([0.0, 0.0, 1.0])}
+    return before_a_wall().squares_energy(Prediction(**body), 0.02, 8.0, 0.5, 3.0, MOST)
+
+
+def test_squares_cost_what_depth_in_them_is_off() -> None:
+    nowhere, columns = np.full((48, 64), np.inf), np.arange(64)
+    board = np.where((columns >= 20) & (columns < 28), 2.0, nowhere)
+    squares = 4 * 24 / 16  # of the board without its edge, on a grid of every second pixel
+    assert energy_before_a_wall(board) == pytest.approx(0.0, abs=1e-9)
+    assert energy_before_a_wall(nowhere) == pytest.approx(MOST * squares)
+    assert energy_before_a_wall(board - 0.5) == pytest.approx(MOST * squares, rel=0.01)
+    std = np.hypot(0.02, 0.5 * 0.002 * 2.0**2)
+    assert energy_before_a_wall(board + 2.0 * std) == pytest.approx(2.0 * squares, rel=0.03)
+    waves = std * np.where(columns % 4 < 2, 3.0, -3.0)  # errors of both signs in every square
+    assert energy_before_a_wall(board + waves) == pytest.approx(0.0, abs=1e-9)
+    beside = np.where((columns >= 48) & (columns < 56), 2.0, board)  # an arm where the wall is seen
+    assert energy_before_a_wall(beside) == pytest.approx(MOST * squares)
+    behind, unknown = np.where(columns >= 48, 5.0, board), np.where((columns >= 30) & (columns < 34), 1.0, board)
+    assert energy_before_a_wall(behind) == energy_before_a_wall(unknown) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_how_far_the_body_is_behind_a_place() -> None:
     body = Body(load_subject("human34"))
     surface, q = surface_of(body, nodes=4000), body.neutral.copy()
@@ -125,7 +150,9 @@ def test_rays_contradict_wrong_arms_and_not_the_true_pose(seen: tuple[Body, np.n
     for name in ("left_shoulder_flexion", "right_shoulder_flexion"):
         wrong = q.copy()
         wrong[body.q_names.index(name)] += 1.0
-        assert parts(seen, body.clamp(wrong))[RAYS] > true.get(RAYS, 0.0) + 3.0
+        contradicted = parts(seen, body.clamp(wrong))
+        assert contradicted[RAYS] > true.get(RAYS, 0.0) + 3.0
+        assert contradicted[SQUARES] > true[SQUARES] + 1.0
 
 
 def test_nobody_stands_in_the_floor(seen: tuple[Body, np.ndarray, ImageCues]) -> None:

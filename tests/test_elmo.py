@@ -526,7 +526,9 @@ def test_people_walk_forwards() -> None:
 @pytest.mark.parametrize("headings", [True, False])
 def test_the_best_mode_that_is_turned_round_is_kept(clip: RenderedClip, file: Path, headings: bool) -> None:
     body, few = Body(load_subject(clip.subject)), {"neighbours": 12, "rounds": 2, "survivors": 2, "headings": headings}
-    tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
+    pairs_alone = {"depth": {"squares": 0.0}}  # by squares this one is among the best
+    changes = {"search": {"index": str(file)}, "elmo": few, "cues": pairs_alone}
+    tracker = make_tracker("elmo", body, settings_for("elmo", changes=changes))
     (seen,) = depth_frames(clip, 1)
     state, _ = tracker.init(np.random.default_rng(0), seen)
     first = state.mixture.modes[0]
@@ -537,6 +539,20 @@ def test_the_best_mode_that_is_turned_round_is_kept(clip: RenderedClip, file: Pa
     after, _ = tracker.step(np.random.default_rng(0), before, replace(seen, time=seen.time + 0.2))
     poses = np.array([mode.q for mode in after.mixture.modes])
     assert turned_round(body, poses, poses[0]).any() == headings
+
+
+def test_a_frame_without_a_past_is_searched_from_more_poses(clip: RenderedClip, file: Path) -> None:
+    few, frames, states = {"neighbours": 12, "rounds": 3, "survivors": 2, "limbs": 100}, list(depth_frames(clip, 2)), []
+    first, second = [], []
+    for anew in (1, 3):
+        changes = {"search": {"index": str(file)}, "elmo": few | {"anew": anew}}
+        tracker = make_tracker("elmo", Body(load_subject(clip.subject)), settings_for("elmo", changes=changes))
+        states.append(tracker.init(np.random.default_rng(0), frames[0])[0])
+        first.append(sum(tracker.search.steps))
+        after, _ = tracker.step(np.random.default_rng(0), states[0], frames[1])
+        second.append((sum(tracker.search.steps) - first[-1], after.mixture.modes[0].q.tobytes()))
+    assert first[1] > 1.3 * first[0]
+    assert second[0] == second[1]
 
 
 def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:

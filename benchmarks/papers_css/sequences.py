@@ -41,7 +41,8 @@ class Task:
 
     seconds: only so much of the motion. plate: whether the empty scene is given. folder: of all clips, which are kept
     there, a folder each. how: arguments of `timed_track`. detected: track from a detector's keypoints in every frame
-    instead of the first frame's and the pictures. begins: with an index instead, before a stereo pair.
+    instead of the first frame's and the pictures. begins: with an index instead, before a stereo pair. fps: of the
+    clip, None for that of `FPS`.
     """
 
     motion: str
@@ -52,6 +53,12 @@ class Task:
     how: dict[str, Any]
     detected: bool = False
     begins: Beginning | None = None
+    fps: float | None = None
+
+    @property
+    def rate(self) -> float:
+        """Frames a second of its clip."""
+        return self.fps or FPS[self.motion]
 
     @property
     def label(self) -> str:
@@ -60,7 +67,8 @@ class Task:
     @property
     def clip_folder(self) -> Path:
         """Where its clip is."""
-        name = self.motion + (self.begins.name if self.begins else "")
+        rate = "" if self.fps is None else f"_{self.fps:g}fps"
+        name = self.motion + (self.begins.name if self.begins else "") + rate
         return clip_folder(self.folder, name, self.clip_seed, self.seconds, not self.detected)
 
 
@@ -77,7 +85,7 @@ def rendered(task: Task) -> RenderedClip:
 
     def render(folder: Path) -> None:
         km.render(
-            folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected,
+            folder, task.motion, fps=task.rate, seconds=seconds, seed=task.clip_seed, videos=not task.detected,
             **(task.begins.rendered if task.begins else {}),
         )  # fmt: skip
         tell(f"{task.label}: rendered")
@@ -106,7 +114,7 @@ def tracked(task: Task) -> Outcome:
     )
     if task.begins is None:
         return scored
-    said = verdict_on(start_errors(run, clip.truth, FPS[task.motion], task.begins.hidden))
+    said = verdict_on(start_errors(run, clip.truth, task.rate, task.begins.hidden))
     return replace(scored, notes=(*scored.notes, said))
 
 
@@ -120,6 +128,8 @@ def main(
     start: Literal["joints", "index"] = "joints",
     index: Path | None = None,
     hidden: tuple[str, ...] = (),
+    fps: float | None = None,
+    tracker: str = "css",
     seed: int = 0,
     modes: int = 7,
     changes: Changes = (),
@@ -149,6 +159,10 @@ def main(
         Index of examples of human34, for --start index.
     hidden
         FROM:TO in seconds, with --start index: a screen hides the person.
+    fps
+        Frames a second of the clips; by default 25 of arm and pivot and 50 of the turn. CSS's own films had 50 fields.
+    tracker
+        As in `kinemode track`.
     seed
         Seed of the tracker.
     modes
@@ -159,7 +173,13 @@ def main(
         Clips tracked at a time, each in a process of its own.
     """
     chosen = cue_choice(cues) or ()
-    how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}
+    how = {
+        "cues": ",".join(chosen) or "off",
+        "tracker": tracker,
+        "seed": seed,
+        "modes": modes,
+        "settings": nested(changes),
+    }
     plate = background == "plate" and "silhouette" in chosen
     begins = None
     if start == "index":
@@ -169,7 +189,7 @@ def main(
         begins = Beginning(index, SceneSettings(hidden=hidden).spans)
         how["cues"] = ",".join(dict.fromkeys(("depth", *chosen)))
     with work_folder(work) as folder:
-        tasks = [Task(m, s, seconds, plate, folder, how, begins=begins) for m in motions for s in seeds]
+        tasks = [Task(m, s, seconds, plate, folder, how, begins=begins, fps=fps) for m in motions for s in seeds]
         outcomes = in_processes(tracked, tasks, jobs)
     by_motion: dict[str, dict[int, Outcome]] = {}
     for task, scored in zip(tasks, outcomes, strict=True):

@@ -32,7 +32,13 @@ class ExampleSearch(NamedTuple):
     recombined_of: int = 2
     limbs: int = 800
     again: int = 1
+    anew: int = 3
     away: float = 3.0
+
+    @property
+    def without_past(self) -> ExampleSearch:
+        """The search of a frame without a past: `anew` times as many poses continue and are given other limbs."""
+        return self._replace(survivors=self.anew * self.survivors, recombined_of=self.anew * self.recombined_of)
 
 
 def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
@@ -41,7 +47,7 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
 
     Raises InputError where no index is given, or it is unreadable or for other cameras.
     """
-    how = ExampleSearch()
+    how = ExampleSearch().without_past
     search.examples.check(observation)
     lookups = search.examples.lookup_without_prior(observation, how.neighbours)
     associations = search.associations(observation)

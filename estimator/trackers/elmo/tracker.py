@@ -170,7 +170,7 @@ class Elmo(Initialisation):
         if s.rounds == 0:
             return self._likeliest(starts, case)
         groups = sides(self.body, starts, lookups) if anew else [starts]
-        how = s.descent if anew else s.descent._replace(again=0)
+        how = s.descent.without_past if anew else s.descent._replace(again=0)
         headings = s.headings and not shows_silhouette(observation)
         return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=headings)
 

@@ -11,6 +11,7 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Term
 from estimator.numerics.closest import closest
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
+from estimator.vision.cues.assigned import AssignedPoints, nothing
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed
 from estimator.vision.cues.depth_rays import NOTHING, Contradicted, depth_behind
@@ -71,7 +72,8 @@ class DepthMatcher(Matcher):
             return []
         nodes = self._should_be_seen(prediction)
         places = self._places(posed, nodes)
-        return [self._pairs(posed, nodes, places), *self._below_floor(posed), *self._by_rays(nodes, places, prediction)]
+        by_rays = self._by_rays(nodes, places, prediction)
+        return [self._pairs(posed, nodes, places), *self._below_floor(posed), *by_rays, *self._by_squares(prediction)]
 
     def _should_be_seen(self, prediction: Prediction) -> np.ndarray:
         """The nodes (N,) that should be seen. A body outside the picture is charged for all its nodes: what is seen
@@ -124,6 +126,17 @@ class DepthMatcher(Matcher):
         weight = s.rays * np.concatenate([past.weight, np.full(len(bare), rays.share(s.patch))])
         anywhere = np.tile(np.eye(3) / s.slide**2, (len(node), 1, 1))
         return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "what rays contradict")]
+
+    def _by_squares(self, prediction: Prediction) -> list[Term]:
+        """What the depth of the body costs in squares of the picture: it ranks poses and, being that of the prediction,
+        draws nothing. Pairs on one ray that draw end farther from the truth than closest pairs do."""
+        s, view, nowhere = self._settings, self.view, np.zeros((0, 3))
+        if s.squares <= 0.0:
+            return []
+        rays = self._person.rays
+        energy = rays.squares_energy(prediction, s.surface_noise, s.patch, s.kept, AGREES, s.most)
+        joint, weighed = np.zeros(0, np.int64), s.squares * view.weight * energy
+        return [AssignedPoints(view.body, view.camera, joint, nowhere, [nothing()], weighed, name="depth in squares")]
 
     def _seen_past(self, places: np.ndarray) -> Contradicted:
         s = self._settings

@@ -16,6 +16,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.vision.prediction import Prediction
 from estimator.vision.stereo import DepthMap, DepthPoints
+from humanoid.support.compiled import jit
 
 NOTHING = -1
 
@@ -97,6 +98,23 @@ class DepthRays:
         """Of one point of the surface in a square of this side [px]."""
         return (self.step / patch) ** 2
 
+    def squares_energy(
+        self, body: Prediction, noise: float, patch: float, kept: float, margin: float, most: float
+    ) -> float:
+        """How badly the depth of a body in the directions of the pixels is that of the picture, in nats.
+
+        A square is one measurement, of the mean of what its pixels are off by where both are the person: normal, with
+        `kept` of the deviation of a pixel and that of the surface, `noise` [m], and at most `most`. So much cost
+        squares of the person without the body, and of the body before what is seen by more than `margin` deviations,
+        each by the share of its pixels. patch [px]: side of the squares.
+        """
+        side = max(1, round(patch / self.step))
+        corner = (self.first[::-1] - body.frame[:2]) / body.frame[2] + 0.5
+        each = self.step / body.frame[2]
+        return float(_squares_energy(
+            self.depth, self.point, body.buffer, corner, each, side, self.noise, noise, kept, margin, most
+        ))  # fmt: skip
+
 
 def one_a_square(square: np.ndarray) -> np.ndarray:
     """Weights (N,) of what lies in squares at row and column (N, 2), those in one square together 1."""
@@ -116,3 +134,35 @@ def depth_behind(camera: Camera, places: np.ndarray, prediction: Prediction) -> 
     depth = places @ camera.R_camera_world[2] + camera.t_camera_world[2]
     with np.errstate(divide="ignore"):
         return np.asarray(1.0 / nearness - depth)
+
+
+@jit
+def _squares_energy(depth, point, buffer, corner, each, side, pixel_noise, noise, kept, margin, most):  # type: ignore[no-untyped-def]
+    """See `DepthRays.squares_energy`. The column and row of the buffer's cell for pixel (r, c) of the grid are
+    corner (2,) + each * (c, r)."""
+    rows, columns, outlier, total = depth.shape[0], depth.shape[1], np.exp(-most), 0.0
+    for top in range(0, rows, side):
+        for left in range(0, columns, side):
+            both, wrong, off, far = 0, 0, 0.0, 0.0
+            for r in range(top, min(top + side, rows)):
+                for c in range(left, min(left + side, columns)):
+                    z = depth[r, c]
+                    if np.isnan(z):
+                        continue
+                    u, v, near = corner[0] + each * c, corner[1] + each * r, 0.0
+                    if 0.0 <= u < buffer.shape[1] and 0.0 <= v < buffer.shape[0]:
+                        near = buffer[int(v), int(u)]
+                    if point[r, c] != NOTHING:
+                        if near > 0.0:
+                            both += 1
+                            off += z - 1.0 / near
+                            far += z
+                        else:
+                            wrong += 1
+                    elif near > 0.0 and z - 1.0 / near > margin * np.hypot(noise, pixel_noise * z * z):
+                        wrong += 1
+            if both > 0:
+                std = np.hypot(noise, kept * pixel_noise * (far / both) ** 2)
+                total -= both * np.log((1.0 - outlier) * np.exp(-0.5 * (off / both / std) ** 2) + outlier)
+            total += wrong * most
+    return total / side**2

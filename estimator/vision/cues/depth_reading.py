@@ -70,7 +70,9 @@ class DepthSettings(StereoSettings):
     evidence: independent measurements that all points together count as, 0 for none: half from the nodes that should be
     seen to the points, half from the points to these. surface_noise [m]: standard deviation of the body's surface from
     the person's. slide [m]: standard deviation along the surface, where a point may be paired with a neighbour of its
-    own node. nu: Lorentzian.
+    own node. nu: Lorentzian. rays: weight of what rays contradict, each square of `patch` px a measurement. squares:
+    weight of the depth in these squares, which ranks poses; its mean keeps `kept` of the deviation of a pixel's depth,
+    whose errors are alike in a square, and costs `most` nats at most.
     """
 
     points: int = setting(1200, at_least=20)
@@ -84,6 +86,9 @@ class DepthSettings(StereoSettings):
     nu: float = setting(6.0, above=0)
     rays: float = setting(1.0, at_least=0)
     patch: float = setting(8.0, above=0)
+    squares: float = setting(0.3, at_least=0)
+    kept: float = setting(0.5, above=0)
+    most: float = setting(5.0, above=0)
 
 
 _ON_GRID = 20_000  # pixels sampled, about
