@@ -138,8 +138,9 @@ def depth_behind(camera: Camera, places: np.ndarray, prediction: Prediction) -> 
 
 @jit
 def _squares_energy(depth, point, buffer, corner, each, side, pixel_noise, noise, kept, margin, most):  # type: ignore[no-untyped-def]
-    """See `DepthRays.squares_energy`. The column and row of the buffer's cell for pixel (r, c) of the grid are
-    corner (2,) + each * (c, r)."""
+    """See `DepthRays.squares_energy`, of a picture of depth (R, C) and point (R, C), and the buffer (rows, columns) of
+    a body, whose cell for a pixel (r, c) has column and row corner (2,) + each * (c, r). side: of squares, in pixels of
+    the grid."""
     rows, columns, outlier, total = depth.shape[0], depth.shape[1], np.exp(-most), 0.0
     for top in range(0, rows, side):
         for left in range(0, columns, side):
