@@ -13,6 +13,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.synthesis.settings import ViewSettings
 from estimator.vision.cues.depth_rays import NOTHING, DepthRays, depth_behind, one_a_square
+from estimator.vision.cues.depth_reading import DepthSettings
 from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
@@ -144,7 +145,7 @@ def parts(seen: tuple[Body, np.ndarray, ImageCues], q: np.ndarray) -> dict[str, 
 
 def test_rays_contradict_wrong_arms_and_not_the_true_pose(seen: tuple[Body, np.ndarray, ImageCues]) -> None:
     """An arm that lies elsewhere is seen past, and its own surface is left uncovered: several squares contradict it."""
-    body, q, _ = seen
+    body, q, read = seen
     true = parts(seen, q)
     assert true.get(RAYS, 0.0) < 1.0
     for name in ("left_shoulder_flexion", "right_shoulder_flexion"):
@@ -153,6 +154,9 @@ def test_rays_contradict_wrong_arms_and_not_the_true_pose(seen: tuple[Body, np.n
         contradicted = parts(seen, body.clamp(wrong))
         assert contradicted[RAYS] > true.get(RAYS, 0.0) + 3.0
         assert contradicted[SQUARES] > true[SQUARES] + 1.0
+    (camera,) = ImageLikelihood.of(ImageModel(body), [read], [60.0]).cameras
+    share = DepthSettings().repeated
+    assert camera.without_past(body.at(q)) == pytest.approx(true[SQUARES] * (1.0 - share) / share)
 
 
 def test_nobody_stands_in_the_floor(seen: tuple[Body, np.ndarray, ImageCues]) -> None:

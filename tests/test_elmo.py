@@ -23,8 +23,8 @@ from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
 from estimator.search.examples.lookup import Lookup, either_way
 from estimator.search.frame_search import FrameProblem
-from estimator.search.from_examples import example_starts, turned_round, without_silhouette
-from estimator.search.hypothesis import Hypothesis
+from estimator.search.from_examples import _best, _in_full, example_starts, turned_round, without_silhouette
+from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.synthesis import training
 from estimator.synthesis.pictures import ExamplePainter, variants
 from estimator.synthesis.poses import PoseSampler
@@ -32,11 +32,12 @@ from estimator.synthesis.training import PAIRS_AT_ONCE, train_index
 from estimator.trackers.elmo.tracker import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.cues.cue_picture import Dots
+from estimator.vision.cues.image_likelihood import ImageLikelihood
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
 from estimator.vision.person_view import SIDE, ViewFrame, bin_count, cut_out
 from humanoid.collision.self_collision import SelfCollision
-from humanoid.kinematics.body import ROOT_Q, Body
+from humanoid.kinematics.body import ROOT_Q, Body, PosedBody
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 from kinemode.explain import explain
@@ -282,6 +283,8 @@ def test_elmo_needs_no_keypoints_and_resumes_to_the_same_bits(clip: RenderedClip
     assert run.result(1).extra["searches_example"] == 12
     assert run.result(1).extra["searches_parent"] >= 1
     assert run.result(1).extra["looked_at"] >= 12
+    first = explain(run, 0)  # ranked with evidence that its energy is without
+    assert sum(part.energy for part in first.parts) == pytest.approx(first.stored, abs=1e-6)
     explained = explain(run, 2)
     (shown,) = [picture for view in explained.views for picture in view.pictures if picture.name == "examples"]
     assert shown.base.shape[:2] == explained.views[0].image.shape[:2]
@@ -553,6 +556,26 @@ def test_a_frame_without_a_past_is_searched_from_more_poses(clip: RenderedClip, 
         second.append((sum(tracker.search.steps) - first[-1], after.mixture.modes[0].q.tobytes()))
     assert first[1] > 1.3 * first[0]
     assert second[0] == second[1]
+
+
+def test_without_a_past_evidence_that_lasts_ranks_in_full() -> None:
+    """What a likelihood leaves to frames without a past ranks candidates, and is in none of those that continue."""
+    body = body_of("human34")
+    poses = np.array([body.neutral, body.neutral])
+    poses[1, 0] += 1.0
+    start = Hypothesis(poses[0], 0, prior_score=-1.0)
+    worse, better = (Candidate(start, q, body.landmarks(body.at(q)), e) for q, e in zip(poses, (5.0, 4.0), strict=True))
+
+    class Likelihood(ImageLikelihood):
+        def without_past(self, posed: PosedBody) -> float:
+            return 3.0 * float(posed.q[0])
+
+    case = FrameProblem((), 0.0, Likelihood())
+    search = make_tracker("elmo", body, settings_for("elmo")).search
+    for alone, expected in ((False, [better, worse]), (True, [worse, better])):
+        assert [c.energy for c in _best(search, [worse, better], case, 2, alone)] == [c.energy for c in expected]
+    assert _best(search, [better], case, 1, True)[0] is better
+    assert [c.score for c in _in_full(search, [worse, better], case)] == [-6.0, -8.0]
 
 
 def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:

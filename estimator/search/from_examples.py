@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.inference.mixture import Mixture
+from estimator.inference.mixture import Mixture, best_distinct
 from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
 from estimator.search.examples.lookup import Lookup, turned_away
@@ -53,7 +53,8 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     associations = search.associations(observation)
     starts = [h for k in range(len(associations)) for h in example_starts(search.body, lookups, how.away, k)]
     case = FrameProblem(associations, 0.0, search.likelihood(observation, starts[0].q))
-    return best_reached(search, sides(search.body, starts, lookups), lookups, observation, case, how, count, rng)
+    groups = sides(search.body, starts, lookups)
+    return best_reached(search, groups, lookups, observation, case, how, count, rng, alone=True)
 
 
 def example_starts(body: Body, lookups: Sequence[Lookup], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
@@ -91,24 +92,50 @@ def best_reached(
     rng: np.random.Generator | None = None,
     *,
     headings: bool = False,
+    alone: bool = False,
 ) -> Mixture:
     """The `count` best distinct modes that are reached from groups of starts, each searched apart: in the case without
     the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
-    it, limbs tried again. headings: the best that is turned round is among them, however unlikely."""
+    it, limbs tried again. headings: the best that is turned round is among them, however unlikely. alone: the frame has
+    no past, so that evidence whose errors last counts in full; energies are without that."""
     wide = without_silhouette(search, observation, case, groups[0][0].q)
-    candidates = [c for group in groups for c in descended(search, group, lookups, observation, wide, how)]
+    candidates = [c for group in groups for c in descended(search, group, lookups, observation, wide, how, alone)]
     if wide is not case:
-        best = search.distinct(candidates, count + search.settings.spare)
+        best = _best(search, candidates, wide, count + search.settings.spare, alone)
         kept = [h for group in groups for h in group if h.origin.family is Family.KEPT]
         candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
         seen = _seen_for_limbs(search, observation, lookups, how)
         for _ in range(how.again):
-            best = search.distinct(candidates, how.recombined_of)
+            best = _best(search, candidates, case, how.recombined_of, alone)
             candidates = candidates + search.explored(_recombined(search, best, lookups, seen, how), case)
-    if not headings or count < 2 or len(lookups) != 1 or not search.body.has_free_root:
+    both_ways = headings and count > 1 and len(lookups) == 1 and search.body.has_free_root
+    if both_ways:
+        candidates = candidates + search.explored(_kept_each_way(search.body, groups), case)
+    if alone:
+        candidates = _in_full(search, candidates, case)
+    if not both_ways:
         return search.best_of(candidates, case, count, rng)
-    candidates = candidates + search.explored(_kept_each_way(search.body, groups), case)
     return search.mixture(_both_headings(search, candidates, case, count), case, count, rng)
+
+
+def _best(
+    search: ModeSearch, candidates: Sequence[Candidate], case: FrameProblem, count: int, alone: bool
+) -> list[Candidate]:
+    """The `count` best distinct candidates; alone: see `best_reached`."""
+    if not alone:
+        return search.distinct(candidates, count)
+    ranked = zip(candidates, _in_full(search, candidates, case), strict=True)
+    best = best_distinct(list(ranked), lambda c: c[1].score, lambda c: c[0].landmarks, search.distinct_by, count)
+    return [as_it_was for as_it_was, _ in best]
+
+
+def _in_full(search: ModeSearch, candidates: Sequence[Candidate], case: FrameProblem) -> list[Candidate]:
+    """The candidates, scored with the evidence that counts only where there is no past."""
+    scored = []
+    for c in candidates:
+        h, more = c.hypothesis, case.likelihood.without_past(search.body.at(c.q))
+        scored.append(c._replace(hypothesis=h._replace(prior_score=h.prior_score - more)))
+    return scored
 
 
 def _kept_each_way(body: Body, groups: Sequence[Sequence[Hypothesis]]) -> list[Hypothesis]:
@@ -169,13 +196,14 @@ def descended(
     observation: Observation,
     case: FrameProblem,
     how: ExampleSearch,
+    alone: bool = False,
 ) -> list[Candidate]:
     """The results of short searches from the starts, whatever number reaches a mode. Image features are assigned again
-    in every round, as in ICP, and only the best continue."""
+    in every round, as in ICP, and only the best continue. alone: see `best_reached`."""
     candidates = search.explored(starts, case)
     seen = _seen_for_limbs(search, observation, lookups, how)
     for left in reversed(range(how.rounds - 1)):
-        best = search.distinct(candidates, how.survivors)
+        best = _best(search, candidates, case, how.survivors, alone)
         again = [c.hypothesis._replace(q=c.q) for c in best]
         if left > 0:
             again += _recombined(search, best[: how.recombined_of], lookups, seen, how)

@@ -172,7 +172,7 @@ class Elmo(Initialisation):
         groups = sides(self.body, starts, lookups) if anew else [starts]
         how = s.descent.without_past if anew else s.descent._replace(again=0)
         headings = s.headings and not shows_silhouette(observation)
-        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=headings)
+        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=headings, alone=anew)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy, unsearched, with the uncertainty of one frame's change."""

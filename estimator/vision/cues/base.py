@@ -135,6 +135,11 @@ class Matcher:
         """Other terms around a pose, of which `prediction` is the view."""
         return []
 
+    def without_past(self, prediction: Prediction) -> float:
+        """Energy that counts beside the terms where a frame has no past: of evidence whose errors stay the same from
+        frame to frame, so that with a past only a share of it is new."""
+        return 0.0
+
     def follow(self, pasts: Sequence[PastPose]) -> list[Any]:
         """The image evidence of each past, for a cue that `follows`: small, picklable, the argument of `since`."""
         return [None for _ in pasts]

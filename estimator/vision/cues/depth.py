@@ -131,12 +131,21 @@ class DepthMatcher(Matcher):
         """What the depth of the body costs in squares of the picture: it ranks poses and, being that of the prediction,
         draws nothing. Pairs on one ray that draw end farther from the truth than closest pairs do."""
         s, view, nowhere = self._settings, self.view, np.zeros((0, 3))
-        if s.squares <= 0.0:
+        if s.squares * s.repeated <= 0.0:
             return []
-        rays = self._person.rays
-        energy = rays.squares_energy(prediction, s.surface_noise, s.patch, s.kept, AGREES, s.most)
-        joint, weighed = np.zeros(0, np.int64), s.squares * view.weight * energy
-        return [AssignedPoints(view.body, view.camera, joint, nowhere, [nothing()], weighed, name="depth in squares")]
+        joint, energy = np.zeros(0, np.int64), s.repeated * self._of_squares(prediction)
+        return [AssignedPoints(view.body, view.camera, joint, nowhere, [nothing()], energy, name="depth in squares")]
+
+    def without_past(self, prediction: Prediction) -> float:
+        """See `Matcher.without_past`: the share of squares that frames with a past leave out."""
+        s = self._settings
+        left_out = s.evidence > 0.0 and s.squares > 0.0 and s.repeated < 1.0
+        return (1.0 - s.repeated) * self._of_squares(prediction) if left_out else 0.0
+
+    def _of_squares(self, prediction: Prediction) -> float:
+        s = self._settings
+        energy = self._person.rays.squares_energy(prediction, s.surface_noise, s.patch, s.kept, AGREES, s.most)
+        return s.squares * self.view.weight * energy
 
     def _seen_past(self, places: np.ndarray) -> Contradicted:
         s = self._settings

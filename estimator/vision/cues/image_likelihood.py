@@ -78,6 +78,10 @@ class ImageLikelihood:
         """The values at a pose of the terms of `assigned` around it, to the last bit, one by one."""
         return [value for camera in self.cameras for value in camera.assigned_values(posed)]
 
+    def without_past(self, posed: PosedBody) -> float:
+        """See `Matcher.without_past`, of all cameras and cues."""
+        return sum(camera.without_past(posed) for camera in self.cameras)
+
     def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
         """Terms that tie a pose to the frame before, with the surface at `parent`; it is also searched from its place
         at `predicted`."""
@@ -153,6 +157,11 @@ class CameraLikelihood:
         c = prediction.contours
         on_contours = value_of(posed, self.cues.camera, c.joint, c.local, groups) + float(constant)
         return [on_contours, *(term.value(posed) for term in self.others(posed, prediction))]
+
+    def without_past(self, posed: PosedBody) -> float:
+        """See `Matcher.without_past`, of all cues."""
+        prediction = self.predictor.predict(posed)
+        return sum(matcher.without_past(prediction) for matcher in self.matchers.values())
 
     def _groups(self, prediction: Prediction) -> tuple[list[Assignments], float]:
         """The features on a prediction's contours, and the energy of points without one, including penalties."""
