@@ -138,8 +138,11 @@ def parts(seen: tuple[Body, np.ndarray, ImageCues], q: np.ndarray) -> dict[str, 
     (camera,) = ImageLikelihood.of(ImageModel(body), [read], [60.0]).cameras
     posed = body.at(q)
     values: dict[str, float] = {}
-    for term in camera.others(posed, camera.predictor.predict(posed)):
+    prediction = camera.predictor.predict(posed)
+    for term in camera.others(posed, prediction):
         values[term.name] = values.get(term.name, 0.0) + term.value(posed)
+    for match in camera.contours(prediction):
+        values[match.label] = match.unassigned
     return values
 
 

@@ -11,8 +11,8 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Term
 from estimator.numerics.closest import closest
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
-from estimator.vision.cues.assigned import AssignedPoints, nothing
-from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
+from estimator.vision.cues.assigned import nothing
+from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed
 from estimator.vision.cues.depth_rays import NOTHING, Contradicted, depth_behind
 from estimator.vision.cues.depth_reading import (
@@ -65,6 +65,12 @@ class DepthMatcher(Matcher):
         self._person: PersonPoints = view.cues[Depth.name]
         self._points = self._person.points
 
+    def contours(self, prediction: Prediction) -> list[ContourMatch]:
+        """What the depth of the body costs in squares of the picture: it ranks poses and, being that of the prediction,
+        draws nothing. Pairs on one ray that draw end farther from the truth than closest pairs do."""
+        energy = self._settings.repeated * self._of_squares(prediction)
+        return [ContourMatch("depth in squares", nothing(), energy)] if energy else []
+
     def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """The closest pairs, from the nodes that should be seen to the points and back (ELMO eq. 1), nodes below the
         floor, and what the rays contradict."""
@@ -72,8 +78,7 @@ class DepthMatcher(Matcher):
             return []
         nodes = self._should_be_seen(prediction)
         places = self._places(posed, nodes)
-        by_rays = self._by_rays(nodes, places, prediction)
-        return [self._pairs(posed, nodes, places), *self._below_floor(posed), *by_rays, *self._by_squares(prediction)]
+        return [self._pairs(posed, nodes, places), *self._below_floor(posed), *self._by_rays(nodes, places, prediction)]
 
     def _should_be_seen(self, prediction: Prediction) -> np.ndarray:
         """The nodes (N,) that should be seen. A body outside the picture is charged for all its nodes: what is seen
@@ -127,24 +132,15 @@ class DepthMatcher(Matcher):
         anywhere = np.tile(np.eye(3) / s.slide**2, (len(node), 1, 1))
         return [self._targets(node, np.concatenate([met, bare]), anywhere, weight, "what rays contradict")]
 
-    def _by_squares(self, prediction: Prediction) -> list[Term]:
-        """What the depth of the body costs in squares of the picture: it ranks poses and, being that of the prediction,
-        draws nothing. Pairs on one ray that draw end farther from the truth than closest pairs do."""
-        s, view, nowhere = self._settings, self.view, np.zeros((0, 3))
-        if s.squares * s.repeated <= 0.0:
-            return []
-        joint, energy = np.zeros(0, np.int64), s.repeated * self._of_squares(prediction)
-        return [AssignedPoints(view.body, view.camera, joint, nowhere, [nothing()], energy, name="depth in squares")]
-
     def without_past(self, prediction: Prediction) -> float:
         """See `Matcher.without_past`: the share of squares that frames with a past leave out."""
-        s = self._settings
-        left_out = s.evidence > 0.0 and s.squares > 0.0 and s.repeated < 1.0
-        return (1.0 - s.repeated) * self._of_squares(prediction) if left_out else 0.0
+        return (1.0 - self._settings.repeated) * self._of_squares(prediction)
 
     def _of_squares(self, prediction: Prediction) -> float:
         s = self._settings
-        energy = self._person.rays.squares_energy(prediction, s.surface_noise, s.patch, s.kept, AGREES, s.most)
+        if s.evidence <= 0.0 or s.squares <= 0.0:
+            return 0.0
+        energy = self._person.rays.squares_energy(prediction, s.surface_noise, s.patch, s.common, AGREES, s.most)
         return s.squares * self.view.weight * energy
 
     def _seen_past(self, places: np.ndarray) -> Contradicted:

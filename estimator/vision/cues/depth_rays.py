@@ -99,12 +99,12 @@ class DepthRays:
         return (self.step / patch) ** 2
 
     def squares_energy(
-        self, body: Prediction, noise: float, patch: float, kept: float, margin: float, most: float
+        self, body: Prediction, noise: float, patch: float, common: float, margin: float, most: float
     ) -> float:
         """How badly the depth of a body in the directions of the pixels is that of the picture, in nats.
 
         A square is one measurement, of the mean of what its pixels are off by where both are the person: normal, with
-        `kept` of the deviation of a pixel and that of the surface, `noise` [m], and at most `most`. So much cost
+        `common` of the deviation of a pixel and that of the surface, `noise` [m], and at most `most`. So much cost
         squares of the person without the body, and of the body before what is seen by more than `margin` deviations,
         each by the share of its pixels. patch [px]: side of the squares.
         """
@@ -112,7 +112,7 @@ class DepthRays:
         corner = (self.first[::-1] - body.frame[:2]) / body.frame[2] + 0.5
         each = self.step / body.frame[2]
         return float(_squares_energy(
-            self.depth, self.point, body.buffer, corner, each, side, self.noise, noise, kept, margin, most
+            self.depth, self.point, body.buffer, corner, each, side, self.noise, noise, common, margin, most
         ))  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def depth_behind(camera: Camera, places: np.ndarray, prediction: Prediction) -> 
 
 
 @jit
-def _squares_energy(depth, point, buffer, corner, each, side, pixel_noise, noise, kept, margin, most):  # type: ignore[no-untyped-def]
+def _squares_energy(depth, point, buffer, corner, each, side, pixel_noise, noise, common, margin, most):  # type: ignore[no-untyped-def]
     """See `DepthRays.squares_energy`, of a picture of depth (R, C) and point (R, C), and the buffer (rows, columns) of
     a body, whose cell for a pixel (r, c) has column and row corner (2,) + each * (c, r). side: of squares, in pixels of
     the grid."""
@@ -163,7 +163,7 @@ def _squares_energy(depth, point, buffer, corner, each, side, pixel_noise, noise
                     elif near > 0.0 and z - 1.0 / near > margin * np.hypot(noise, pixel_noise * z * z):
                         wrong += 1
             if both > 0:
-                std = np.hypot(noise, kept * pixel_noise * (far / both) ** 2)
+                std = np.hypot(noise, common * pixel_noise * (far / both) ** 2)
                 total -= both * np.log((1.0 - outlier) * np.exp(-0.5 * (off / both / std) ** 2) + outlier)
             total += wrong * most
     return total / side**2

@@ -71,9 +71,9 @@ class DepthSettings(StereoSettings):
     seen to the points, half from the points to these. surface_noise [m]: standard deviation of the body's surface from
     the person's. slide [m]: standard deviation along the surface, where a point may be paired with a neighbour of its
     own node. nu: Lorentzian. rays: weight of what rays contradict, each square of `patch` px a measurement. squares:
-    weight of the depth in these squares, which ranks poses; its mean keeps `kept` of the deviation of a pixel's depth,
-    whose errors are alike in a square, and costs `most` nats at most. repeated: share of it that counts in a frame with
-    a past, in which what shape and clothes are off by has counted before.
+    weight of the depth in these squares, which ranks poses; their means keep the share `common` of the deviation of a
+    pixel's depth, whose errors are alike in a square, and cost `most` nats at most. repeated: share of it that counts
+    in a frame with a past, in which what shape and clothes are off by has counted before.
     """
 
     points: int = setting(1200, at_least=20)
@@ -89,7 +89,7 @@ class DepthSettings(StereoSettings):
     patch: float = setting(8.0, above=0)
     squares: float = setting(1.0, at_least=0)
     repeated: float = setting(0.3, at_least=0, at_most=1)
-    kept: float = setting(0.5, above=0)
+    common: float = setting(0.5, above=0)
     most: float = setting(5.0, above=0)
 
 
