@@ -194,8 +194,8 @@ def main(
     by_motion: dict[str, dict[int, Outcome]] = {}
     for task, scored in zip(tasks, outcomes, strict=True):
         by_motion.setdefault(task.motion, {})[task.clip_seed] = scored
-    show(by_motion, f"stand-ins, {how['cues']}, background {background}")
-    save(json, {"measure": "sequences", "background": background, "how": how, "target_mm": TARGET_MM,
+    show(by_motion, f"stand-ins, {tracker}, {how['cues']}, background {background}")
+    save(json, {"measure": "sequences", "background": background, "fps": fps, "how": how, "target_mm": TARGET_MM,
                 "clips": {m: {s: asdict(o) for s, o in of.items()} for m, of in by_motion.items()}})  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
 
     Raises InputError where no index is given, or it is unreadable or for other cameras.
     """
-    how = ExampleSearch().without_past
+    how = ExampleSearch()
     search.examples.check(observation)
     lookups = search.examples.lookup_without_prior(observation, how.neighbours)
     associations = search.associations(observation)
@@ -97,7 +97,9 @@ def best_reached(
     """The `count` best distinct modes that are reached from groups of starts, each searched apart: in the case without
     the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
     it, limbs tried again. headings: the best that is turned round is among them, however unlikely. alone: the frame has
-    no past, so that evidence whose errors last counts in full; energies are without that."""
+    no past, so that it is searched from more poses, limbs are tried again (`ExampleSearch.again`), and evidence whose
+    errors last counts in full; energies are without that."""
+    how = how.without_past if alone else how._replace(again=0)
     wide = without_silhouette(search, observation, case, groups[0][0].q)
     candidates = [c for group in groups for c in descended(search, group, lookups, observation, wide, how, alone)]
     if wide is not case:
@@ -124,18 +126,22 @@ def _best(
     """The `count` best distinct candidates; alone: see `best_reached`."""
     if not alone:
         return search.distinct(candidates, count)
-    ranked = zip(candidates, _in_full(search, candidates, case), strict=True)
-    best = best_distinct(list(ranked), lambda c: c[1].score, lambda c: c[0].landmarks, search.distinct_by, count)
-    return [as_it_was for as_it_was, _ in best]
+    return best_distinct(
+        candidates, lambda c: c.score - _left_out(search, c, case), lambda c: c.landmarks, search.distinct_by, count
+    )
 
 
 def _in_full(search: ModeSearch, candidates: Sequence[Candidate], case: FrameProblem) -> list[Candidate]:
     """The candidates, scored with the evidence that counts only where there is no past."""
     scored = []
     for c in candidates:
-        h, more = c.hypothesis, case.likelihood.without_past(search.body.at(c.q))
-        scored.append(c._replace(hypothesis=h._replace(prior_score=h.prior_score - more)))
+        full = c.hypothesis.prior_score - _left_out(search, c, case)
+        scored.append(c._replace(hypothesis=c.hypothesis._replace(prior_score=full)))
     return scored
+
+
+def _left_out(search: ModeSearch, c: Candidate, case: FrameProblem) -> float:
+    return case.likelihood.without_past(search.body.at(c.q))
 
 
 def _kept_each_way(body: Body, groups: Sequence[Sequence[Hypothesis]]) -> list[Hypothesis]:

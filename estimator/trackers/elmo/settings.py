@@ -22,8 +22,8 @@ class ElmoSettings(CheckedSettings):
     best poses so far with one limb taken from one of the examples, for each limb: limbs are nearly independent, and few
     examples are near in all of them; 0 for none, as in the paper. limbs: from how many examples limbs are tried for
     this, beside those of the neighbours. again: how often they are tried again where the silhouette counts too, in the
-    first frame, or the first after some without the person. anew: by how much more poses continue and are given other
-    limbs then. away: penalty [nats] then of a pose with its back to the
+    first frame, or the first after some without the person. anew: how many times as many poses continue and are
+    given other limbs then. away: penalty [nats] then of a pose with its back to the
     only camera: most people are filmed from the front, and depth hardly shows which way they face.
     headings: by depth alone keep the best mode that is turned round, in place of the worst, however unlikely: later
     frames may show it to be right. forwards: how much rather people move forwards than backwards [nats/m]

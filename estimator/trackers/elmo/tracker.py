@@ -170,9 +170,10 @@ class Elmo(Initialisation):
         if s.rounds == 0:
             return self._likeliest(starts, case)
         groups = sides(self.body, starts, lookups) if anew else [starts]
-        how = s.descent.without_past if anew else s.descent._replace(again=0)
         headings = s.headings and not shows_silhouette(observation)
-        return best_reached(search, groups, lookups, observation, case, how, s.modes, headings=headings, alone=anew)
+        return best_reached(
+            search, groups, lookups, observation, case, s.descent, s.modes, headings=headings, alone=anew
+        )
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy, unsearched, with the uncertainty of one frame's change."""

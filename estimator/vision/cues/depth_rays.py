@@ -84,7 +84,7 @@ class DepthRays:
         std = np.hypot(noise, self.noise * np.square(depth[known]))
         past = known[depth[known] - distance[known] > margin * std]
         weight = np.zeros(len(places))
-        weight[known] = one_a_square(cell[known] // max(1, round(patch / self.step)))
+        weight[known] = one_a_square(cell[known] // self._across(patch))
         return Contradicted(past, self.point[row[past], column[past]], weight[past])
 
     def _cells(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,6 +93,10 @@ class DepthRays:
         cell = np.round((pixels[:, ::-1] - self.first) / self.step)
         inside = ((cell >= 0) & (cell < self.depth.shape)).all(axis=1)
         return cell.clip(0, np.array(self.depth.shape) - 1).astype(np.int64), inside
+
+    def _across(self, patch: float) -> int:
+        """How many pixels of the grid a square of this side [px] is across."""
+        return max(1, round(patch / self.step))
 
     def share(self, patch: float) -> float:
         """Of one point of the surface in a square of this side [px]."""
@@ -108,7 +112,7 @@ class DepthRays:
         squares of the person without the body, and of the body before what is seen by more than `margin` deviations,
         each by the share of its pixels. patch [px]: side of the squares.
         """
-        side = max(1, round(patch / self.step))
+        side = self._across(patch)
         corner = (self.first[::-1] - body.frame[:2]) / body.frame[2] + 0.5
         each = self.step / body.frame[2]
         return float(_squares_energy(
