@@ -137,7 +137,7 @@ def test_it_is_listed_with_its_settings() -> None:
     assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in settings.out
     assert "use_toy = true" in settings.out
     assert refused.code == 2
-    assert "edges, flow, silhouette, depth, colour, toy" in refused.error
+    assert "edges, flow, silhouette, depth, colour, anchors, toy" in refused.error
 
 
 def test_nothing_else_names_it() -> None:

@@ -38,7 +38,7 @@ def check_cue(
     on what was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
     is an InputError; what its matcher returns depends on the pose alone; features lie on existing points, with
     weights not below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
-    agreement is one; its pictures have the size of the cues. A cue that learns is matched after the first instant: what
+    agreement is one; its pictures have the size of the cues. A cue that learns has learned of the instant before: what
     it learned is an array that depends on the frame alone, and does not change the reading that it is added to.
 
     Parameters
@@ -125,7 +125,7 @@ class _CueCheck:
             raise ValueError(f"{self.who} reads nothing from this clip")
         view = self.view(instant)
         if self.cue.learns:
-            view = self.after_learning(view)
+            view = self.after_learning(view, max(0, instant - 1))
         matching = _Matching(self, view, self.body, self.q[instant], self.q[max(0, instant - 1)])
         before = copied(parts(view.cues[self.cue.name]))
         matching.said_of(matching.q)
@@ -155,11 +155,11 @@ class _CueCheck:
             weight=1.0, shared=model.settings, settings=self.settings,
         )  # fmt: skip
 
-    def after_learning(self, view: CameraView) -> CameraView:
-        """The same instant of a cue that has learned of the first one."""
-        first = self.view(0)
-        prediction = first.predictor.predict(self.body.at(self.q[0]))
-        learned = [self.cue.match(first).learn(prediction, 0.0, 1.0) for _ in range(2)]
+    def after_learning(self, view: CameraView, instant: int) -> CameraView:
+        """The same view of a cue that has learned of an earlier instant."""
+        earlier = self.view(instant)
+        prediction = earlier.predictor.predict(self.body.at(self.q[instant]))
+        learned = [self.cue.match(earlier).learn(prediction, 0.0, 1.0) for _ in range(2)]
         law = "what is learned is an array"
         self.require(isinstance(learned[0], np.ndarray), law, f"it is {learned[0]!r}")
         assert learned[0] is not None

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from estimator.data.media.threads import one_thread
 from estimator.energy.term import Term
 from estimator.numerics.robust import LORENTZIAN
 from estimator.vision.camera_pictures import CameraPictures
@@ -27,10 +26,10 @@ from estimator.vision.cues.cue_picture import (
     relative,
 )
 from estimator.vision.cues.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.point_tracking import tracked_both_ways
 from humanoid.kinematics.body import points_in_world
 from humanoid.support.settings import setting
 
-WINDOW = (11, 11)  # px, about a forearm
 STRAY = 8.0  # px; a refined point this far from where the field led it has found something else
 ELSEWHERE = 1.0  # px
 DOUBTFUL = 0.8  # sureness below which a second try is worth its time: it came back half a pixel off
@@ -41,8 +40,8 @@ def follow_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (N, 2) in this frame of points of the previous one, pixels (N, 2), and their confidence (N,), 0 to 1.
 
-    The dense field is the start. Lucas and Kanade's iteration (pyramidal, Bouguet 2000) refines each point, forwards
-    and backwards: the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) starts a second
+    The dense field is the start. Lucas and Kanade's iteration refines each point, forwards and backwards: the field is
+    smooth over several pixels, and thin limbs need better. A `guess` (N, 2) starts a second
     try for points that the first one leaves in doubt or has found elsewhere; the one that returns nearer to its start
     is used. Points of one pixel move alike, so each pixel is computed once, however many points there are. Where the
     two images do not differ nothing moves, with full confidence.
@@ -91,22 +90,9 @@ def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Refined places (N, 2) of points that flow moves to `guess`, and their confidence (N,), zero where lost."""
-    places, there = _tracked(flow.before, flow.now, points, guess)
-    back, again = _tracked(flow.now, flow.before, places, points)
-    missed = np.square(back - points).sum(axis=1)
-    kept = there & again & (np.square(places - guess).sum(axis=1) < STRAY**2)
-    return places, np.where(kept, 1.0 / (1.0 + missed), 0.0)
-
-
-def _tracked(
-    before: np.ndarray, now: np.ndarray, points: np.ndarray, guess: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Places (N, 2) of points and whether each was found, (N,) bool."""
-    with one_thread():
-        places, status, _ = cv2.calcOpticalFlowPyrLK(
-            before, now, points, guess.copy(), winSize=WINDOW, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
-        )
-    return np.asarray(places), np.asarray(status)[:, 0] > 0
+    places, missed = tracked_both_ways(flow.before, flow.now, points, guess, levels=1)
+    near = np.square(places - guess).sum(axis=1) < STRAY**2
+    return places, np.where(near, 1.0 / (1.0 + missed * missed), 0.0)
 
 
 @dataclass(frozen=True)

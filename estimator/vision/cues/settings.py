@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, make_dataclass, replace
 from functools import cache
 from typing import Any
 
+from estimator.vision.cues.anchors import Anchor
 from estimator.vision.cues.base import Cue, SurfaceSettings
 from estimator.vision.cues.colour import Colour
 from estimator.vision.cues.depth import Depth
@@ -27,7 +28,7 @@ def _check(cue: Cue, others: Iterable[Cue]) -> None:
         raise InputError("cue", f"none can be named {cue.name!r}", remedy="a plain word, not auto or off")
 
 
-CUES: Registry[Cue] = Registry("cue", (Edges(), Flow(), Outline(), Depth(), Colour()), _check)
+CUES: Registry[Cue] = Registry("cue", (Edges(), Flow(), Outline(), Depth(), Colour(), Anchor()), _check)
 """All cues by name, in the order in which their energies are summed."""
 
 
