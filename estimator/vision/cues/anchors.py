@@ -52,9 +52,9 @@ _APART = 6  # px between anchors when they begin
 _BORDER = 3.0  # px from an anchor that begins to where there is no body: its patch shows the body
 _AWAY = 4.0  # standard deviations; an anchor farther from the pose is on something else
 _TEXTURE = 2e-4
-"""Least eigenvalue of a patch, as OpenCV has it, with which an anchor begins: a patch of `WINDOW` with slopes of 1.8
-grey values a pixel in the direction in which they are smallest. With a noise of 3 grey values in either picture it is
-found within 0.2 px."""
+"""Least eigenvalue of a patch of `_PATCH` pixels, as OpenCV has it, with which an anchor begins: slopes of 1.8 grey
+values a pixel in the direction in which they are smallest. With a noise of 3 grey values in either picture a window of
+11 x 11 pixels is found there with a standard deviation of 0.2 px."""
 _PATCH = 7  # px across, of that eigenvalue
 
 
@@ -177,7 +177,7 @@ class AnchorMatcher(Matcher):
         column, row = np.floor(prediction.pixels[node] + 0.5).astype(np.int64).T
         inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
         node, column, row = node[inside], column[inside], row[inside]
-        texture = cv2.cornerMinEigenVal(self._reading.now, _PATCH)[row, column]
+        texture = texture_at(self._reading.now, column, row)
         order = np.argsort(-texture, kind="stable")
         order = order[texture[order] >= _TEXTURE]
         node = node[order[_spread(np.stack([column, row], axis=1)[order], taken)]][:most]
@@ -196,6 +196,15 @@ class AnchorMatcher(Matcher):
                 [links(term, shown.posed, "hypothesis"), Dots(self._continued.place, "good")],
                 [("an anchor", "good"), ("to where the pose has it", "hypothesis")],
             )
+
+
+def texture_at(grey: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """The smaller eigenvalue of the structure tensor of patches of grey (H, W) uint8 about pixels (N,), (N,)."""
+    if not len(column):
+        return np.zeros(0, np.float32)
+    left, top = max(0, int(column.min()) - _PATCH), max(0, int(row.min()) - _PATCH)
+    part = np.ascontiguousarray(grey[top : int(row.max()) + _PATCH + 1, left : int(column.max()) + _PATCH + 1])
+    return np.asarray(cv2.cornerMinEigenVal(part, _PATCH)[row - top, column - left])
 
 
 def within_body(prediction: Prediction, pixels: np.ndarray, margin: float) -> np.ndarray:
