@@ -11,6 +11,7 @@ from builders import body_of, camera_at, observe, random_pose, slope
 from term_family import CAMERAS, evaluated, observed, reprojection
 
 from estimator.data.observation import image_extent
+from estimator.energy.cost import Cost
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.priors import GravityPrior, Stabilisers, Transition, world_up
 from estimator.energy.reprojection import Reprojection
@@ -196,6 +197,29 @@ def test_keypoint_noise_grows_with_the_person_in_the_image() -> None:
     )
     assert sides[1] == 100.0
     assert model.keypoint_sigma(near).min() > 0.03 * sides[0]
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.04])
+def test_joints_that_nothing_holds_go_back_to_rest_in_their_time(dt: float) -> None:
+    """Near rest the energy with a past is lowest where the distance from rest has shrunk by dt / time, at any rate."""
+    body, seconds, away = body_of("human34"), 0.5, 0.01
+    even = [s for s in body.subject.stabilisers if s.std == s.std_above and s.quickness >= 1.0]
+    v = np.array([body.model.idx_vs[body.model.getJointId(s.joint)] for s in even])
+    rest, distance = body.neutral.copy(), np.zeros(body.nv)
+    rest[[body.model.idx_qs[body.model.getJointId(s.joint)] for s in even]] = [s.rest for s in even]
+    distance[v] = away
+    model = CostModel(body, CostSettings(pose_prior_weight=0.0, rest_time=seconds))
+    cost = Cost(body, [Stabilisers(body), *model.since(body.integrate(rest, distance), dt, None)])
+    at_lowest = cost.at(body.integrate(rest, distance / (1.0 + dt / seconds))).gradient[v]
+    beside = cost.at(body.integrate(rest, distance)).gradient[v]
+    assert len(v) > 8
+    assert np.abs(at_lowest / beside).max() < 0.01
+
+
+def test_without_a_time_rest_positions_count_in_full_in_every_frame() -> None:
+    body = body_of("human34")
+    q = random_pose(body, np.random.default_rng(3))
+    assert [term.name for term in CostModel(body).since(q, 0.04, None)] == [Transition.name]
 
 
 def test_the_model_sums_its_terms() -> None:

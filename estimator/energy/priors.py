@@ -29,6 +29,8 @@ from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.errors import InputError
 from humanoid.support.per_object import per_object
 
+COUNTED_BEFORE = "rest positions, counted before"
+
 
 class Stabilisers(RecordedTerm):
     """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), with a scale on either side of it,
@@ -59,6 +61,21 @@ class Stabilisers(RecordedTerm):
         factors = {} if relative is None else relative
         self._weight = weight * np.array([factors.get(s.joint, 1.0) for s in body.subject.stabilisers])
         self._kind, self._nu = POTENTIALS[potential], float(nu)
+
+    def counted_before(self, std: np.ndarray, returned: float) -> Stabilisers:
+        """The part, as an energy below zero, that the past of a pose counts already: all but what draws a joint back by
+        a share `returned` of its distance from rest, where the change since the past, of standard deviation std (nv,),
+        is all that holds it.
+
+        A joint of variance S at rest that is drawn back with a weight w, beside a step of variance s, moves by w s / S
+        of its distance: w = returned S / s, no more than 1.
+        """
+        variance = np.square([s.moments[1] for s in self._body.subject.stabilisers])
+        new = np.minimum(1.0, returned * variance / np.square(std[self._v_index]))
+        made = copy(self)
+        made.__dict__.pop("record", None)
+        made.name, made._weight = COUNTED_BEFORE, self._weight * (new - 1.0)
+        return made
 
     @cached_property
     def record(self) -> Record:

@@ -12,9 +12,9 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation, image_extent
 from estimator.energy.cost import Cost
-from estimator.energy.point_targets import PointTargets
 from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.recorded import RecordedTerm
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.standing import HeldPoints, StandingTie, standing_ties
 from estimator.energy.term import Term
@@ -63,7 +63,7 @@ class CostModel:
         self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
         self._last_standing: tuple[np.ndarray, float, HeldPoints] | None = None
-        self._last_transition: tuple[float, Transition] | None = None
+        self._last_transition: tuple[float, Transition, list[Stabilisers]] | None = None
         self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def rest_energies(self, q: np.ndarray) -> np.ndarray:
@@ -139,16 +139,15 @@ class CostModel:
             terms.extend(self.since(q_previous, dt, observed))
         return Cost(self.body, terms)
 
-    def since(
-        self, q_previous: np.ndarray, dt: float, observed: Reprojection | None
-    ) -> list[PointTargets | Transition]:
-        """Penalty of the change since `q_previous` (nq,), `dt` seconds ago, and terms that hold the observed standing
-        points: the last terms of `cost`."""
+    def since(self, q_previous: np.ndarray, dt: float, observed: Reprojection | None) -> list[RecordedTerm]:
+        """Penalty of the change since `q_previous` (nq,), `dt` seconds ago, terms that hold the observed standing
+        points, and what the past has counted of the priors on rest positions: the last terms of `cost`."""
         standing = None if observed is None else observed.observation.standing
+        transition: list[RecordedTerm] = [*self._since(dt)[1], self.transition(q_previous, dt)]
         if standing is None or self.settings.standing_weight <= 0.0:
-            return [self.transition(q_previous, dt)]
+            return transition
         held = self._standing_points(standing, dt).targets(self.body.at(q_previous))
-        return [*held, self.transition(q_previous, dt)]
+        return [*held, *transition]
 
     def _standing_points(self, standing: np.ndarray, dt: float) -> HeldPoints:
         """Held points of a frame whose landmarks stand with these probabilities (L,), `dt` seconds after the last; made
@@ -171,14 +170,21 @@ class CostModel:
 
     def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
         """Penalty of the change of the configuration since `q_previous` (nq,), `dt` seconds ago."""
+        return self._since(dt)[0].since(q_previous)
+
+    def _since(self, dt: float) -> tuple[Transition, list[Stabilisers]]:
+        """The transition from any pose `dt` seconds ago, and what such a pose has counted of the priors on rest
+        positions; made once."""
         known = self._last_transition
         if known is None or known[0] != dt:
             s, std = self.settings, self.transition_std(dt)
-            known = self._last_transition = (
-                dt,
-                Transition(self.body, q_previous, std, s.transition_potential, s.transition_nu),
-            )
-        return known[1].since(q_previous)
+            counted = []
+            if s.rest_time > 0.0:
+                rest = [term for term in self._fixed if isinstance(term, Stabilisers)]
+                counted = [term.counted_before(std, dt / s.rest_time) for term in rest]
+            transition = Transition(self.body, self.body.neutral, std, s.transition_potential, s.transition_nu)
+            known = self._last_transition = dt, transition, counted
+        return known[1:]
 
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""
