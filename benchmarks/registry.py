@@ -598,6 +598,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.training.rest_times",
+        "How long joints of captured people stay away from their rest positions.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.training.walking_forwards",
         "How much rather captured people move forwards than backwards.",
         "",
