@@ -162,9 +162,9 @@ class CostSettings:
         does not give it (`humanoid.subject.urdf_elements.Landmark`); it keeps sharply detected points of the face from
         determining the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
-    rest_time [s]: where a hypothesis has a past, which rest positions have drawn already, they count only so far that
-        joints which nothing holds are back at rest after about this time; 0 counts them in full in every frame, which
-        takes such joints back within a frame or two.
+    rest_time [s]: a past has been compared with the rest positions already, so that in a frame with a past they count
+        only as far as brings joints that nothing holds back to rest in about this time; 0 counts them in full in every
+        frame, which brings such joints back within a frame or two. The mixture counts in full.
     pose_prior_weight: share of the rest-position priors, 0 to 1, that is replaced by a mixture learned from captured
         motion (`estimator.energy.pose_prior`); pose_prior_file: its file. By default it is the shipped one, of human34,
         and a body that it does not suit (`estimator.energy.pose_prior.misfit`) has the rest positions alone.

@@ -22,6 +22,7 @@ from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
 from estimator.vision.cues.point_tracking import tracked_both_ways
 from estimator.vision.prediction import Prediction
+from humanoid.kinematics.body import PosedBody
 from humanoid.support.errors import InputError
 from humanoid.support.settings import setting
 
@@ -146,7 +147,7 @@ class AnchorMatcher(Matcher):
         now = old._replace(place=places.astype(float), variance=old.variance + self._settings.drift**2)
         return now.where(missed < _RETURNED)
 
-    def terms(self, posed: Any, prediction: Prediction) -> list[Term]:
+    def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """The anchors where they were followed to."""
         s, view, anchors = self._settings, self.view, self._continued
         count = len(anchors.node)

@@ -41,10 +41,10 @@ def follow_points(
     """Places (N, 2) in this frame of points of the previous one, pixels (N, 2), and their confidence (N,), 0 to 1.
 
     The dense field is the start. Lucas and Kanade's iteration refines each point, forwards and backwards: the field is
-    smooth over several pixels, and thin limbs need better. A `guess` (N, 2) starts a second
-    try for points that the first one leaves in doubt or has found elsewhere; the one that returns nearer to its start
-    is used. Points of one pixel move alike, so each pixel is computed once, however many points there are. Where the
-    two images do not differ nothing moves, with full confidence.
+    smooth over several pixels, and thin limbs need better. A `guess` (N, 2) starts a second try for points that the
+    first one leaves in doubt or has found elsewhere; the one that returns nearer to its start is used. Points of one
+    pixel move alike, so each pixel is computed once, however many points there are. Where the two images do not differ
+    nothing moves, with full confidence.
     """
     points = np.clip(pixels, 0.0, np.array(flow.size) - 1.0)
     height, width = flow.outlier.shape
