@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy.rig_clips import SECONDS, RigClip, drawn_rig
 from benchmarks.accuracy.rigs import RigTrial
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, in_processes, save, tell
-from benchmarks.support.pose_prior_clips import captured_files
+from benchmarks.support.common import Data, Json, in_processes, save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.rigs.check import check_by_person
@@ -141,7 +141,7 @@ def main(*, count: int = RIGS, data: Data = None, jobs: int = 1, json: Json = No
         raise InputError("--count", f"is {count}", remedy="1 or more")
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     rigs = in_processes(partial(of_seed, files), range(FIRST_SEED, FIRST_SEED + count), jobs)
     outcomes = [outcome for rig in rigs for outcome in rig]

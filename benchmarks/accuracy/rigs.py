@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, drawn_rig
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, beam_folder, in_processes, save, tell
-from benchmarks.support.pose_prior_clips import captured_files
+from benchmarks.support.common import Data, Json, beam_folder, in_processes, save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
@@ -280,7 +280,7 @@ def main(
     if clocks:
         figures["clocks"] = wrong_clocks(beam_folder(data))
     if (count or time) and not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
     if count and files:
         figures["late" if late else "random"] = random_rigs(files, count, SHIFTS[1] if late else 0.0, jobs)
     if time and files:

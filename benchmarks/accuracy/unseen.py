@@ -24,7 +24,6 @@ from benchmarks.accuracy.unseen_clips import (
     turn_bins,
 )
 from benchmarks.support.common import (
-    NO_CAPTURE_HERE,
     Data,
     Json,
     Several,
@@ -34,7 +33,7 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
-from benchmarks.support.pose_prior_clips import captured_files, spread_of, subject_of, windows_of
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, spread_of, subject_of, windows_of
 from benchmarks.support.result_store import Figures, ResultStore, all_done
 from benchmarks.training.pose_prior import prior_settings
 from estimator.data.formats.settings_file import load_settings
@@ -103,7 +102,7 @@ def main(
     variants = {SHIPPED: {}, **{str(path): variant(path) for path in settings}}
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     chosen = spread_of(files, clips)
     starts = [windows_of(load_mocap(f).seconds, seconds, windows) for f in chosen]

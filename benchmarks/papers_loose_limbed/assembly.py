@@ -16,8 +16,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.papers_loose_limbed.limb_pictures import Shown, shown_clip
-from benchmarks.support.common import NO_CAPTURE_HERE, check_known, save, tell
-from benchmarks.support.pose_prior_clips import captured_files, trial_of
+from benchmarks.support.common import check_known, save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, trial_of
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
@@ -76,7 +76,7 @@ def main(
     """
     files = {trial_of(path.stem): path for path in captured_files(data)}
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     check_known("clip", clips, tuple(files))
     rng, put = np.random.default_rng(seed), dict[str, list[Put]]()

@@ -17,8 +17,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from benchmarks.papers_loose_limbed.limb_pictures import Shown, shown_clip
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, check_known, in_processes, save, tell
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import Data, Json, Several, check_known, in_processes, save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from benchmarks.training.limb_likelihood import FRAMES, HELD_OUT, NEVER, PAPER, person, spread
 from estimator.inference.beliefs.space import placements_of
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
@@ -95,7 +95,7 @@ def main(
     check_known("--detectors", detectors, DETECTORS)
     files = [f for f in captured_files(data) if subject_of(f.stem) in HELD_OUT and NEVER not in f.stem]
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     chosen = spread(files, clips)
     seed_of = [seed for seed in range(seeds) for _ in chosen]

@@ -12,8 +12,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.papers_loose_limbed.limb_pictures import Shown, shown_clip
-from benchmarks.support.common import NO_CAPTURE_HERE, save, tell
-from benchmarks.support.pose_prior_clips import captured_files
+from benchmarks.support.common import save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files
 from benchmarks.training.limb_likelihood import person
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
@@ -66,7 +66,7 @@ def main(
     named = {path.stem[-5:]: path for path in captured_files(data)}
     files = [named[name] for name in TRIED if name in named]
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     subject, settings = person(), TemplateSettings(score=score)
     graph, rows = limb_graph(subject), []

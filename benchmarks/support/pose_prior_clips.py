@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import kinemode as km
-from benchmarks.support.common import data_folder, tell
+from benchmarks.support.common import NO_CAPTURE_HERE, data_folder, tell
 from benchmarks.support.mocap_person import DETECTOR, FPS, person
 from benchmarks.support.scores import TrackErrors, trajectories
 from benchmarks.support.tracking import timed_track
@@ -20,6 +20,8 @@ from kinemode.shot import RenderedClip
 
 LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
 FOLDERS = ("mocap_more", "mocap")
+NO_CAPTURED_FILES = f"{NO_CAPTURE_HERE}, and mocap_more"
+"""What a measure prints that finds none of `captured_files`."""
 _TINY = 1e-6  # s
 _TRIAL = re.compile(r"(\d\d)_(\d\d)$")  # how the name of a clip ends: subject and trial of the CMU database
 

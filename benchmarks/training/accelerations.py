@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, save
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import Data, Json, save
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from estimator.inference.motion import MotionPrior
 from estimator.runs.filtering import extension, low_pass
 from estimator.search.cost_model import CostModel
@@ -61,7 +61,7 @@ def main(*, data: Data = None, seconds: float = 6.0, json: Json = None) -> None:
     """
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body, settings = Body(load_subject("human34")), SmoothSettings()
     captures = [c for c in (captured(body, f, seconds) for f in files) if len(c.v) >= _FEWEST * FPS]

@@ -20,9 +20,9 @@ from scipy.special import expit
 
 import kinemode as km
 from benchmarks.accuracy.trunk_view_clips import FPS, level_phone
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, data_folder, in_processes, save
+from benchmarks.support.common import Data, Json, data_folder, in_processes, save
 from benchmarks.support.measured_people import measured_files, measured_run
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from estimator.data.formats.opensim import read_mot
 from estimator.data.observation import Observation
 from estimator.data.standing import with_standing
@@ -72,7 +72,7 @@ def main(*, data: Data = None, jobs: int = 1, json: Json = None) -> None:
     folder = data_folder(data)
     files = captured_files(data)
     if folder is None or not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     trials = measured_files(folder)
     clips = in_processes(instants_of, [*files, *trials], jobs)

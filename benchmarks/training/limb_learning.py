@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Several, check_known, data_folder, save, tell, work_folder
-from benchmarks.support.pose_prior_clips import LEFT_OUT, captured_files, subject_of, trial_of
+from benchmarks.support.common import Several, check_known, data_folder, save, tell, work_folder
+from benchmarks.support.pose_prior_clips import LEFT_OUT, NO_CAPTURED_FILES, captured_files, subject_of, trial_of
 from benchmarks.training.limb_learning_plot import draw_potentials
 from benchmarks.training.pose_learning import POOR_FIT, VAGUE_STD
 from estimator.inference.beliefs.learning import LearnSettings
@@ -116,7 +116,7 @@ def main(
         return
     files = [] if drawn else captured_files(data)
     if not files and not drawn:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     if drawn:
         rng, speed = np.random.default_rng(seed), CostSettings()

@@ -17,8 +17,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.papers_loose_limbed.limb_pictures import Shown, all_limbs, moved_away, shown_clip, turned_away
-from benchmarks.support.common import NO_CAPTURE_HERE, in_processes, save, tell
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import in_processes, save, tell
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from benchmarks.training.limb_densities import Examples, examples_of, learned
 from estimator.trackers.loose_limbed.limbs.features import CUES
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings
@@ -71,7 +71,7 @@ def main(
     """
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     if write:
         chosen = spread([f for f in files if subject_of(f.stem) not in HELD_OUT], clips)

@@ -16,7 +16,8 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.accuracy.mocap import PICTURES, Task, tracked
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, in_processes, save, work_folder
+from benchmarks.support.common import Data, Json, Several, Work, in_processes, save, work_folder
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES
 from benchmarks.support.scores import Outcome
 from benchmarks.training.calibration_clips import UNSEEN, motions
 from benchmarks.training.pose_prior import prior_settings
@@ -77,7 +78,7 @@ def main(
     """
     files = motions(data, clips)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     with work_folder(work) as folder:
         settings = prior_settings("unseen", [f.stem for f in files], data, {}, folder / "priors")

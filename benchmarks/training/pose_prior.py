@@ -14,8 +14,16 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, in_processes, save, tell, work_folder
-from benchmarks.support.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
+from benchmarks.support.common import Data, Json, Several, Work, in_processes, save, tell, work_folder
+from benchmarks.support.pose_prior_clips import (
+    NO_CAPTURED_FILES,
+    Task,
+    captured_files,
+    learned_person,
+    spread_of,
+    subject_of,
+    tracked,
+)
 from benchmarks.support.scores import TRAJECTORIES, TrackErrors
 from benchmarks.training.pose_learning import (
     LEFT_OUT,
@@ -87,7 +95,7 @@ def main(
     """
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body, settings = Body(load_subject(SUBJECT)), LearnSettings()
     poses = {f.stem: captured_poses(body, f, settings.spacing) for f in files}

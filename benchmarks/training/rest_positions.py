@@ -23,9 +23,9 @@ import numpy as np
 from cyclopts import Parameter
 from scipy.optimize import minimize
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, data_folder, in_processes, save
+from benchmarks.support.common import Data, Json, data_folder, in_processes, save
 from benchmarks.support.measured_people import measured_files, measured_run
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from benchmarks.training.captured_legs import FITTED, Correction, Legs, corrected, correction
 from benchmarks.training.pose_learning import ZERO_STD, captured_motion, joints_of
 from estimator.energy.kernels.priors import STABILISER_NU as NU, stabiliser_log_integral
@@ -107,7 +107,7 @@ def main(
     """
     folder, files = data_folder(data), captured_files(data)
     if folder is None or not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body = Body(load_subject("human34"))
     joints = joints_of(body)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, save
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import Data, Json, save
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from benchmarks.training.pose_learning import captured_motion, joints_of
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import without_side
@@ -28,7 +28,7 @@ def main(*, data: Data = None, json: Json = None) -> None:
     """Measure the times in which joints of captured people go back to rest."""
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body = Body(load_subject("human34"))
     joints = joints_of(body)

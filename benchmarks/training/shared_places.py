@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, save
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import Data, Json, save
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import PointFeatures, skin_features
 from estimator.synthesis.mocap import load_mocap
@@ -40,7 +40,7 @@ def main(*, data: Data = None, seconds: float = 6.0, json: Json = None) -> None:
     """
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body = Body(load_subject("human34"))
     features = skin_features(body, anatomy_of(body))

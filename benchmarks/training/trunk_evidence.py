@@ -17,7 +17,8 @@ import numpy as np
 import kinemode as km
 from benchmarks.accuracy.trunk_view_clips import DETECTOR, EXACT, FOCAL, KINDS, ViewRun, phone, seen_by, seen_person
 from benchmarks.accuracy.trunk_views import AZIMUTHS, CAPTURED, captured_windows, person_of
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, check_known, save, work_folder
+from benchmarks.support.common import Data, Json, Several, Work, check_known, save, work_folder
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES
 from benchmarks.support.result_store import Figures, ResultStore, all_done, removed
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.standing import with_standing
@@ -118,7 +119,7 @@ def main(
     check_known("--kinds", kinds, KINDS)
     windows = captured_windows(data)
     if not windows:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     pieces = [
         EvidenceRun(ViewRun(*window, azimuth, kind, 0))

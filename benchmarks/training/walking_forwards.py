@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, save
-from benchmarks.support.pose_prior_clips import captured_files, subject_of
+from benchmarks.support.common import Data, Json, save
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, subject_of
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import ROOT_JOINT, Body
@@ -29,7 +29,7 @@ def main(*, data: Data = None, json: Json = None) -> None:
     """Measure how much rather captured people move forwards than backwards, in nats a metre."""
     files = captured_files(data)
     if not files:
-        print(f"{NO_CAPTURE_HERE}, and mocap_more")
+        print(NO_CAPTURED_FILES)
         return
     body = Body(load_subject("human34"))
     people: dict[str, list[np.ndarray]] = {}

@@ -73,7 +73,7 @@ class Stabilisers(RecordedTerm):
         variance = np.square([s.moments[1] for s in self._body.subject.stabilisers])
         new = np.minimum(1.0, returned * variance / np.square(std[self._v_index]))
         made = copy(self)
-        made.__dict__.pop("record", None)
+        made.__dict__.pop("record", None)  # that of these weights, if it was asked for already
         made.name, made._weight = COUNTED_BEFORE, self._weight * (new - 1.0)
         return made
 

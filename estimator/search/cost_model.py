@@ -143,11 +143,12 @@ class CostModel:
         """Penalty of the change since `q_previous` (nq,), `dt` seconds ago, terms that hold the observed standing
         points, and what the past has counted of the priors on rest positions: the last terms of `cost`."""
         standing = None if observed is None else observed.observation.standing
-        transition: list[RecordedTerm] = [*self._since(dt)[1], self.transition(q_previous, dt)]
+        transition, counted = self._since(dt)
+        changed = [*counted, transition.since(q_previous)]
         if standing is None or self.settings.standing_weight <= 0.0:
-            return transition
+            return changed
         held = self._standing_points(standing, dt).targets(self.body.at(q_previous))
-        return [*held, *transition]
+        return [*held, *changed]
 
     def _standing_points(self, standing: np.ndarray, dt: float) -> HeldPoints:
         """Held points of a frame whose landmarks stand with these probabilities (L,), `dt` seconds after the last; made

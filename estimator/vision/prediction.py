@@ -57,6 +57,11 @@ class Prediction(NamedTuple):
         """Nodes that face the camera, are in the image and hidden by nothing, (N,) bool."""
         return self.state == VISIBLE
 
+    def cells(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Column and row (N, 2) of the buffer's cells at pixels (N, 2), and which are inside it, (N,) bool."""
+        cells = np.nan_to_num((pixels - self.frame[:2]) / self.frame[2] + 0.5, nan=-1.0).astype(int)
+        return cells, ((cells >= 0) & (cells < self.buffer.shape[::-1])).all(axis=1)
+
 
 class Predictor:
     """Predicts one camera's view of a surface; `fineness` is the number of cells of the depth buffer."""

@@ -174,14 +174,12 @@ class AnchorMatcher(Matcher):
         """New anchors on visible nodes with texture about them, away from those at `taken` (N, 2) [px]."""
         node = np.flatnonzero(prediction.visible)
         node = node[within_body(prediction, prediction.pixels[node], _BORDER)]
-        height, width = self._reading.now.shape
-        column, row = np.floor(prediction.pixels[node] + 0.5).astype(np.int64).T
-        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-        node, column, row = node[inside], column[inside], row[inside]
-        texture = texture_at(self._reading.now, column, row)
+        last = np.array(self._reading.now.shape[::-1]) - 1
+        pixels = np.floor(prediction.pixels[node] + 0.5).astype(np.int64).clip(0, last)
+        texture = texture_at(self._reading.now, pixels)
         order = np.argsort(-texture, kind="stable")
         order = order[texture[order] >= _TEXTURE]
-        node = node[order[_spread(np.stack([column, row], axis=1)[order], taken)]][:most]
+        node = node[order[_spread(pixels[order], taken)]][:most]
         variance = np.full(len(node), self.view.sigma(self._settings.noise) ** 2)
         return Anchors(node, prediction.pixels[node], variance, np.zeros(len(node)))
 
@@ -199,24 +197,23 @@ class AnchorMatcher(Matcher):
             )
 
 
-def texture_at(grey: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """The smaller eigenvalue of the structure tensor of patches of grey (H, W) uint8 about pixels (N,), (N,)."""
-    if not len(column):
+def texture_at(grey: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The smaller eigenvalue of the structure tensor of patches of grey (H, W) uint8 about pixels (N, 2) int, (N,)."""
+    if not len(pixels):
         return np.zeros(0, np.float32)
-    left, top = max(0, int(column.min()) - _PATCH), max(0, int(row.min()) - _PATCH)
-    part = np.ascontiguousarray(grey[top : int(row.max()) + _PATCH + 1, left : int(column.max()) + _PATCH + 1])
-    return np.asarray(cv2.cornerMinEigenVal(part, _PATCH)[row - top, column - left])
+    left, top = np.maximum(pixels.min(axis=0) - _PATCH, 0)
+    right, bottom = pixels.max(axis=0) + _PATCH + 1
+    column, row = (pixels - [left, top]).T
+    return np.asarray(cv2.cornerMinEigenVal(np.ascontiguousarray(grey[top:bottom, left:right]), _PATCH)[row, column])
 
 
 def within_body(prediction: Prediction, pixels: np.ndarray, margin: float) -> np.ndarray:
     """Which pixels (N, 2) are on the predicted body, as are those `margin` [px] to each of four sides, (N,) bool."""
-    rows, columns = prediction.owner.shape
-    left, top, cell = prediction.frame
     within = np.ones(len(pixels), bool)
     for side in margin * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
-        column, row = np.floor((pixels + side - [left, top]) / cell + 0.5).astype(np.int64).T
-        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        within &= inside & (prediction.owner[row.clip(0, rows - 1), column.clip(0, columns - 1)] >= 0)
+        cells, inside = prediction.cells(pixels + side)
+        within &= inside
+        within[inside] &= prediction.owner[cells[inside, 1], cells[inside, 0]] >= 0
     return within
 
 

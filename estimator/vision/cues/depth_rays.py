@@ -129,10 +129,7 @@ def one_a_square(square: np.ndarray) -> np.ndarray:
 def depth_behind(camera: Camera, places: np.ndarray, prediction: Prediction) -> np.ndarray:
     """How much farther from a camera the body is than places (N, 3) in the same directions [m], negative where it is
     nearer, infinite where there is no body."""
-    left, top, size = prediction.frame
-    cells = np.nan_to_num((camera.project(places) - [left, top]) / size + 0.5, nan=-1.0).astype(int)
-    rows, columns = prediction.buffer.shape
-    inside = ((cells >= 0) & (cells < [columns, rows])).all(axis=1)
+    cells, inside = prediction.cells(camera.project(places))
     nearness = np.zeros(len(places))
     nearness[inside] = prediction.buffer[cells[inside, 1], cells[inside, 0]]
     depth = places @ camera.R_camera_world[2] + camera.t_camera_world[2]
