@@ -598,6 +598,12 @@ MEASURES = (
         (MOCAP, MOCAP_MORE),
     ),
     Measure(
+        "benchmarks.accuracy.followed_points",
+        "By how much points of rendered people are followed wrongly, by their own part's pixels and by all.",
+        "",
+        (MOCAP,),
+    ),
+    Measure(
         "benchmarks.training.rest_times",
         "How long joints of captured people stay away from their rest positions.",
         "",

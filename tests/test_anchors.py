@@ -14,8 +14,9 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.runs.run_reader import Run
-from estimator.vision.cues.anchors import MOST, AnchorMatcher, AnchorReading, Anchors, AnchorSettings
+from estimator.vision.cues.anchors import COLUMNS, MOST, AnchorMatcher, AnchorReading, Anchors, AnchorSettings
 from estimator.vision.cues.assigned import AssignedPoints
+from estimator.vision.cues.base import PastPose
 from estimator.vision.cues.image_likelihood import CameraLikelihood, ImageModel
 from estimator.vision.cues.learned import LEARNED
 from estimator.vision.cues.settings import cue_settings
@@ -59,9 +60,10 @@ class Scene:
         """The anchors that begin in the first picture."""
         return self.learned(self.matcher(0, self.picture, None, **settings))
 
-    def term(self, matcher: AnchorMatcher) -> AssignedPoints | None:
-        posed = self.model.body.at(self.q)
-        terms = matcher.terms(posed, matcher.view.predictor.predict(posed))
+    def term(self, matcher: AnchorMatcher, q_past: np.ndarray | None = None) -> AssignedPoints | None:
+        """What ties a pose to a past, the scene's own pose unless given."""
+        past = self.model.body.at(self.q if q_past is None else q_past)
+        terms = matcher.since(matcher.follow([PastPose(past)])[0])
         assert all(isinstance(term, AssignedPoints) for term in terms)
         return terms[0] if terms else None  # type: ignore[return-value]
 
@@ -106,6 +108,23 @@ def test_a_pose_is_drawn_to_where_its_anchors_went(scene: Scene) -> None:
     assert np.mean(np.linalg.norm(way - [by, 0.0], axis=1) < 0.5) > 0.9
 
 
+def test_an_anchor_counts_what_is_new(scene: Scene) -> None:
+    """A pose away from its anchors is penalised once, where it leaves them, and over frames the energies of a way of
+    poses add up to the last one's."""
+    body, still = scene.model.body, scene.picture
+    away = body.integrate(scene.q, 0.1 * np.eye(body.nv)[0])
+    learned = scene.begun(drift=0.0)
+    alone = scene.term(scene.matcher(1, still, still, learned, drift=0.0))
+    assert alone is not None
+    left = alone.value(body.at(away))
+    assert left > 1.0
+    kept = scene.term(scene.matcher(1, still, still, learned, drift=0.0), away)
+    assert kept is not None
+    assert kept.value(body.at(away)) == pytest.approx(0.0, abs=0.05)
+    assert kept.value(body.at(scene.q)) == pytest.approx(-left, abs=0.05)
+    assert not alone.moves_with_past
+
+
 def test_errors_of_an_anchor_do_not_add_up_over_frames(scene: Scene) -> None:
     """After many frames it is where the picture has it, to a fraction of what each frame might add."""
     learned, before, count = scene.begun(longest=10.0), scene.picture, 8
@@ -140,7 +159,7 @@ def test_anchors_of_another_instant_or_surface_are_not_used(scene: Scene) -> Non
     assert scene.term(scene.matcher(2, still, still, begun)) is None
     assert scene.term(scene.matcher(1, still, None, begun)) is None
     other = begun.copy()
-    other[0, 0] = 1e6
+    other[0, 1] = 1e6
     with pytest.raises(InputError, match="on nodes that the body's"):
         scene.term(scene.matcher(1, still, still, other))
 
@@ -160,7 +179,7 @@ def test_a_resumed_run_has_the_same_bits_and_explains_its_energy(clip: RenderedC
     for name in ("mode_q", "mode_energy", "q"):
         assert getattr(resumed, name).tobytes() == getattr(whole, name).tobytes(), name
     last = len(whole) - 1
-    assert whole.result(last).extra[f"{LEARNED}anchors"].shape == (1, MOST, 6)
+    assert whole.result(last).extra[f"{LEARNED}anchors"].shape == (1, MOST, COLUMNS)
     explained = explain(whole, last, 0)
     assert explained.total == pytest.approx(whole.mode_energy[last, 0], abs=1e-9)
     assert "anchors" in [part.name for part in explained.parts]

@@ -30,6 +30,7 @@ from estimator.vision.cues.settings import CueSettings, cue_settings
 from estimator.vision.visibility import HIDDEN, INNER, OUTER
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope
+from tests.shifted_textures import shifted_textures
 
 SETTINGS = cue_settings()
 
@@ -344,17 +345,6 @@ def test_agreement_is_high_at_the_truth_alone() -> None:
     assert len(truth) == 2
     assert min(truth) > 0.9
     assert max(off) < 0.8
-
-
-def shifted_textures(shift: tuple[float, float], fine: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """Two pictures (120, 160) uint8 of one texture, the second moved by `shift` [px]."""
-    noise = np.random.default_rng(3).standard_normal((160, 200)).astype(np.float32)
-    smooth = cv2.GaussianBlur(noise, (0, 0), fine)
-    wide = 120.0 + 35.0 * smooth / smooth.std()
-    by = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
-    moved = cv2.warpAffine(wide, by, (200, 160), flags=cv2.INTER_CUBIC)
-    before, now = (np.clip(np.round(p[20:140, 20:180]), 0, 255).astype(np.uint8) for p in (wide, moved))
-    return before, now
 
 
 @pytest.mark.parametrize("shift", [(3.3, -2.1), (-6.75, 4.4)])

@@ -54,11 +54,11 @@ class FlowTie:
 
 
 def ties_of(body: Body, followed: Iterable[Term], past: PosedBody) -> tuple[list[FlowTie], list[Term]]:
-    """Terms that were followed from a past pose: those of points as ties, and the others as they are, with the past
-    held."""
+    """Terms that were followed from a past pose: those of points that move with it as ties, and the others as they
+    are, with the past held."""
     tied, others = list[FlowTie](), list[Term]()
     for term in followed:
-        if isinstance(term, AssignedPoints):
+        if isinstance(term, AssignedPoints) and term.moves_with_past:
             tied.append(FlowTie(body, term, past))
         else:
             others.append(term)

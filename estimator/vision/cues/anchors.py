@@ -6,7 +6,7 @@ of up to half a second before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,11 +18,11 @@ from estimator.energy.term import Term
 from estimator.numerics.robust import LORENTZIAN
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
+from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
+from estimator.vision.cues.part_patches import LEAST_TEXTURE, RETURNED, SIDE, follow_patches, part_masks, texture_of
 from estimator.vision.cues.point_tracking import tracked_both_ways
 from estimator.vision.prediction import Prediction
-from humanoid.kinematics.body import PosedBody
 from humanoid.support.errors import InputError
 from humanoid.support.settings import setting
 
@@ -48,51 +48,66 @@ MOST = 300
 """Anchors at a time: rows of what is learned."""
 _ENOUGH = 100  # with fewer anchors each counts no more
 _LEVELS = 2  # of the pyramid: about 20 px a frame
-_RETURNED = 1.0  # px; what is followed back and misses its start by more has found something else
 _APART = 6  # px between anchors when they begin
-_BORDER = 3.0  # px from an anchor that begins to where there is no body: its patch shows the body
 _AWAY = 4.0  # standard deviations; an anchor farther from the pose is on something else
-_TEXTURE = 2e-4
-"""Least eigenvalue of a patch of `_PATCH` pixels, as OpenCV has it, with which an anchor begins: slopes of 1.8 grey
-values a pixel in the direction in which they are smallest. With a noise of 3 grey values in either picture a window of
-11 x 11 pixels is found there with a standard deviation of 0.2 px."""
-_PATCH = 7  # px across, of that eigenvalue
+COLUMNS = 6 + SIDE  # of what is learned
+_BITS = 1 << np.arange(SIDE)
 
 
 class Anchors(NamedTuple):
     """Anchors at an instant: their nodes (N,) int, places (N, 2) [px], variances (N,) [px^2] of the place that a pose
-    has, and ages (N,) [s]."""
+    has, ages (N,) [s], and the pixels of their own part about them, (N, SIDE, SIDE) bool."""
 
     node: np.ndarray
     place: np.ndarray
     variance: np.ndarray
     age: np.ndarray
+    mask: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Anchors:
         """Those that are chosen, by a mask or indices."""
         return Anchors(*(column[chosen] for column in self))
 
     def packed(self, instant: int) -> np.ndarray:
-        """As an array (MOST, 6) float64: node, x, y, variance, age, instant; without an anchor a row has a node of
-        -1."""
-        rows = np.full((MOST, 6), -1.0)
-        rows[: len(self.node)] = np.column_stack([*self, np.full(len(self.node), float(instant))])
+        """As an array (MOST, `COLUMNS`) float64: instant, node, x, y, variance, age and the mask's rows as whole
+        numbers, bit by bit; without an anchor a row has a node of -1."""
+        rows = np.full((MOST, COLUMNS), -1.0)
+        count = len(self.node)
+        rows[:count, 0] = instant
+        rows[:count, 1:6] = np.column_stack([self.node, self.place, self.variance, self.age])
+        rows[:count, 6:] = self.mask @ _BITS
         return rows
 
     @staticmethod
     def unpacked(rows: np.ndarray, instant: int) -> Anchors:
         """Those of an array of `packed`, none where it is of another instant."""
-        rows = rows[(rows[:, 0] >= 0.0) & (rows[:, 5] == instant)]
-        return Anchors(rows[:, 0].astype(np.int64), rows[:, 1:3], rows[:, 3], rows[:, 4])
+        rows = rows[(rows[:, 1] >= 0.0) & (rows[:, 0] == instant)]
+        mask = (rows[:, 6:, None].astype(np.int64) & _BITS) > 0
+        return Anchors(rows[:, 1].astype(np.int64), rows[:, 2:4], rows[:, 4], rows[:, 5], mask)
 
 
-_NONE = Anchors(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+class Anchored(NamedTuple):
+    """What ties a pose to a past: the nodes (N,) of anchors, their places (N, 2) [px] in this picture, the variances
+    (N,) [px^2], and the energy that the same anchors had in the picture before at the past.
+
+    The error of the pose at which an anchor began is the same in every frame. So only the change of its energy is new
+    evidence; over an anchor's life the changes add up to its last energy.
+    """
+
+    node: np.ndarray
+    place: np.ndarray
+    variance: np.ndarray
+    counted: float
+
+
+_NONE = Anchors(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros((0, SIDE, SIDE), bool))
+_UNANCHORED = Anchored(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class AnchorReading:
     """Grey values (H, W) uint8 of a picture, and of that of the instant before, None where none counts as such; and the
-    anchors there (MOST, 6), see `Anchors.packed`, None before the first pose."""
+    anchors there (MOST, COLUMNS), see `Anchors.packed`, None before the first pose."""
 
     instant: int
     now: np.ndarray
@@ -107,6 +122,7 @@ class Anchor(Cue):
     summary = "patches of the surface, followed for up to half a second from the pose at which they began"
     settings = AnchorSettings()
     learns = True
+    follows = True
     by_default = False
 
     def read(self, pictures: CameraPictures, instant: int, settings: AnchorSettings, prepared: Any) -> AnchorReading:
@@ -120,8 +136,8 @@ class Anchor(Cue):
 
     def with_learned(self, reading: AnchorReading, learned: np.ndarray) -> AnchorReading:
         """See `Cue.with_learned`."""
-        if learned.shape != (MOST, 6):
-            raise InputError("learned anchors", f"have the shape {learned.shape}, not {(MOST, 6)}")
+        if learned.shape != (MOST, COLUMNS):
+            raise InputError("learned anchors", f"have the shape {learned.shape}, not {(MOST, COLUMNS)}")
         return replace(reading, learned=learned)
 
 
@@ -134,38 +150,51 @@ class AnchorMatcher(Matcher):
         self._reading: AnchorReading = view.cues[Anchor.name]
 
     @cached_property
-    def _continued(self) -> Anchors:
-        """Those of the instant before, where they are in this picture."""
+    def _followed(self) -> tuple[Anchors, Anchors]:
+        """Those of the instant before that are in this picture, too: where they are, and where they were."""
         r = self._reading
         if r.learned is None or r.before is None:
-            return _NONE
+            return _NONE, _NONE
         old = Anchors.unpacked(r.learned, r.instant - 1)
         if (old.node >= len(self.view.surface.joint)).any():
             raise InputError("learned anchors", f"are on nodes that the body's {len(self.view.surface.joint)} lack")
         points = old.place.astype(np.float32)
-        places, missed = tracked_both_ways(r.before, r.now, points, points, _LEVELS)
-        now = old._replace(place=places.astype(float), variance=old.variance + self._settings.drift**2)
-        return now.where(missed < _RETURNED)
+        guess, _ = tracked_both_ways(r.before, r.now, points, points, _LEVELS)
+        places, missed = follow_patches(r.before, r.now, old.place, guess, old.mask)
+        now = old._replace(place=places, variance=old.variance + self._settings.drift**2)
+        hit = missed < RETURNED
+        return now.where(hit), old.where(hit)
 
-    def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
-        """The anchors where they were followed to."""
-        s, view, anchors = self._settings, self.view, self._continued
-        count = len(anchors.node)
-        if not count or s.evidence <= 0.0:
-            return []
+    def follow(self, pasts: Sequence[PastPose]) -> list[Anchored]:
+        """The anchors that were followed to this picture, and what they counted at each past."""
+        now, before = self._followed
+        if not len(now.node) or self._settings.evidence <= 0.0:
+            return [_UNANCHORED for _ in pasts]
+        counted = self._term(Anchored(now.node, before.place, now.variance, 0.0))
+        return [Anchored(now.node, now.place, now.variance, counted.value(past.parent)) for past in pasts]
+
+    def since(self, followed: Anchored) -> list[Term]:
+        """See `Matcher.since`: the anchors where they were followed to, less what they counted before."""
+        return [self._term(followed)] if len(followed.node) else []
+
+    def _term(self, anchored: Anchored) -> AssignedPoints:
+        node, place, variance, counted = anchored
+        s, view, count = self._settings, self.view, len(node)
         weight = np.full(count, view.weight * s.evidence / max(count, _ENOUGH))
-        precision = isotropic(1.0 / anchors.variance)
-        group = assignments(np.arange(count), anchors.place, precision, weight, LORENTZIAN, s.nu)
-        joint, local = view.surface.joint[anchors.node], view.surface.local[anchors.node]
-        return [AssignedPoints(view.body, view.camera, joint, local, [group], name=Anchor.name)]
+        group = assignments(np.arange(count), place, isotropic(1.0 / variance), weight, LORENTZIAN, s.nu)
+        joint, local = view.surface.joint[node], view.surface.local[node]
+        return AssignedPoints(
+            view.body, view.camera, joint, local, [group], -counted, name=Anchor.name, moves_with_past=False
+        )
 
     def learn(self, prediction: Prediction, elapsed: float, weight: float) -> np.ndarray:
         """See `Matcher.learn`: the anchors that are followed on, and those that begin."""
-        old = self._continued
+        old = self._followed[0]
         old = old._replace(age=old.age + elapsed)
         away = np.linalg.norm(prediction.pixels[old.node] - old.place, axis=1)
         agrees = away < _AWAY * np.sqrt(old.variance)
         old = old.where(prediction.visible[old.node] & agrees & (old.age <= self._settings.longest))
+        old = old._replace(mask=self._masks(prediction, old.node))
         new = self._new_anchors(prediction, old.place, MOST - len(old.node))
         both = Anchors(*(np.concatenate(columns) for columns in zip(old, new, strict=True)))
         return both.packed(self._reading.instant)
@@ -173,48 +202,32 @@ class AnchorMatcher(Matcher):
     def _new_anchors(self, prediction: Prediction, taken: np.ndarray, most: int) -> Anchors:
         """New anchors on visible nodes with texture about them, away from those at `taken` (N, 2) [px]."""
         node = np.flatnonzero(prediction.visible)
-        node = node[within_body(prediction, prediction.pixels[node], _BORDER)]
-        last = np.array(self._reading.now.shape[::-1]) - 1
-        pixels = np.floor(prediction.pixels[node] + 0.5).astype(np.int64).clip(0, last)
-        texture = texture_at(self._reading.now, pixels)
+        masks = self._masks(prediction, node)
+        texture = texture_of(self._reading.now, prediction.pixels[node], masks)
         order = np.argsort(-texture, kind="stable")
-        order = order[texture[order] >= _TEXTURE]
-        node = node[order[_spread(pixels[order], taken)]][:most]
+        order = order[texture[order] >= LEAST_TEXTURE]
+        pixels = np.floor(prediction.pixels[node[order]] + 0.5).astype(np.int64)
+        order = order[_spread(pixels, taken)][:most]
+        node, masks = node[order], masks[order]
         variance = np.full(len(node), self.view.sigma(self._settings.noise) ** 2)
-        return Anchors(node, prediction.pixels[node], variance, np.zeros(len(node)))
+        return Anchors(node, prediction.pixels[node], variance, np.zeros(len(node)), masks)
+
+    def _masks(self, prediction: Prediction, node: np.ndarray) -> np.ndarray:
+        return part_masks(prediction, self.view.surface, node)
 
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         base = dimmed(self.view.cues.picture, 0.55)
-        for term in self.terms(shown.posed, shown.prediction):
+        (followed,) = self.follow([shown.past or PastPose(shown.posed)])
+        for term in self.since(followed):
             assert isinstance(term, AssignedPoints)
             yield CuePicture(
                 "anchors",
                 "patches followed from earlier poses",
                 base,
-                [links(term, shown.posed, "hypothesis"), Dots(self._continued.place, "good")],
+                [links(term, shown.posed, "hypothesis"), Dots(followed.place, "good")],
                 [("an anchor", "good"), ("to where the pose has it", "hypothesis")],
             )
-
-
-def texture_at(grey: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The smaller eigenvalue of the structure tensor of patches of grey (H, W) uint8 about pixels (N, 2) int, (N,)."""
-    if not len(pixels):
-        return np.zeros(0, np.float32)
-    left, top = np.maximum(pixels.min(axis=0) - _PATCH, 0)
-    right, bottom = pixels.max(axis=0) + _PATCH + 1
-    column, row = (pixels - [left, top]).T
-    return np.asarray(cv2.cornerMinEigenVal(np.ascontiguousarray(grey[top:bottom, left:right]), _PATCH)[row, column])
-
-
-def within_body(prediction: Prediction, pixels: np.ndarray, margin: float) -> np.ndarray:
-    """Which pixels (N, 2) are on the predicted body, as are those `margin` [px] to each of four sides, (N,) bool."""
-    within = np.ones(len(pixels), bool)
-    for side in margin * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
-        cells, inside = prediction.cells(pixels + side)
-        within &= inside
-        within[inside] &= prediction.owner[cells[inside, 1], cells[inside, 0]] >= 0
-    return within
 
 
 def _spread(pixels: np.ndarray, taken: np.ndarray) -> np.ndarray:

@@ -80,6 +80,8 @@ class AssignedPoints(BatchTerm):
     groups: assignments of the points.
     constant: energy of points without an assignment (back-facing and occluded nodes, contour points without an edge).
     name: of what is assigned.
+    moves_with_past: of features followed from a past pose, whether they would lie elsewhere had the points been
+        elsewhere then.
     """
 
     def __init__(
@@ -92,8 +94,9 @@ class AssignedPoints(BatchTerm):
         constant: float = 0.0,
         *,
         name: str = "assigned features",
+        moves_with_past: bool = True,
     ) -> None:
-        self.name = name
+        self.name, self.moves_with_past = name, moves_with_past
         parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
         point = parts[0]
         used, self._first, order = group_by_point(point, len(joint))

@@ -26,6 +26,7 @@ from estimator.vision.cues.cue_picture import (
     relative,
 )
 from estimator.vision.cues.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.part_patches import RETURNED, follow_patches, part_masks
 from estimator.vision.cues.point_tracking import tracked_both_ways
 from humanoid.kinematics.body import points_in_world
 from humanoid.support.settings import setting
@@ -102,13 +103,16 @@ class FlowCueSettings(FlowSettings):
     evidence: independent measurements that all inside nodes together count as (CSS eq. 9), 0 for none. leading: as many
         as it counts while it leads a hypothesis to where the other cues are matched, at least `evidence`. There it has
         to win over the transition; as evidence it counts less, since it is relative to a pose that is itself uncertain.
-    noise [px], share: standard deviation of the flow, and its part that grows with the flow's length. nu: Lorentzian.
+    noise [px], share: standard deviation of the flow, and its part that grows with the flow's length. mixed: factor of
+        both for points whose own part of the body has too little texture about them, so that pixels of other parts and
+        of the background count, too. nu: Lorentzian.
     """
 
     evidence: float = setting(10.0, at_least=0)
     leading: float = setting(60.0, at_least=0)
     noise: float = setting(0.5, above=0)
     share: float = setting(0.1, at_least=0)
+    mixed: float = setting(2.0, at_least=1)
     nu: float = setting(4.0, above=0)
 
 
@@ -117,16 +121,17 @@ _FEWEST = 0.4  # share of them that is always followed
 
 
 class Followed(NamedTuple):
-    """Nodes (N,) followed by one camera's flow: where they were, (N, 2) [px], where they are now, (N, 2) [px], and the
-    confidence, (N,), 0 to 1."""
+    """Nodes (N,) followed by one camera's flow: where they were, (N, 2) [px], where they are now, (N, 2) [px], the
+    confidence, (N,), 0 to 1, and which were followed by pixels of their own part of the body alone, (N,) bool."""
 
     node: np.ndarray
     before: np.ndarray
     target: np.ndarray
     sure: np.ndarray
+    own: np.ndarray
 
 
-_LOST = Followed(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+_LOST = Followed(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0, bool))
 
 
 class Flow(Cue):
@@ -162,12 +167,26 @@ class FlowMatcher(Matcher):
         seen = [self._seen(past) for past in pasts]
         pixels, guess = (np.concatenate([part[k] for part in seen]) for k in (1, 2))
         target, sure = follow_points(self._flow, pixels, guess)
+        target, sure, own = self._by_own_part(pixels, target, sure, np.concatenate([part[3] for part in seen]))
         followed, first = [], 0
-        for node, before, _ in seen:
-            own = slice(first, first + len(node))
-            followed.append(Followed(node, before, target[own], sure[own]))
-            first = own.stop
+        for node, before, _, _ in seen:
+            part = slice(first, first + len(node))
+            followed.append(Followed(node, before, target[part], sure[part], own[part]))
+            first = part.stop
         return followed
+
+    def _by_own_part(
+        self, pixels: np.ndarray, target: np.ndarray, sure: np.ndarray, masks: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places (N, 2) and confidence (N,) of points at pixels (N, 2) that flow leads to target (N, 2), by the pixels
+        of masks (N, SIDE, SIDE) alone where these suffice, (N,) bool; others stay as they are."""
+        flow, corner = self._flow, np.array(self._flow.corner)
+        places, missed = follow_patches(flow.before, flow.now, pixels - corner, target - corner, masks)
+        places += corner
+        own = (missed < RETURNED) & (np.square(places - target).sum(axis=1) < STRAY**2)
+        still = (target == pixels).all(axis=1)  # where the two images do not differ, neither does what is beside it
+        target, sure = np.where(own[:, None], places, target), np.where(own, 1.0 / (1.0 + missed * missed), sure)
+        return target, sure, own | still
 
     def since(self, followed: Followed) -> list[Term]:
         """See `Matcher.since`."""
@@ -180,18 +199,19 @@ class FlowMatcher(Matcher):
     def _tied(self, followed: Followed, evidence: float) -> list[Term]:
         """The nodes at the places they were followed to, counted as a number of measurements together."""
         s, view = self._settings, self.view
-        point, before, target, sure = followed
+        point, before, target, sure, own = followed
         if not len(point):
             return []
         length = np.linalg.norm(target - before, axis=1)
-        precision = 1.0 / np.square(s.noise + s.share * length)
+        precision = 1.0 / np.square((s.noise + s.share * length) * np.where(own, 1.0, s.mixed))
         weight = view.weight * evidence / len(point) * sure
         group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.nu)
         surface = view.surface
         return [AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name=Flow.name)]
 
-    def _seen(self, past: PastPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
+    def _seen(self, past: PastPose) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes (N,) seen in the frame before, where they were, (N, 2), where they are expected, (N, 2), or NaN, and
+        the masks of their patches, see `part_masks`."""
         surface, prediction = self.view.surface, self.view.predictor.predict(past.parent)
         usable, enough = prediction.visible, round(FLOW_NODES * max(self.view.weight, _FEWEST))
         usable &= np.cumsum(usable) % max(1, np.count_nonzero(usable) // enough) == 0
@@ -200,7 +220,7 @@ class FlowMatcher(Matcher):
         if past.predicted is not None:
             world = points_in_world(past.predicted, surface.joint[point], surface.local[point])
             guess = self.view.camera.project(world)
-        return point, prediction.pixels[point], guess
+        return point, prediction.pixels[point], guess, part_masks(prediction, surface, point)
 
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
