@@ -36,19 +36,18 @@ class EnergyPart:
 class Case(NamedTuple):
     """A hypothesis and all that its energy is computed from.
 
-    before: where the body was, from where flow is followed; None where there is no past, or it is not known.
-    has_transition: whether the change since then is. dt [s]: since then. predicted: where its velocity would carry the
-    parent, from which the flow is searched. assigned: where the pictures' features are assigned.
+    past: where the body was, from where flow is followed; None where there is no past, or it is not known.
+    has_transition: whether the change since then is. dt [s]: since then. assigned: where the pictures' features are
+    assigned.
     """
 
     search: ModeSearch
     observation: Observation
     association: str
     posed: PosedBody
-    before: PosedBody | None
+    past: PastPose | None
     has_transition: bool
     dt: float
-    predicted: PosedBody | None
     assigned: PosedBody
     likelihood: ImageLikelihood
 
@@ -60,7 +59,7 @@ def energy_parts(case: Case) -> Iterator[EnergyPart]:
         yield _keypoints(case, c, camera.name)
     if case.association == EXCHANGED:
         yield EnergyPart("left and right exchanged", "", search.model.settings.exchange_penalty)
-    q_previous = case.before.q if case.before is not None and case.has_transition else None
+    q_previous = case.past.parent.q if case.past is not None and case.has_transition else None
     keypoints = search.term(observation, case.association)
     for term in search.model.cost(keypoints, q_previous, case.dt).terms:
         if term is not keypoints:  # listed camera by camera already
@@ -99,8 +98,8 @@ def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[EnergyPar
             yield replace(part, energy=part.energy + match.unassigned)
     for term in likelihood.others(case.assigned, prediction):
         yield _term_part(name, term, case.posed)
-    if case.before is not None:
-        for followed in likelihood.follow([PastPose(case.before, case.predicted)]):
+    if case.past is not None:
+        for followed in likelihood.follow([case.past]):
             for term in likelihood.since(followed):
                 yield _term_part(name, term, case.posed)
     yield EnergyPart("nodes facing away or hidden", name, likelihood.penalty(prediction))

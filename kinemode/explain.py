@@ -13,7 +13,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
-from estimator.inference.origin import Family, Origin
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.runs.keypoint_residuals import KeypointResiduals, keypoint_residuals
 from estimator.runs.run_reader import Run
 from estimator.search.mode_search import ModeSearch
@@ -180,10 +180,9 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
         observation=observation,
         association=result.association[k],
         posed=posed,
-        before=None if previous is None else body.at(previous.q),
+        past=None if previous is None else _past(body, previous),
         has_transition=origin.transition_from is not None,
         dt=dt,
-        predicted=None if previous is None else _posed(body, previous.q_predicted),
         assigned=_posed(body, origin.q_assigned) or posed,
         likelihood=_likelihood(search, observation, origin, result if before is None or not len(before.q) else before),
     )
@@ -191,6 +190,10 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
 
 def _origin(result: FrameResult, k: int) -> Origin:
     return Origin(Family.START) if result.origins is None else result.origins.of_mode(k)
+
+
+def _past(body: Body, previous: PreviousPose) -> PastPose:
+    return PastPose(body.at(previous.q), _posed(body, previous.q_predicted), _posed(body, previous.q_left))
 
 
 def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
@@ -257,6 +260,5 @@ def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:
 
 def _with_cues(view: CueView, case: Case, likelihood: CameraLikelihood) -> CueView:
     prediction, assigned = (likelihood.predictor.predict(at) for at in (case.posed, case.assigned))
-    past = None if case.before is None else PastPose(case.before, case.predicted)
-    shown = ExplainedPose(case.posed, prediction, assigned, past)
+    shown = ExplainedPose(case.posed, prediction, assigned, case.past)
     return replace(view, prediction=prediction, pictures=tuple(likelihood.pictures(shown)))

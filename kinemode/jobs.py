@@ -112,10 +112,11 @@ def job_of(
 
 def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what in the run contradicts subject or input."""
-    chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     subject = with_layout_places(subject, inputs.layout)
     body = Body(subject)
     tracker = make_tracker(job.tracker, body, job.settings)
+    learning = capabilities_of(tracker).energy is not None
+    chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source, learning=learning)
     check_cue(tracker, job.tracker, names_of(chosen))
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:

@@ -35,12 +35,18 @@ def cue_choice(given: str | Iterable[str]) -> CueChoice:
 
 
 def chosen_cues(
-    choice: CueChoice, inputs: Inputs, settings: CueSettings, source: str | Path | None = None
+    choice: CueChoice,
+    inputs: Inputs,
+    settings: CueSettings,
+    source: str | Path | None = None,
+    *,
+    learning: bool = False,
 ) -> CueSettings | None:
     """Settings of the cues to use, None to track from keypoints alone. source: the file they are from, for errors.
+    learning: whether the cues can learn from frame to frame.
 
-    Left to decide, the cues that are used by default and the settings allow are used where there are clips and most
-    frames lack keypoints, or where there is depth.
+    Left to decide, the cues that the settings allow are used where there are clips and most frames lack keypoints, or
+    where there is depth. Where there is depth, those that were not measured beside it are left out.
 
     Raises
     ------
@@ -49,8 +55,8 @@ def chosen_cues(
     """
     if choice is None:
         wanted = inputs.has_depth or keypoint_share(inputs) < ENOUGH
-        known = [name for name in names_of(settings) if CUES[name].by_default]
-        possible = [name for name in known if inputs.has_depth or not CUES[name].needs_depth]
+        known = [CUES[name] for name in names_of(settings) if learning or not CUES[name].learns]
+        possible = [c.name for c in known if (c.beside_depth if inputs.has_depth else not c.needs_depth)]
         return settings.using(possible) if possible and wanted and None not in inputs.clips else None
     if inputs.has_depth and not any(CUES[name].needs_depth for name in choice):
         users = " or ".join(name for name, cue in CUES.items() if cue.needs_depth)

@@ -60,10 +60,13 @@ class Scene:
         """The anchors that begin in the first picture."""
         return self.learned(self.matcher(0, self.picture, None, **settings))
 
-    def term(self, matcher: AnchorMatcher, q_past: np.ndarray | None = None) -> AssignedPoints | None:
-        """What ties a pose to a past, the scene's own pose unless given."""
-        past = self.model.body.at(self.q if q_past is None else q_past)
-        terms = matcher.since(matcher.follow([PastPose(past)])[0])
+    def term(
+        self, matcher: AnchorMatcher, q_past: np.ndarray | None = None, q_left: np.ndarray | None = None
+    ) -> AssignedPoints | None:
+        """What ties a pose to a past, the scene's own pose unless given, or one that a jump left."""
+        at = self.model.body.at
+        past = PastPose(at(self.q if q_past is None else q_past), None, None if q_left is None else at(q_left))
+        terms = matcher.since(matcher.follow([past])[0])
         assert all(isinstance(term, AssignedPoints) for term in terms)
         return terms[0] if terms else None  # type: ignore[return-value]
 
@@ -109,8 +112,8 @@ def test_a_pose_is_drawn_to_where_its_anchors_went(scene: Scene) -> None:
 
 
 def test_an_anchor_counts_what_is_new(scene: Scene) -> None:
-    """A pose away from its anchors is penalised once, where it leaves them, and over frames the energies of a way of
-    poses add up to the last one's."""
+    """A pose away from its anchors is penalised once, where it leaves them, by a jump, too; over frames the energies of
+    a way of poses add up to the last one's."""
     body, still = scene.model.body, scene.picture
     away = body.integrate(scene.q, 0.1 * np.eye(body.nv)[0])
     learned = scene.begun(drift=0.0)
@@ -122,6 +125,9 @@ def test_an_anchor_counts_what_is_new(scene: Scene) -> None:
     assert kept is not None
     assert kept.value(body.at(away)) == pytest.approx(0.0, abs=0.05)
     assert kept.value(body.at(scene.q)) == pytest.approx(-left, abs=0.05)
+    jumped = scene.term(scene.matcher(1, still, still, learned, drift=0.0), away, scene.q)
+    assert jumped is not None
+    assert jumped.value(body.at(away)) == pytest.approx(left, abs=0.05)
     assert not alone.moves_with_past
 
 

@@ -61,7 +61,7 @@ def test_choices(given: str | list[str], expected: tuple[str, ...] | None) -> No
 
 def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tracked: Run) -> None:
     assert tracked.complete
-    assert tracked.header.cues == tuple(name for name, cue in CUES.items() if cue.by_default and not cue.needs_depth)
+    assert tracked.header.cues == tuple(name for name, cue in CUES.items() if not cue.needs_depth)
     assert set(tracked.status) <= {"tracked", "hard"}
     assert np.isfinite(tracked.q).all()
     assert tracked.header.masks == {name: str(path) for name, path in clip.masks.items()}

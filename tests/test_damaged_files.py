@@ -217,7 +217,7 @@ def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
         observation = replace(seen, cameras=(moved,), cues=cues)
         likelihood = search.likelihood(observation, q)
         posed = body.at(q)
-        case = Case(search, observation, "as_detected", posed, None, False, 0.0, None, posed, likelihood)
+        case = Case(search, observation, "as_detected", posed, None, False, 0.0, posed, likelihood)
         parts = energy_parts(case)
         assert np.isfinite([part.energy for part in parts]).all()
 

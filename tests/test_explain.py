@@ -20,6 +20,7 @@ from estimator.data.formats.packing import pack, unpack
 from estimator.inference.origin import Family
 from estimator.runs.run_reader import Run
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.cues.learned import with_learned
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.visibility import OUTER
 from humanoid.support.errors import InputError
@@ -82,16 +83,16 @@ def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str
 
 
 def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[str, Run]) -> None:
-    """Their sum is the energy that the cost model assembles from edges, outline, flow and penalties together."""
+    """Their sum is the energy that the cost model assembles from all cues and penalties together."""
     run, t = runs["pictures"], 2
     settings = settings_for("css", changes=QUICK)
     search = make_tracker("css", run.body, settings).search
     dt = run.time[t] - run.time[t - 1]
     ((name, video),) = clip.videos.items()
     reader = CueReader([video], run.header.cameras, settings.cues, masks=[clip.masks[name]])
-    observation = replace(run.observation(t), cues=reader.at(t))
-    reader.close()
     result, before, origins = run.result(t), run.result(t - 1), run.result(t).origins
+    observation = with_learned(replace(run.observation(t), cues=reader.at(t)), result.extra)
+    reader.close()
     assert origins is not None
     parent = int(result.parent[0])
     predicted = run.body.integrate(before.q[parent], settings.own.momentum * dt * run.mode_velocity[t - 1, parent])
@@ -105,7 +106,7 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     assert explained.total == pytest.approx(whole.of(run.body.at(result.q[0])).value, rel=1e-9)
     assert explained.total == pytest.approx(run.mode_energy[t, 0], abs=1e-9)
     parts = {p.name: p for p in explained.parts}
-    for name in ("edges", "body to silhouette", "silhouette to body", "flow"):
+    for name in ("edges", "body to silhouette", "silhouette to body", "colour", "flow", "anchors"):
         assert parts[name].count
         assert 0.0 < parts[name].distance < 5.0
 
@@ -205,7 +206,8 @@ def test_pictures_show_the_body_where_it_is(runs: dict[str, Run]) -> None:
     outer = np.round(view.prediction.contours.pixels[view.prediction.contours.state == OUTER]).astype(int)
     assert np.abs(silhouette.distance[outer[:, 1], outer[:, 0]]).mean() < 3.0
     pictures = dict(cue_pictures(view))
-    assert set(pictures) == {"keypoints", "visibility", "edges", "motion_boundaries", "flow", "silhouette"}
+    of_cues = {"edges", "motion_boundaries", "flow", "silhouette", "colour", "anchors"}
+    assert set(pictures) == {"keypoints", "visibility"} | of_cues
     for picture in pictures.values():
         assert LONGEST <= max(picture.shape) <= LONGEST + 40
     assert (np.abs(pictures["silhouette"].astype(int) - palette.bgr(palette.GOOD)).sum(axis=2) < 30).sum() > 200
@@ -214,7 +216,7 @@ def test_pictures_show_the_body_where_it_is(runs: dict[str, Run]) -> None:
 def test_command_prints_the_table_and_writes_the_pictures(
     runs: dict[str, Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for run, count in ((runs["keypoints"], 1), (runs["pictures"], 6)):
+    for run, count in ((runs["keypoints"], 1), (runs["pictures"], 8)):
         out = tmp_path / run.file.stem
         assert front.main(["explain", str(run.file), "--frame", "1", "--out", str(out)]) == 0
         printed = capsys.readouterr().out

@@ -17,7 +17,7 @@ KINDS = [
     Origin(Family.KEPT, PreviousPose(Q, AHEAD)),
     Origin(Family.ASSOCIATION, PreviousPose(Q)),
     Origin(Family.SAMPLE, PreviousPose(Q, has_transition=False)),
-    Origin(Family.DEPTH_JUMP, PreviousPose(AHEAD), 6.0),
+    Origin(Family.DEPTH_JUMP, PreviousPose(AHEAD, q_left=Q), 6.0),
 ]
 
 
@@ -47,8 +47,9 @@ def test_runs_keep_their_names_and_old_names_are_read() -> None:
     origins = Origins.of(KINDS, nq=2)
     assert origins is not None
     stored = origins.arrays()
-    assert set(stored) == {f"origin_{n}" for n in ("family", "q_previous", "q_predicted", "paid", "price")}
+    assert set(stored) == {f"origin_{n}" for n in ("family", "q_previous", "q_predicted", "paid", "price", "q_left")}
     stored["origin_family"] = np.array(["start", "parent", "other reading", "sample", "jump in depth"])
+    del stored["origin_q_left"]
     old = Origins.from_arrays(stored, nq=2)
     assert old is not None
     assert [old.of_mode(k).family for k in range(5)] == [origin.family for origin in KINDS]

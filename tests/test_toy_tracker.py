@@ -85,7 +85,7 @@ def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
     run = km.open_run(tracked.whole)
     assert run.complete
     assert run.header.tracker == NAME
-    assert run.header.cues == tuple(name for name, cue in CUES.items() if cue.by_default and not cue.needs_depth)
+    assert run.header.cues == tuple(name for name, cue in CUES.items() if not (cue.needs_depth or cue.learns))
     assert run.status.tolist() == ["tracked"] * FRAMES
     assert not run.confidence.any()
     for note in (f"keypoints in 0 of {FRAMES} frames", "the subject is not fitted"):

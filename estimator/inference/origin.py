@@ -20,6 +20,7 @@ ORIGIN_FIELDS = {
     "q_predicted": Field("f", ("K", "nq"), finite=False),
     "q_assigned": Field("f", ("K", "nq"), finite=False),
     "extent": Field("f", ("K", "C"), finite=False),
+    "q_left": Field("f", ("K", "nq"), finite=False),
 }
 """The fields of `Origins` by the names that run files have them by after `PREFIX`, in their order. One that may be NaN
 is left out where all of it is."""
@@ -63,19 +64,21 @@ class PreviousPose(NamedTuple):
     q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is not motion.
     q_predicted (nq,): where the parent's velocity took it, where flow is searched for too; None where it is not.
     has_transition: whether the energy has the transition's penalty of the change since q.
+    q_left (nq,): of a jump the parent's configuration, which it left; None where q is the parent's.
     """
 
     q: np.ndarray
     q_predicted: np.ndarray | None = None
     has_transition: bool = True
+    q_left: np.ndarray | None = None
 
     @property
     def key(self) -> PoseKey:
         """Keys of the distinct previous poses whose flow must be followed."""
-        return self.q.tobytes(), b"" if self.q_predicted is None else self.q_predicted.tobytes()
+        return self.q.tobytes(), *(b"" if q is None else q.tobytes() for q in (self.q_predicted, self.q_left))
 
 
-PoseKey = tuple[bytes, bytes]
+PoseKey = tuple[bytes, ...]
 
 
 class Origin(NamedTuple):
@@ -104,8 +107,8 @@ class Origin(NamedTuple):
 class Origins:
     """Origins of the K modes of a frame, as arrays; see `Origin`. NaN where missing.
 
-    family (K): text. q_previous, q_predicted (K, nq), has_transition (K,) bool: see `PreviousPose`. penalty (K,).
-    q_assigned (K, nq). extent (K, C).
+    family (K): text. q_previous, q_predicted, q_left (K, nq), has_transition (K,) bool: see `PreviousPose`.
+    penalty (K,). q_assigned (K, nq). extent (K, C).
     """
 
     family: np.ndarray
@@ -115,6 +118,7 @@ class Origins:
     q_predicted: np.ndarray
     q_assigned: np.ndarray
     extent: np.ndarray
+    q_left: np.ndarray
 
     @staticmethod
     def of(origins: Sequence[Origin | None], nq: int) -> Origins | None:
@@ -131,12 +135,13 @@ class Origins:
             q_predicted=_rows([None if p is None else p.q_predicted for p in previous], nq),
             q_assigned=_rows([o.q_assigned for o in known], nq),
             extent=np.array([o.extent for o in known]).reshape(len(known), -1),
+            q_left=_rows([None if p is None else p.q_left for p in previous], nq),
         )
 
     def of_mode(self, k: int) -> Origin:
         """The origin of mode k."""
-        q = _row(self.q_previous[k])
-        previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), bool(self.has_transition[k]))
+        q, own, left = _row(self.q_previous[k]), bool(self.has_transition[k]), _row(self.q_left[k])
+        previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), own, left)
         return Origin(
             Family(str(self.family[k])), previous, float(self.penalty[k]), _row(self.q_assigned[k]),
             tuple(self.extent[k].tolist()),

@@ -61,7 +61,9 @@ class FrameSearch:
         if not new or not self.case.likelihood.cameras:
             return
         at = self._body.at
-        pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in new.values()]
+        pasts = [
+            PastPose(at(p.q), *(None if q is None else at(q) for q in (p.q_predicted, p.q_left))) for p in new.values()
+        ]
         self.flows.update(zip(new, self.case.likelihood.follow(pasts), strict=True))
 
     def score(self, h: Hypothesis) -> float:

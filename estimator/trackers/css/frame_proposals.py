@@ -137,7 +137,7 @@ class Proposals:
         penalty = self._settings.example_penalty if self._settings.transition else 0.0
         best, hypotheses = int(np.argmax(self._prior.weights)), []
         for candidate in search.distinct(explored, count):
-            origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), penalty)
+            origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None, self._prior.modes[best].q), penalty)
             h = self._continued(best, candidate.q, candidate.hypothesis.association, origin)
             hypotheses.append(h._replace(prior_score=h.prior_score + candidate.hypothesis.prior_score - penalty))
         return hypotheses
@@ -145,12 +145,14 @@ class Proposals:
     def _parents(self, count: int) -> np.ndarray:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
-    def _previous_pose(self, q: np.ndarray, q_predicted: np.ndarray | None) -> PreviousPose | None:
+    def _previous_pose(
+        self, q: np.ndarray, q_predicted: np.ndarray | None, q_left: np.ndarray | None = None
+    ) -> PreviousPose | None:
         """Previous pose of hypotheses that moved from a mode q (nq,)."""
         if self._settings.transition:
-            return PreviousPose(q, q_predicted)
+            return PreviousPose(q, q_predicted, q_left=q_left)
         # flow is a term of its own in the image likelihood (CSS section 3.1.2), where there is any
-        return PreviousPose(q, has_transition=False) if self._case.likelihood.cameras else None
+        return PreviousPose(q, None, False, q_left) if self._case.likelihood.cameras else None
 
     def _origin(self, i: int, family: Family) -> Origin:
         """Origin of hypotheses that moved from mode i."""
@@ -186,7 +188,8 @@ class Proposals:
                 continue
             origin = self._origin(int(i), family)
             if origin.previous is not None:
-                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None), flat_penalty)
+                left = self._prior.modes[i].q
+                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None, q_left=left), flat_penalty)
             h = self._continued(int(i), q, self._own[i], origin)
             hypotheses.append(h._replace(prior_score=h.prior_score - origin.penalty))
         return hypotheses

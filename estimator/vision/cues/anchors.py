@@ -21,7 +21,7 @@ from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropi
 from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
 from estimator.vision.cues.part_patches import LEAST_TEXTURE, RETURNED, SIDE, follow_patches, part_masks, texture_of
-from estimator.vision.cues.point_tracking import tracked_both_ways
+from estimator.vision.cues.point_tracking import tracked
 from estimator.vision.prediction import Prediction
 from humanoid.support.errors import InputError
 from humanoid.support.settings import setting
@@ -123,7 +123,7 @@ class Anchor(Cue):
     settings = AnchorSettings()
     learns = True
     follows = True
-    by_default = False
+    beside_depth = False
 
     def read(self, pictures: CameraPictures, instant: int, settings: AnchorSettings, prepared: Any) -> AnchorReading:
         """See `Cue.read`."""
@@ -159,7 +159,7 @@ class AnchorMatcher(Matcher):
         if (old.node >= len(self.view.surface.joint)).any():
             raise InputError("learned anchors", f"are on nodes that the body's {len(self.view.surface.joint)} lack")
         points = old.place.astype(np.float32)
-        guess, _ = tracked_both_ways(r.before, r.now, points, points, _LEVELS)
+        guess, _ = tracked(r.before, r.now, points, points, _LEVELS)
         places, missed = follow_patches(r.before, r.now, old.place, guess, old.mask)
         now = old._replace(place=places, variance=old.variance + self._settings.drift**2)
         hit = missed < RETURNED
@@ -171,7 +171,7 @@ class AnchorMatcher(Matcher):
         if not len(now.node) or self._settings.evidence <= 0.0:
             return [_UNANCHORED for _ in pasts]
         counted = self._term(Anchored(now.node, before.place, now.variance, 0.0))
-        return [Anchored(now.node, now.place, now.variance, counted.value(past.parent)) for past in pasts]
+        return [Anchored(now.node, now.place, now.variance, counted.value(past.left or past.parent)) for past in pasts]
 
     def since(self, followed: Anchored) -> list[Term]:
         """See `Matcher.since`: the anchors where they were followed to, less what they counted before."""

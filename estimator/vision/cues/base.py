@@ -56,10 +56,12 @@ LEAST_NOISE = 0.5  # px
 
 
 class PastPose(NamedTuple):
-    """Pose of the body in the frame before, and that predicted from it by its velocity, if known."""
+    """Pose of the body in the frame before, that predicted from it by its velocity, if known, and of a jump, whose
+    `parent` is the pose that it jumped to, the pose that it left."""
 
     parent: PosedBody
     predicted: PosedBody | None = None
+    left: PosedBody | None = None
 
 
 class ContourMatch(NamedTuple):
@@ -178,7 +180,8 @@ class Cue:
     of numbers, texts and truth values, with its defaults, documented in its docstring.
     follows: whether it ties a pose to where the body was in the frame before. on_contours: whether its features lie on
     the body's contours, to which the shape of a body can be fitted. uses_masks: whether it takes given masks of the
-    person, or pictures of the empty scene. needs_depth: whether it needs a stereo pair or depth pictures.
+    person, or pictures of the empty scene. needs_depth: whether it needs a stereo pair or depth pictures. beside_depth:
+    whether it is used without being named where there is depth, too. learns: whether it learns from frame to frame.
     """
 
     name: ClassVar[str]
@@ -188,7 +191,7 @@ class Cue:
     on_contours: ClassVar[bool] = False
     uses_masks: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
-    by_default: ClassVar[bool] = True
+    beside_depth: ClassVar[bool] = True
     learns: ClassVar[bool] = False
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:

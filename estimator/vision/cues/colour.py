@@ -53,7 +53,7 @@ class Colour(Cue):
     summary = "the colours of limbs against those behind them, learned in the first frame and where they are seen since"
     settings = ColourSettings()
     learns = True
-    by_default = False
+    beside_depth = False
 
     def read(self, pictures: CameraPictures, instant: int, settings: ColourSettings, prepared: Any) -> ColourReading:
         """See `Cue.read`."""

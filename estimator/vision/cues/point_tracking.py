@@ -19,15 +19,15 @@ def tracked_both_ways(
     before, now (H, W) uint8. guess (N, 2) float32: where the search starts. levels: of the pyramid, beside the picture
     itself; each doubles the reach.
     """
-    places, there = _tracked(before, now, points, guess, levels)
-    back, again = _tracked(now, before, places, points, levels)
+    places, there = tracked(before, now, points, guess, levels)
+    back, again = tracked(now, before, places, points, levels)
     return places, np.where(there & again, np.linalg.norm(back - points, axis=1), np.inf)
 
 
-def _tracked(
+def tracked(
     before: np.ndarray, now: np.ndarray, points: np.ndarray, guess: np.ndarray, levels: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places (N, 2) of points and whether each was found, (N,) bool."""
+    """Places (N, 2) float32 of points, see `tracked_both_ways`, and whether each was found, (N,) bool."""
     if not len(points):
         return points, np.zeros(0, bool)
     with one_thread():
