@@ -15,12 +15,10 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-import kinemode as km
 from benchmarks.accuracy.mocap import DEFAULT, motion_files
 from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, save, tell, work_folder
-from benchmarks.support.mocap_person import FPS, person
+from benchmarks.support.pose_prior_clips import render_captured
 from estimator.data.formats.cameras import load_cameras
-from estimator.synthesis.mocap import load_mocap
 from estimator.vision.cues.base import PastPose
 from estimator.vision.cues.flow import follow_points
 from estimator.vision.cues.image_likelihood import ImageLikelihood, ImageModel
@@ -66,9 +64,7 @@ def main(
     measured = []
     with work_folder(work) as folder:
         for file in files:
-            length = min(seconds, load_mocap(file).seconds)
-            clip = km.render(folder / file.stem, file, subject=person(), fps=FPS, seconds=length, seed=clip_seed)
-            measured.append(errors(clip))
+            measured.append(errors(render_captured(file, seconds, clip_seed, folder / file.stem, videos=True)))
             tell(f"{file.stem}: {len(measured[-1])} points")
     points = np.concatenate(measured)
     show(points)

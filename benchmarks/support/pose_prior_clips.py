@@ -100,11 +100,11 @@ def cut_motion(motion: Path, start: float, out: Path) -> Path:
     return out
 
 
-def render_captured(motion: Path, seconds: float, seed: int, folder: Path) -> RenderedClip:
+def render_captured(motion: Path, seconds: float, seed: int, folder: Path, *, videos: bool = False) -> RenderedClip:
     """At most so many seconds of a captured motion by the person in the pictures before one camera: the files of the
-    clip, whose keypoints have the errors of `DETECTOR`; no videos."""
+    clip, whose keypoints have the errors of `DETECTOR`; no videos unless they are requested."""
     return km.render(
-        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=False,
+        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=videos,
         seconds=min(seconds, load_mocap(motion).seconds),
     )  # fmt: skip
 

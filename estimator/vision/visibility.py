@@ -40,6 +40,13 @@ def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def
 
 
 @jit
+def part_at(owner, frame, x, y):  # type: ignore[no-untyped-def]
+    """The part of owner (rows, columns) at x, y [px] of the image, -1 for none; frame (3,): see `frame_buffer`."""
+    row, column = math.floor((y - frame[1]) / frame[2] + 0.5), math.floor((x - frame[0]) / frame[2] + 0.5)
+    return owner[row, column] if 0 <= row < owner.shape[0] and 0 <= column < owner.shape[1] else -1
+
+
+@jit
 def fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner):  # type: ignore[no-untyped-def]
     """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth (of a parallel camera, see
     `estimator.data.cameras.projection.nearness`), owner (rows, columns) its part or -1.

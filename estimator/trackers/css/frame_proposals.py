@@ -186,10 +186,7 @@ class Proposals:
             q = propose(self._prior.modes[i].q)
             if q is None:
                 continue
-            origin = self._origin(int(i), family)
-            if origin.previous is not None:
-                left = self._prior.modes[i].q
-                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None, q_left=left), flat_penalty)
+            origin = Origin(family, self._previous_pose(q, None, self._prior.modes[i].q), flat_penalty)
             h = self._continued(int(i), q, self._own[i], origin)
             hypotheses.append(h._replace(prior_score=h.prior_score - origin.penalty))
         return hypotheses

@@ -24,6 +24,7 @@ from estimator.vision.cues.part_patches import LEAST_TEXTURE, RETURNED, SIDE, fo
 from estimator.vision.cues.point_tracking import tracked
 from estimator.vision.prediction import Prediction
 from humanoid.support.errors import InputError
+from humanoid.support.per_object import per_object
 from humanoid.support.settings import setting
 
 
@@ -152,18 +153,8 @@ class AnchorMatcher(Matcher):
     @cached_property
     def _followed(self) -> tuple[Anchors, Anchors]:
         """Those of the instant before that are in this picture, too: where they are, and where they were."""
-        r = self._reading
-        if r.learned is None or r.before is None:
-            return _NONE, _NONE
-        old = Anchors.unpacked(r.learned, r.instant - 1)
-        if (old.node >= len(self.view.surface.joint)).any():
-            raise InputError("learned anchors", f"are on nodes that the body's {len(self.view.surface.joint)} lack")
-        points = old.place.astype(np.float32)
-        guess, _ = tracked(r.before, r.now, points, points, _LEVELS)
-        places, missed = follow_patches(r.before, r.now, old.place, guess, old.mask)
-        now = old._replace(place=places, variance=old.variance + self._settings.drift**2)
-        hit = missed < RETURNED
-        return now.where(hit), old.where(hit)
+        before, places = _continued(self._reading, len(self.view.surface.joint))
+        return before._replace(place=places, variance=before.variance + self._settings.drift**2), before
 
     def follow(self, pasts: Sequence[PastPose]) -> list[Anchored]:
         """The anchors that were followed to this picture, and what they counted at each past."""
@@ -228,6 +219,22 @@ class AnchorMatcher(Matcher):
                 [links(term, shown.posed, "hypothesis"), Dots(followed.place, "good")],
                 [("an anchor", "good"), ("to where the pose has it", "hypothesis")],
             )
+
+
+@per_object  # the search of a frame, what is learned of it and the smoother ask the same reading
+def _continued(reading: AnchorReading, nodes: int) -> tuple[Anchors, np.ndarray]:
+    """Anchors of the instant before, on a body of so many nodes, that are in a picture, too, and their places (N, 2)
+    [px] there."""
+    if reading.learned is None or reading.before is None:
+        return _NONE, _NONE.place
+    old = Anchors.unpacked(reading.learned, reading.instant - 1)
+    if (old.node >= nodes).any():
+        raise InputError("learned anchors", f"are on nodes that the body's {nodes} lack")
+    points = old.place.astype(np.float32)
+    guess, _ = tracked(reading.before, reading.now, points, points, _LEVELS)
+    places, missed = follow_patches(reading.before, reading.now, old.place, guess, old.mask)
+    hit = missed < RETURNED
+    return old.where(hit), places[hit]
 
 
 def _spread(pixels: np.ndarray, taken: np.ndarray) -> np.ndarray:

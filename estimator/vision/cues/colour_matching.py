@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from estimator.vision.visibility import INNER, OUTER
+from estimator.vision.visibility import INNER, OUTER, part_at
 from humanoid.support.compiled import jit
 
 OFF, MATCHED, MISSING = 0, 1, 2
@@ -60,11 +60,8 @@ def find_borders(  # type: ignore[no-untyped-def]
                 column, row = math.floor(u + 0.5), math.floor(v + 0.5)
                 if not (0 <= column < width and 0 <= row < height):
                     break
-                if abs(along) > _BESIDE * cell:
-                    x, y = math.floor((u - left) / cell + 0.5), math.floor((v - top) / cell + 0.5)
-                    there = owner[y, x] if 0 <= x < columns and 0 <= y < rows else -1
-                    if there != (own if side < 0 else other):
-                        break
+                if abs(along) > _BESIDE * cell and part_at(owner, frame, u, v) != (own if side < 0 else other):
+                    break
                 of = bins[row, column]
                 ratio[reach + (k if side > 0 else -k - 1)] = share * (log_density[own, of] - log_density[behind, of])
                 if side < 0:

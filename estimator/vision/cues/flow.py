@@ -92,8 +92,13 @@ def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Refined places (N, 2) of points that flow moves to `guess`, and their confidence (N,), zero where lost."""
     places, missed = tracked_both_ways(flow.before, flow.now, points, guess, levels=1)
+    return places, _sureness(places, missed, guess)
+
+
+def _sureness(places: np.ndarray, missed: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Confidence (N,) of places (N, 2) by how much each misses its start, zero for those far from a guess (N, 2)."""
     near = np.square(places - guess).sum(axis=1) < STRAY**2
-    return places, np.where(near, 1.0 / (1.0 + missed * missed), 0.0)
+    return np.where(near, 1.0 / (1.0 + missed * missed), 0.0)
 
 
 @dataclass(frozen=True)
@@ -165,9 +170,9 @@ class FlowMatcher(Matcher):
         if not pasts or self._settings.evidence <= 0.0:
             return [_LOST for _ in pasts]
         seen = [self._seen(past) for past in pasts]
-        pixels, guess = (np.concatenate([part[k] for part in seen]) for k in (1, 2))
+        pixels, guess, masks = (np.concatenate([part[k] for part in seen]) for k in (1, 2, 3))
         target, sure = follow_points(self._flow, pixels, guess)
-        target, sure, own = self._by_own_part(pixels, target, sure, np.concatenate([part[3] for part in seen]))
+        target, sure, own = self._by_own_part(pixels, target, sure, masks)
         followed, first = [], 0
         for node, before, _, _ in seen:
             part = slice(first, first + len(node))
@@ -183,10 +188,10 @@ class FlowMatcher(Matcher):
         flow, corner = self._flow, np.array(self._flow.corner)
         places, missed = follow_patches(flow.before, flow.now, pixels - corner, target - corner, masks)
         places += corner
-        own = (missed < RETURNED) & (np.square(places - target).sum(axis=1) < STRAY**2)
+        sureness = _sureness(places, missed, target)
+        own = (missed < RETURNED) & (sureness > 0.0)
         still = (target == pixels).all(axis=1)  # where the two images do not differ, neither does what is beside it
-        target, sure = np.where(own[:, None], places, target), np.where(own, 1.0 / (1.0 + missed * missed), sure)
-        return target, sure, own | still
+        return np.where(own[:, None], places, target), np.where(own, sureness, sure), own | still
 
     def since(self, followed: Followed) -> list[Term]:
         """See `Matcher.since`."""

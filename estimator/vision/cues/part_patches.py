@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from estimator.vision.prediction import Prediction
+from estimator.vision.visibility import part_at
 from humanoid.shape.surface import Surface
 from humanoid.support.compiled import jit
 
@@ -59,18 +60,12 @@ def follow_patches(
 def _fill_masks(owner, frame, part, pixels, masks):  # type: ignore[no-untyped-def]
     """Fill masks (N, SIDE, SIDE) bool: see `part_masks`. owner (rows, columns), frame (3,): see `Prediction`.
     part (N,), pixels (N, 2)."""
-    rows, columns = owner.shape
     own = np.empty((SIDE + 2, SIDE + 2), np.bool_)
     for n in range(pixels.shape[0]):
-        own[:] = False
         for j in range(SIDE + 2):
-            row = math.floor((pixels[n, 1] + j - REACH - 1 - frame[1]) / frame[2] + 0.5)
-            if row < 0 or row >= rows:
-                continue
             for i in range(SIDE + 2):
-                column = math.floor((pixels[n, 0] + i - REACH - 1 - frame[0]) / frame[2] + 0.5)
-                if 0 <= column < columns:
-                    own[j, i] = owner[row, column] == part[n]
+                x, y = pixels[n, 0] + i - REACH - 1, pixels[n, 1] + j - REACH - 1
+                own[j, i] = part_at(owner, frame, x, y) == part[n]
         for j in range(1, SIDE + 1):
             for i in range(1, SIDE + 1):
                 beside = own[j - 1, i] and own[j + 1, i] and own[j, i - 1] and own[j, i + 1]
