@@ -604,6 +604,12 @@ MEASURES = (
         (MOCAP,),
     ),
     Measure(
+        "benchmarks.accuracy.silhouettes",
+        "How wrongly people are separated from a background that is learned from their own clip.",
+        "",
+        (MOCAP,),
+    ),
+    Measure(
         "benchmarks.training.rest_times",
         "How long joints of captured people stay away from their rest positions.",
         "",

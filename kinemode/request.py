@@ -325,8 +325,8 @@ class FitOptions:
 
     cues: CueNames = option(
         AUTO,
-        "Image cues to use: off, or some of what `kinemode cues` lists, separated by commas. auto uses all but"
-        " colour where less than half of the frames have keypoints, or where there is depth.",
+        "Image cues to use: off, or some of what `kinemode cues` lists, separated by commas. auto uses them where less"
+        " than half of the frames have keypoints, or where there is depth: then without colour and anchors.",
     )
     seed: int = option(0, "Seed of the random numbers; equal seeds give equal results.", low=0)
 

@@ -63,6 +63,19 @@ def test_standing_then_walking_is_recognised_from_the_first_frame(stands_first: 
         assert overlap(foreground_mask(frames[i], background, SETTINGS), upright(places[i])) > 0.9
 
 
+@pytest.mark.parametrize("back_at", [40.0, 46.0])
+def test_who_comes_back_to_stand_there_is_still_no_scenery(back_at: float) -> None:
+    away = np.concatenate([np.linspace(40, 100, 4), np.linspace(100, back_at, 4)]).round()
+    places = np.concatenate([np.full(10, 40.0), away, np.full(18, back_at)])
+    frames, room = clip_of(places)
+    at_first = known(places[0])._replace(body=upright(places[0], 2.0))  # flesh is drawn rather wide than narrow
+    background = learn_background(frames, SETTINGS, [at_first] + [None] * (len(frames) - 1))
+    assert background is not None
+    wrong = background.known & (np.abs(background.mean - room).max(axis=2) > 20.0)
+    assert wrong.sum() < 0.15 * upright(40.0).sum()
+    assert background.known[~upright(40.0, 6.0) & ~upright(back_at, 6.0)].all()
+
+
 def test_the_background_behind_a_still_person_is_unknown() -> None:
     places = np.full(20, 80.0)
     frames, room = clip_of(places)

@@ -46,7 +46,8 @@ LEGEND = (
     "mean absolute errors in % of the weight: vertical / fore-aft / sideways. foot: each, on a plate. pressure: of"
     " its centre, one foot standing. peak: largest vertical force of a foot, ours over the plates'. in 90 %: share of"
     " the plates' samples in the bands. moments: root mean square difference [N m/kg] from inverse dynamics of the same"
-    " motion with the plates' forces, flexion of hip, knee, ankle"
+    " motion with the plates' forces, flexion of hip, knee, ankle. residual: mean size of the force that the balance of"
+    " the root lacks"
 )
 
 
@@ -105,6 +106,7 @@ def figures_of(trial: Trial) -> dict[str, Any]:
         "total_in_90": [float(np.mean(np.abs(total[rows, k]) <= half["total"][rows, k])) for k in _AXES],
         "foot_in_90": [float(np.mean((np.abs(each[..., k]) <= half["force"][..., k])[loaded])) for k in _AXES],
         "moments": _moments(trial),
+        "residual": float(np.linalg.norm(forces.in_percent(forces.residual[rows, :3]), axis=1).mean()),
     }  # fmt: skip
 
 
@@ -289,7 +291,7 @@ def _print_learned(trials: list[Trial]) -> None:
 def _show(figures: dict[str, dict[str, Any]]) -> None:
     table = report.table(
         "forces against plates", "trial", "total", "foot", "pressure [mm]", "peak", "total in 90 %", "foot in 90 %",
-        "moments", "in 90 %",
+        "moments", "in 90 %", "residual",
     )  # fmt: skip
     for name, f in figures.items():
         shares = [" ".join(f"{100 * x:.0f}" for x in f[key]) for key in ("total_in_90", "foot_in_90")]
@@ -298,6 +300,7 @@ def _show(figures: dict[str, dict[str, Any]]) -> None:
             name, *(" / ".join(f"{x:.1f}" for x in f[key]) for key in ("total", "foot")),
             "-" if f["pressure_mm"] is None else f"{f['pressure_mm']:.0f}", " ".join(f"{p:.2f}" for p in f["peak"]),
             *shares, " ".join(f"{rms:.2f}" for rms, _ in sagittal), " ".join(f"{100 * s:.0f}" for _, s in sagittal),
+            f"{f['residual']:.2f}",
         )  # fmt: skip
     report.console().print(table)
     print(LEGEND)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.data.media.threads import length, one_thread
+from estimator.vision.cues.colour_model import BINS, colour_bins, densities
 from estimator.vision.cues.subtraction import Background, SilhouetteSettings, departure, smoothed
 
 SIZE = 320  # longest side of the pictures for motion detection [px]
@@ -86,6 +87,8 @@ _NEAR_ENOUGH = (0.0,) * 3, (_SAME,) * 3
 _WANDERED = 0.15  # a place that moves in this share of the frames may hide a person
 _FEWEST_OF_A_KIND = 50  # pixels of person or scene, below which there is nothing to cut
 _CUT_STEPS = 2  # iterations of a cutout
+_RATHER = 3.0  # times as dense on the person as beside: such colours are the person's
+_BY_ONE = np.ones((3, 3), np.uint8)  # pixels by which masks grow and shrink
 _BESIDE = 0.015  # of the picture's longer side: by which a mask may miss the person
 
 
@@ -125,7 +128,7 @@ def learn_background(
     background = _steadiest(pictures, votes.given(still), votes.weight, fewest)
     for _ in range(settings.rounds):
         persons = _cutouts(pictures, moving, background, known, settings)
-        empty = [_enlarged(cv2.dilate(p, np.ones((3, 3), np.uint8)) == 0, shape) for p in persons]
+        empty = [_enlarged(cv2.dilate(p, _BY_ONE) == 0, shape) for p in persons]
         background = _steadiest(pictures, votes.given(empty), votes.weight, FEWEST_FRAMES)
     return background
 
@@ -156,51 +159,96 @@ def widened(mask: np.ndarray, share: float) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """Where each picture shows the scene, masks (H, W) uint8, 0 or 255, and its number of votes per pixel."""
+    """Where each picture may show the scene, where it does for sure as far as people go, masks (H, W) uint8, 0 or 255,
+    and its number of votes per pixel."""
 
     free: list[np.ndarray]
+    sure: list[np.ndarray]
     weight: list[int]
 
     @staticmethod
     def of(pictures: list[np.ndarray], known: list[KnownBody | None], settings: SilhouetteSettings) -> _Votes:
-        """A person seen at a place stays there until the place changes, and came when it changed.
+        """A person seen at a place stays there until the place changes, and came when it changed. Where the place later
+        has the person's colours again, the person is back.
 
-        Pictures in which the body is known together have so many votes that a colour beside the body wins against any
-        other that shows while the body is not known, if it shows in a share `seen` of the frames.
+        Pictures in which the body is known show the scene beside the person who is cut out of them, however little of
+        it is still. They have so many votes together that a colour beside the body wins against any other that shows
+        while the body is not known, if it shows in a share `seen` of the frames.
         """
         count = sum(k is not None for k in known)
         more = round((1.0 - 2.0 * settings.seen) * (len(known) - count) / max(1, count))
-        person = [None if of is None else _cut(picture, of) for picture, of in zip(pictures, known, strict=True)]
-        free: list[np.ndarray] = [np.full(p.shape[:2], 255, np.uint8) for p in pictures]
+        cuts = [None if of is None else _cut(picture, of) for picture, of in zip(pictures, known, strict=True)]
+        shape = pictures[0].shape[:2]
+        person = [None if cut is None else _enlarged(cv2.dilate(cut, _BY_ONE) > 0, shape) for cut in cuts]
+        free: list[np.ndarray] = [np.full(shape, 255, np.uint8) for _ in pictures]
         for order in (range(len(pictures)), range(len(pictures) - 1, -1, -1)):
-            there: np.ndarray = np.zeros(free[0].shape, np.uint8)
+            there: np.ndarray = np.zeros(shape, np.uint8)
             before = pictures[0]
             for i in order:
-                if (cut := person[i]) is not None:
-                    there = cut
-                else:
-                    unchanged: np.ndarray = cv2.inRange(cv2.absdiff(pictures[i], before), *_NEAR_ENOUGH)
-                    there = there & unchanged
+                cut = person[i]
+                there = there & _agreement(pictures[i], before) if cut is None else cut
                 free[i] = free[i] & ~there
                 before = pictures[i]
+        back = _back(pictures, cuts, known)
+        free = [f & ~(b if k is None else _full(k.body)) for f, b, k in zip(free, back, known, strict=True)]
+        nowhere = np.zeros(shape, np.uint8)
         return _Votes(
-            [f if k is None else f & ~(k.body * np.uint8(255)) for f, k in zip(free, known, strict=True)],
+            free,
+            [nowhere if k is None else _full(k.reach) for k in known],
             [1 if k is None else 1 + more for k in known],
         )
 
     def given(self, usable: list[np.ndarray]) -> list[np.ndarray]:
         """The free pixels among the usable."""
-        return [np.asarray(u & f) for u, f in zip(usable, self.free, strict=True)]
+        return [np.asarray((u | s) & f) for u, s, f in zip(usable, self.sure, self.free, strict=True)]
+
+
+def _full(mask: np.ndarray) -> np.ndarray:
+    """A mask (H, W) bool as uint8, 0 or 255."""
+    return np.asarray(mask * np.uint8(255))
+
+
+def _back(pictures: list[np.ndarray], cuts: list[np.ndarray | None], known: list[KnownBody | None]) -> list[np.ndarray]:
+    """Where each picture in which the person is not known has their colours at a place that is known to have been
+    theirs, (H, W) uint8, 0 or 255: where they were cut out, the colour that was there; about their outline, too, one
+    that is rather theirs, by where they surely were, than of what is beside them.
+
+    cuts: the person in each picture, (h, w) uint8 of `small_size`, None where that is not known.
+    """
+    shape = pictures[0].shape[:2]
+    counts, about, insides = np.zeros((2, BINS)), np.zeros(shape, np.uint8), list[tuple[np.ndarray, np.ndarray]]()
+    for picture, cut, of in zip(pictures, cuts, known, strict=True):
+        if cut is not None and of is not None:
+            inside, beside = (_enlarged(m, shape) for m in (cv2.erode(cut, _BY_ONE) > 0, cv2.dilate(cut, _BY_ONE) == 0))
+            for k, chosen in enumerate((of.core, beside > 0)):
+                counts[k] += np.bincount(colour_bins(picture)[chosen], minlength=BINS)
+            body = _full(of.body)
+            insides.append((picture, inside & body))  # a cutout can run over into what lies beside
+            about |= body
+    person, scene = densities(counts)
+    own = np.where(person > _RATHER * scene, 255, 0).astype(np.uint8)
+    back: list[np.ndarray] = [np.zeros(shape, np.uint8) for _ in pictures]
+    for picture, of, place in zip(pictures, known, back, strict=True):
+        if of is None and insides:
+            place |= about & own[colour_bins(picture)]
+            for there, inside in insides:
+                place |= inside & _agreement(picture, there)
+    return back
+
+
+def _agreement(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Where two pictures (H, W, 3) uint8 have one colour, (H, W) uint8, 0 or 255."""
+    return np.asarray(cv2.inRange(cv2.absdiff(first, other), *_NEAR_ENOUGH))
 
 
 def _cut(picture: np.ndarray, of: KnownBody) -> np.ndarray:
-    """The person in a picture, (H, W) uint8, 0 or 255, from the place of the body by its keypoints."""
+    """The person in a picture, (h, w) uint8 of `small_size`, 0 or 1, from the place of the body by its keypoints."""
     size = small_size(picture.shape)
     label = np.full(size[::-1], cv2.GC_PR_BGD, np.uint8)
     label[_reduced(of.body, size) > 0.5] = cv2.GC_PR_FGD
     _instruct(label, of)
     grab(picture, label)
-    return _enlarged(cv2.dilate(label & 1, np.ones((3, 3), np.uint8)) > 0, picture.shape[:2])
+    return np.asarray(label & 1)
 
 
 def _instruct(label: np.ndarray, of: KnownBody) -> None:
@@ -240,14 +288,14 @@ def _steadiest(pictures: list[np.ndarray], usable: list[np.ndarray], weight: lis
     for candidate, its_mask in zip(pictures, usable, strict=True):
         count = np.zeros(shape, np.uint16)
         for picture, mask, times in zip(pictures, usable, weight, strict=True):
-            agrees = cv2.inRange(cv2.absdiff(candidate, picture), *_NEAR_ENOUGH) & mask & its_mask
+            agrees = _agreement(candidate, picture) & mask & its_mask
             count += agrees & np.uint8(min(times, 255))  # 255 becomes the number
         better = count > most
         most[better], best[better] = count[better], candidate[better]
     often = np.zeros(shape, np.uint16)
     total, squares = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32)
     for picture, mask in zip(pictures, usable, strict=True):
-        agrees = (cv2.inRange(cv2.absdiff(best, picture), *_NEAR_ENOUGH) & mask)[..., None] > 0
+        agrees = (_agreement(best, picture) & mask)[..., None] > 0
         often += agrees[..., 0]
         offset = np.where(agrees, picture.astype(np.float32) - best, np.float32(0.0))
         total += offset
@@ -291,5 +339,5 @@ def _labels(
     label[same] = cv2.GC_PR_BGD
     label[same & (shaded | ~doubtful)] = cv2.GC_BGD
     different = (known & (squared > 4.0)).astype(np.uint8)
-    label[cv2.erode(different, np.ones((3, 3), np.uint8)) > 0] = cv2.GC_FGD
+    label[cv2.erode(different, _BY_ONE) > 0] = cv2.GC_FGD
     return label

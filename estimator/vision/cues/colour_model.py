@@ -94,11 +94,11 @@ class LimbColours:
         parts = len(learned[LIMBS])
         apart = differing(flat[:parts], flat)
         beside = apart[np.arange(parts), parts + np.arange(parts)]
-        log_density = np.log((1.0 - _STRAY) * _densities(flat) + _STRAY / BINS)
+        log_density = np.log((1.0 - _STRAY) * densities(flat) + _STRAY / BINS)
         return LimbColours(log_density, np.column_stack([apart[:, :parts], beside]))
 
 
-def _densities(counts: np.ndarray) -> np.ndarray:
+def densities(counts: np.ndarray) -> np.ndarray:
     """Densities (N, BINS) of pixels (N, BINS), zero where there are none."""
     smoothed = _smoothed(counts)
     return np.asarray(smoothed / np.maximum(smoothed.sum(axis=1, keepdims=True), 1e-9))
@@ -129,7 +129,7 @@ def differing(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Squared Hellinger distances (N, M), 0 to 1, of the densities of pixels (N, BINS) and (M, BINS)."""
-    roots = [np.sqrt(_densities(h)) for h in (first, second)]
+    roots = [np.sqrt(densities(h)) for h in (first, second)]
     return np.asarray(1.0 - roots[0] @ roots[1].T)
 
 
