@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -87,12 +87,9 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
     can = capabilities_of(make_tracker(run.header.tracker, run.body, settings))
-    observation = run.observation(frame, standing=True)
-    if run.header.cues:
-        with closing(cue_reader(run, settings)) as reader:
-            observation = replace(observation, cues=reader.at(frame))
+    with reopened_cues(run, settings) as reader:
+        observation = as_tracked(run, frame, reader)
     result, cameras = run.result(frame), range(len(observation.cameras))
-    observation = with_learned(observation, result.extra)
     if can.seen_as is not None:
         observation = can.seen_as(observation, result)
     stored, parts = float(result.energy[k]), tuple[EnergyPart, ...]()
@@ -165,6 +162,21 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
         clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons,
         rights=rights, depths=depths,
     )  # fmt: skip
+
+
+@contextmanager
+def reopened_cues(run: Run, settings: Settings) -> Iterator[CueReader | None]:
+    """See `cue_reader`, which is closed when the block ends; None of a run without pictures."""
+    with closing(cue_reader(run, settings)) if run.header.cues else nullcontext() as reader:
+        yield reader
+
+
+def as_tracked(run: Run, frame: int, reader: CueReader | None) -> Observation:
+    """A frame as it was tracked, with the cues of its pictures and what these had learned before it."""
+    observation = run.observation(frame, standing=True)
+    if reader is None:
+        return observation
+    return with_learned(replace(observation, cues=reader.at(frame)), run.result(frame).extra)
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:

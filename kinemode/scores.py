@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from estimator.trackers.spec import mode_search
 from estimator.tracking.registry import Settings
 from humanoid.support.errors import InputError
 from humanoid.support.files import replacing
-from kinemode.explain import cue_reader, run_settings
+from kinemode.explain import reopened_cues, run_settings
 from kinemode.progress import Progress, Reporter
 
 
@@ -234,8 +234,7 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
     run = next(iter(runs.values()))
     search = mode_search(run.body, settings)
     energies = {name: np.full(len(run), np.nan) for name in runs}
-    with ExitStack() as stack:
-        reader = stack.enter_context(closing(cue_reader(run, run_settings(run)))) if run.header.cues else None
+    with reopened_cues(run, run_settings(run)) as reader:
         for t in range(len(run)):
             observation = run.observation(t)
             if reader is not None:

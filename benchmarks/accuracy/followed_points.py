@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from contextlib import closing
 from itertools import pairwise
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
 from benchmarks.accuracy.mocap import DEFAULT, motion_files
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, save, tell, work_folder
+from benchmarks.support.common import NO_CAPTURE_HERE, Clips, Data, Every, Json, Work, save, tell, work_folder
 from benchmarks.support.pose_prior_clips import render_captured
 from estimator.data.formats.cameras import load_cameras
 from estimator.vision.cues.base import PastPose
@@ -37,8 +35,8 @@ _EXTENT = 100.0  # px; flow does not depend on it
 def main(
     *,
     data: Data = None,
-    clips: Annotated[tuple[str, ...], Several] = DEFAULT,
-    every: Annotated[bool, Parameter(name="--all", negative="")] = False,
+    clips: Clips = DEFAULT,
+    every: Every = False,
     seconds: float = 2.0,
     clip_seed: int = 2,
     work: Work = None,
@@ -48,10 +46,6 @@ def main(
 
     Parameters
     ----------
-    clips
-        Names of BVH files there, without the ending.
-    every
-        All of them.
     seconds
         Only so much of each.
     clip_seed

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from cyclopts import Parameter
 from rich.table import Table
 
-import kinemode as km
 from benchmarks.support.common import (
     CUES,
     NO_CAPTURE_HERE,
     Changes,
+    Clips,
     Data,
+    Every,
     Json,
     Several,
     Work,
@@ -27,7 +27,7 @@ from benchmarks.support.common import (
     tell,
     work_folder,
 )
-from benchmarks.support.mocap_person import DETECTOR, FPS, person
+from benchmarks.support.pose_prior_clips import render_captured
 from benchmarks.support.scores import (
     TRACK_COLUMNS,
     TRACK_LEGEND,
@@ -39,7 +39,6 @@ from benchmarks.support.scores import (
 )
 from benchmarks.support.tracking import timed_track
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
-from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
 from kinemode.terminal import report
@@ -73,11 +72,8 @@ class Task:
 
 def tracked(task: Task) -> dict[str, Outcome]:
     """Render, and track human34 in every condition, its lengths fitted."""
-    name, longest = task.motion.stem, load_mocap(task.motion).seconds
-    seconds = None if task.seconds is None else min(task.seconds, longest)
-    clip = km.render(
-        task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seconds=seconds, seed=task.clip_seed
-    )
+    name = task.motion.stem
+    clip = render_captured(task.motion, task.seconds, task.clip_seed, task.folder, videos=True)
     tell(f"{name}: rendered")
     outcomes = {}
     for condition in task.conditions:
@@ -99,8 +95,8 @@ def tracked(task: Task) -> dict[str, Outcome]:
 def main(
     *,
     data: Data = None,
-    clips: Annotated[tuple[str, ...], Several] = DEFAULT,
-    every: Annotated[bool, Parameter(name="--all", negative="")] = False,
+    clips: Clips = DEFAULT,
+    every: Every = False,
     seconds: float | None = None,
     cues: str = ",".join(CUES),
     background: Literal["learned", "plate"] = "learned",
@@ -118,10 +114,6 @@ def main(
 
     Parameters
     ----------
-    clips
-        Names of BVH files there, without the ending.
-    every
-        All of them.
     seconds
         Only so much of each.
     cues

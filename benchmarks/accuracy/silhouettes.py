@@ -10,19 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, astuple, dataclass
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-import kinemode as km
 from benchmarks.accuracy.mocap import DEFAULT, motion_files
-from benchmarks.support.common import NO_CAPTURE_HERE, Data, Json, Several, Work, save, tell, work_folder
-from benchmarks.support.mocap_person import DETECTOR, FPS, person
+from benchmarks.support.common import NO_CAPTURE_HERE, Clips, Data, Every, Json, Work, save, tell, work_folder
+from benchmarks.support.pose_prior_clips import render_captured
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.media.picture import read_picture
 from estimator.data.sequence import Cues
-from estimator.synthesis.mocap import load_mocap
 from estimator.vision.cues.foreground import Silhouette
 from estimator.vision.cues.reader import CueReader
 from estimator.vision.cues.settings import cue_settings
@@ -57,8 +53,8 @@ class Wrong:
 def main(
     *,
     data: Data = None,
-    clips: Annotated[tuple[str, ...], Several] = DEFAULT,
-    every: Annotated[bool, Parameter(name="--all", negative="")] = False,
+    clips: Clips = DEFAULT,
+    every: Every = False,
     seconds: float = 4.0,
     clip_seed: int = 2,
     work: Work = None,
@@ -68,10 +64,6 @@ def main(
 
     Parameters
     ----------
-    clips
-        Names of BVH files there, without the ending.
-    every
-        All of them.
     seconds
         Only so much of each.
     clip_seed
@@ -84,10 +76,7 @@ def main(
     by_clip: dict[str, dict[str, Wrong]] = {}
     with work_folder(work) as folder:
         for file in files:
-            clip = km.render(
-                folder / file.stem, file, subject=person(), detector=DETECTOR, fps=FPS, seed=clip_seed, masks=True,
-                seconds=min(seconds, load_mocap(file).seconds),
-            )  # fmt: skip
+            clip = render_captured(file, seconds, clip_seed, folder / file.stem, videos=True, masks=True)
             by_clip[file.stem] = {way: wrong(clip, way) for way in WAYS}
             tell(f"{file.stem}: " + ", ".join(f"{w.extra:.0%} {w.missed:.0%}" for w in by_clip[file.stem].values()))
     show(by_clip)

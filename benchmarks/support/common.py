@@ -32,6 +32,8 @@ NO_CAPTURE_HERE = "the motion capture is not here: --data DIR or KINEMODE_DATA n
 Several = Parameter(consume_multiple=True, negative="")
 _DATA = "Folder with beam4cam, mocap and mocap_more; KINEMODE_DATA, or ../shared/data next to the checkout, by default."
 Data = Annotated[Path | None, Parameter(help=_DATA)]
+Clips = Annotated[tuple[str, ...], Several, Parameter(help="Names of BVH files there, without the ending.")]
+Every = Annotated[bool, Parameter(name="--all", negative="", help="All of them.")]
 Work = Annotated[Path | None, Parameter(help="Folder that keeps what is made; a temporary one unless given.")]
 Json = Annotated[Path | None, Parameter(name="--json", help="Also write the figures here.")]
 Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]

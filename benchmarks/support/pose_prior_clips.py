@@ -100,12 +100,15 @@ def cut_motion(motion: Path, start: float, out: Path) -> Path:
     return out
 
 
-def render_captured(motion: Path, seconds: float, seed: int, folder: Path, *, videos: bool = False) -> RenderedClip:
-    """At most so many seconds of a captured motion by the person in the pictures before one camera: the files of the
-    clip, whose keypoints have the errors of `DETECTOR`; no videos unless they are requested."""
+def render_captured(
+    motion: Path, seconds: float | None, seed: int, folder: Path, *, videos: bool = False, masks: bool = False
+) -> RenderedClip:
+    """At most so many seconds of a captured motion, all of it for None, by the person in the pictures before one
+    camera: the files of the clip, whose keypoints have the errors of `DETECTOR`; no videos and masks unless they are
+    requested."""
     return km.render(
-        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=videos,
-        seconds=min(seconds, load_mocap(motion).seconds),
+        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=videos, masks=masks,
+        seconds=None if seconds is None else min(seconds, load_mocap(motion).seconds),
     )  # fmt: skip
 
 

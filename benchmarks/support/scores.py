@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import closing, nullcontext
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.support.tracking import Times
 from estimator.data.cameras.camera import Camera
-from estimator.data.observation import Observation
-from estimator.data.sequence import Cues
 from estimator.energy.descent.seek import SeekSettings
 from estimator.runs.evaluation import (
     FAR,
@@ -33,8 +30,7 @@ from estimator.runs.run_reader import Run
 from estimator.trackers.base import capabilities_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import FixedLag
-from estimator.vision.cues.learned import with_learned
-from kinemode.explain import cue_reader, run_settings
+from kinemode.explain import as_tracked, reopened_cues, run_settings
 
 FAR_MM = 1e3 * FAR
 LOST = (
@@ -121,21 +117,13 @@ def fixed_lag(run: Run) -> np.ndarray:
     if energy is None:
         return np.asarray(run.mode_landmarks[:, 0])
     smoother = FixedLag(energy, settings.smooth, run.header.floor)
-    with closing(cue_reader(run, settings)) if run.header.cues else nullcontext() as reader:
-        seen = (_as_tracked(run, i, reader) for i in range(len(run)))
+    with reopened_cues(run, settings) as reader:
+        seen = (as_tracked(run, i, reader) for i in range(len(run)))
         given = [g for i, o in enumerate(seen) for g in smoother.push(o, run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)
     for index, q in given:
         points[index] = run.body.landmarks(run.body.at(q))
     return points
-
-
-def _as_tracked(run: Run, i: int, reader: Cues | None) -> Observation:
-    """Frame i as the tracker used it."""
-    observation = run.observation(i, standing=True)
-    if reader is None:
-        return observation
-    return with_learned(replace(observation, cues=reader.at(i)), run.result(i).extra)
 
 
 def mean_scores(scores: Iterable[Scores]) -> Scores:

@@ -177,19 +177,18 @@ class _Votes(NamedTuple):
         """
         count = sum(k is not None for k in known)
         more = round((1.0 - 2.0 * settings.seen) * (len(known) - count) / max(1, count))
-        cuts = [None if of is None else _cut(picture, of) for picture, of in zip(pictures, known, strict=True)]
         shape = pictures[0].shape[:2]
-        person = [None if cut is None else _enlarged(cv2.dilate(cut, _BY_ONE) > 0, shape) for cut in cuts]
+        person = [None if of is None else _cut(picture, of) for picture, of in zip(pictures, known, strict=True)]
         free: list[np.ndarray] = [np.full(shape, 255, np.uint8) for _ in pictures]
         for order in (range(len(pictures)), range(len(pictures) - 1, -1, -1)):
             there: np.ndarray = np.zeros(shape, np.uint8)
             before = pictures[0]
             for i in order:
                 cut = person[i]
-                there = there & _agreement(pictures[i], before) if cut is None else cut
+                there = there & _agreement(pictures[i], before) if cut is None else cut.around
                 free[i] = free[i] & ~there
                 before = pictures[i]
-        back = _back(pictures, cuts, known)
+        back = _back(pictures, person, known)
         free = [f & ~(b if k is None else _full(k.body)) for f, b, k in zip(free, back, known, strict=True)]
         nowhere = np.zeros(shape, np.uint8)
         return _Votes(
@@ -208,22 +207,25 @@ def _full(mask: np.ndarray) -> np.ndarray:
     return np.asarray(mask * np.uint8(255))
 
 
-def _back(pictures: list[np.ndarray], cuts: list[np.ndarray | None], known: list[KnownBody | None]) -> list[np.ndarray]:
+class _Cutout(NamedTuple):
+    """A person cut out of a picture, masks (H, W) uint8, 0 or 255: within a narrower and a wider border."""
+
+    inside: np.ndarray
+    around: np.ndarray
+
+
+def _back(pictures: list[np.ndarray], cutouts: list[_Cutout | None], known: list[KnownBody | None]) -> list[np.ndarray]:
     """Where each picture in which the person is not known has their colours at a place that is known to have been
     theirs, (H, W) uint8, 0 or 255: where they were cut out, the colour that was there; about their outline, too, one
-    that is rather theirs, by where they surely were, than of what is beside them.
-
-    cuts: the person in each picture, (h, w) uint8 of `small_size`, None where that is not known.
-    """
+    that is rather theirs, by where they surely were, than of what is beside them."""
     shape = pictures[0].shape[:2]
     counts, about, insides = np.zeros((2, BINS)), np.zeros(shape, np.uint8), list[tuple[np.ndarray, np.ndarray]]()
-    for picture, cut, of in zip(pictures, cuts, known, strict=True):
-        if cut is not None and of is not None:
-            inside, beside = (_enlarged(m, shape) for m in (cv2.erode(cut, _BY_ONE) > 0, cv2.dilate(cut, _BY_ONE) == 0))
-            for k, chosen in enumerate((of.core, beside > 0)):
-                counts[k] += np.bincount(colour_bins(picture)[chosen], minlength=BINS)
-            body = _full(of.body)
-            insides.append((picture, inside & body))  # a cutout can run over into what lies beside
+    for picture, cutout, of in zip(pictures, cutouts, known, strict=True):
+        if cutout is not None and of is not None:
+            bins, body = colour_bins(picture), _full(of.body)
+            for k, chosen in enumerate((of.core, cutout.around == 0)):
+                counts[k] += np.bincount(bins[chosen], minlength=BINS)
+            insides.append((picture, cutout.inside & body))  # a cutout can run over into what lies beside
             about |= body
     person, scene = densities(counts)
     own = np.where(person > _RATHER * scene, 255, 0).astype(np.uint8)
@@ -241,14 +243,15 @@ def _agreement(first: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.inRange(cv2.absdiff(first, other), *_NEAR_ENOUGH))
 
 
-def _cut(picture: np.ndarray, of: KnownBody) -> np.ndarray:
-    """The person in a picture, (h, w) uint8 of `small_size`, 0 or 1, from the place of the body by its keypoints."""
+def _cut(picture: np.ndarray, of: KnownBody) -> _Cutout:
+    """The person in a picture, from the place of the body by its keypoints."""
     size = small_size(picture.shape)
     label = np.full(size[::-1], cv2.GC_PR_BGD, np.uint8)
     label[_reduced(of.body, size) > 0.5] = cv2.GC_PR_FGD
     _instruct(label, of)
     grab(picture, label)
-    return np.asarray(label & 1)
+    person, shape = label & 1, picture.shape[:2]
+    return _Cutout(*(_enlarged(m(person, _BY_ONE) > 0, shape) for m in (cv2.erode, cv2.dilate)))
 
 
 def _instruct(label: np.ndarray, of: KnownBody) -> None:
@@ -275,7 +278,7 @@ def grab(picture: np.ndarray, label: np.ndarray, steps: int = _CUT_STEPS) -> Non
 
 def _enlarged(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """A small mask at full size, 255 for True."""
-    return np.asarray(cv2.resize(mask.astype(np.uint8) * 255, shape[::-1], interpolation=cv2.INTER_NEAREST))
+    return np.asarray(cv2.resize(_full(mask), shape[::-1], interpolation=cv2.INTER_NEAREST))
 
 
 def _steadiest(pictures: list[np.ndarray], usable: list[np.ndarray], weight: list[int], fewest: float) -> Background:
