@@ -235,6 +235,12 @@ MEASURES = (
         (OPENCAP,),
     ),
     Measure(
+        "benchmarks.accuracy.captured_forces",
+        "The sum of the forces of captured people, from keypoints of one camera, against that of their true motion.",
+        "",
+        (MOCAP, MOCAP_MORE),
+    ),
+    Measure(
         "benchmarks.accuracy.outline",
         "Widths of the body's outline beside those of beam4cam's silhouettes, across limbs, hips and head.",
         "",

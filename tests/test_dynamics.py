@@ -13,7 +13,8 @@ from scipy.optimize import fsolve
 from estimator.dynamics.contact_forces import GRAVITY, ForceSettings, InverseDynamics, Support
 from estimator.dynamics.motion import Motion, motion_of
 from estimator.dynamics.soles import SolePoints
-from estimator.dynamics.uncertainty import UncertaintySettings, samples_of, smooth_noise
+from estimator.dynamics.trunk import Trunk
+from estimator.dynamics.uncertainty import UncertaintySettings, poses_off, samples_of, smooth_noise
 from estimator.inference.contacts import FootPoints
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.segment_masses import person_inertias
@@ -135,18 +136,25 @@ def test_feet_push_and_do_not_pull_and_stay_in_their_cones() -> None:
         assert np.abs(loads.torque[10, :3]).max() > 0.03 * WEIGHT
 
 
-def test_feet_apart_push_towards_the_point_above_the_centre_of_mass() -> None:
-    """What both feet push against each other motion does not determine: the prior alone does."""
-    q = leaning(0.0)
-    for side in ("left", "right"):
-        q[BODY.place(f"{side}_hip_abduction").q] = 0.25
+@pytest.mark.parametrize(
+    ("way", "joint", "turns"), [(1, "hip_abduction", (0.25, 0.25)), (0, "hip_flexion", (0.3, -0.3))]
+)
+def test_feet_apart_push_towards_the_point_above_the_centre_of_mass(
+    way: int, joint: str, turns: tuple[float, float]
+) -> None:
+    """What both feet push against each other motion does not determine: the prior alone does, by the way one faces."""
+    heading, q = 0.8, leaning(0.0)
+    for side, turn in zip(("left", "right"), turns, strict=True):
+        q[BODY.place(f"{side}_{joint}").q] = turn
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, heading)).coeffs()
     d, motion = dynamics(), still(q)
     loads, centre = d.loads(motion, standing(LEFT + RIGHT)), d.centres(motion)[5]
-    away = centre - loads.pressure[5]
-    lean = loads.force[5, :, 1] / loads.force[5, :, 2]
-    np.testing.assert_allclose(lean, d.settings.pivot * away[:, 1] / away[:, 2], atol=0.02)
-    assert lean[0] < -0.05
-    assert lean[1] > 0.05
+    R_facing_world = pin.rpy.rpyToMatrix(0.0, 0.0, heading).T
+    away, force = ((centre - loads.pressure[5]) @ R_facing_world.T, loads.force[5] @ R_facing_world.T)
+    lean = force[:, way] / force[:, 2]
+    np.testing.assert_allclose(lean, d.settings.pivot[way] * away[:, way] / away[:, 2], atol=0.02)
+    assert np.abs(lean).min() > 0.05
+    assert lean[0] * lean[1] < 0.0
 
 
 def test_a_seat_is_not_used_by_feet_that_can_carry() -> None:
@@ -259,15 +267,27 @@ def test_noise_has_its_variance_and_its_own_derivatives() -> None:
 def test_samples_scatter_as_poses_do_and_repeat_with_their_seed() -> None:
     """A body at rest whose poses are certain has certain forces; wider poses give wider forces."""
     d, motion, support = dynamics(), still(leaning(0.01)), standing(LEFT + RIGHT)
-    settings = UncertaintySettings(samples=6, strike=0.0)
+    settings = UncertaintySettings(strike=0.0)
     spreads = []
     for std in (0.0, 1e-3, 3e-3):
         covariance = np.tile(std**2 * np.eye(BODY.nv), (len(TIME), 1, 1))
-        forces = [
-            np.array([s.force for s in samples_of(rng, d, motion, covariance, support, settings, lasting=0.05)])
-            for rng in map(np.random.default_rng, (5, 5))
-        ]
+        forces = []
+        for rng in map(np.random.default_rng, (5, 5)):
+            others = [motion_of(BODY, TIME, poses_off(rng, BODY, TIME, motion.q, covariance, 0.2)) for _ in range(6)]
+            forces.append(np.array([s.force for s in samples_of(rng, d, motion, others, support, settings)]))
         np.testing.assert_allclose(*forces, rtol=1e-6)  # but for the solver's last digits
         spreads.append(forces[0].sum(axis=2)[:, :, 2].std(axis=0).mean())
     assert spreads[0] < 1e-3 * WEIGHT
     assert spreads[0] < spreads[1] < spreads[2]
+
+
+def test_a_trunk_that_lengthens_presses_on_the_ground_by_the_mass_that_it_lifts() -> None:
+    trunk, d, time = Trunk.of(BODY), dynamics(), np.arange(30) / 100.0
+    assert trunk is not None
+    upper = sum(person_inertias(BODY, MASS)[j].mass for j in trunk.above)
+    assert 0.4 * MASS < upper < 0.6 * MASS  # trunk, head and arms
+    stretch = 0.01 * np.square(time) / 0.1**2
+    q = np.tile(leaning(0.0), (30, 1))
+    rigid, lifted = (d.force_of_acceleration(motion_of(BODY, time, q, s)) for s in (None, stretch))
+    up = BODY.at(q[0]).rotations[trunk.joint] @ trunk.axis
+    np.testing.assert_allclose(lifted - rigid, np.tile(2.0 * upper * up, (30, 1)), atol=0.01)

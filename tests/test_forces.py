@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,9 +16,13 @@ import kinemode as km
 from benchmarks.accuracy.forces import Trial, figures_of, plates_of
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.dynamics.contact_forces import GRAVITY
+from estimator.dynamics.trunk import Trunk
 from estimator.runs.forces import Forces
-from estimator.runs.inverse_dynamics import _resting, _seat, mass_of, usual_cutoff
+from estimator.runs.inverse_dynamics import _resting, _seat, mass_of
+from estimator.runs.run_motion import trunk_stretch, usual_cutoff
 from estimator.runs.run_reader import Run
+from humanoid.kinematics.body import Body
+from humanoid.subject.marker_set import marker_set
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 
@@ -135,6 +141,35 @@ def test_forces_end_at_frames_without_a_pose(tmp_path: Path) -> None:
     assert np.isfinite(np.delete(forces.force, 30, axis=0)).all()
     with pytest.raises(InputError, match="eight poses in a row"):
         km.forces(made_run(tmp_path / "short.run", BODY.subject, q[:5, None]), mass=60.0)
+
+
+def test_what_nothing_carries_is_noted_and_within_the_bands(tmp_path: Path) -> None:
+    """Somebody who stands, and is then pulled forwards by more than friction bears."""
+    q = np.tile(squatting(0.0)[0], (len(TIME), 1))
+    q[:, 0] += 0.5 * 1.5 * GRAVITY * np.square(np.maximum(TIME - 0.9, 0.0))
+    with pytest.warns(km.InputWarning, match="nothing known can carry"):
+        forces = km.forces(made_run(tmp_path / "up.run", BODY.subject, q[:, None], times=TIME), mass=60.0, filter=0.0)
+    assert forces.total[20, 2] == pytest.approx(forces.weight, rel=0.05)
+    assert forces.total[62, 0] < 0.85 * forces.weight
+    assert forces.interval("total")[1, 62, 0] > 1.45 * forces.weight
+
+
+def test_the_trunk_is_as_long_as_its_markers_have_it(tmp_path: Path) -> None:
+    """Whatever the markers' places on it, and where one is missing."""
+    subject = BODY.subject.with_markers(marker_set("plug-in-gait").markers)
+    body, longer = Body(subject), 0.02 * np.sin(4.0 * TIME)
+    q = np.tile(squatting(0.0)[0], (len(TIME), 1))
+    markers = body.markers_of(body.placed(q))
+    trunk = Trunk.of(body)
+    assert trunk is not None
+    own = np.flatnonzero(body.marker_joint == trunk.joint)
+    axis = body.at(q[0]).rotations[trunk.joint] @ trunk.axis
+    markers[:, own] += longer[:, None, None] * axis + np.array([0.01, 0.0, 0.03])
+    markers[20:30, own[0]] = np.nan
+    run = cast(Run, SimpleNamespace(body=body, q=q, time=TIME, index=np.arange(len(TIME)), markers=markers))
+    stretch = trunk_stretch(run)
+    assert stretch is not None
+    np.testing.assert_allclose(stretch - stretch.mean(), longer - longer.mean(), atol=2e-3)
 
 
 def test_who_never_stands_is_refused(tmp_path: Path) -> None:

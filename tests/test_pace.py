@@ -13,6 +13,7 @@ from estimator.search.cost_model import CostModel
 from estimator.tracking.smoothing import SmoothSettings, smooth
 from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.pace import limbs_of, pace_of
+from estimator.tracking.smoothing.smoothed import drawn_movements
 from humanoid.kinematics.body import Body
 
 FPS, NOISE = 30.0, 0.06
@@ -101,6 +102,21 @@ def test_what_is_drawn_has_the_covariance_of_the_hessian() -> None:
     np.testing.assert_allclose(samples.std(axis=1), scale, rtol=0.05)
 
 
+def test_movements_that_are_drawn_window_by_window_scatter_as_those_of_one_window() -> None:
+    """In positions, and in their second differences across the seams."""
+    body = body_of("arm8")
+    times = np.arange(240) / FPS
+    q = np.tile(body.neutral, (240, 1))
+    costs = [Cost(body, [Transition(body, x, np.full(body.nv, 0.1))]) for x in q]
+    scatters = []
+    for window in (60, 240):
+        settings = SmoothSettings(window=window)
+        moved = drawn_movements(body, costs, [()] * 240, times, q, prior(body, 240), settings)
+        assert moved is not None
+        scatters.append([moved[30:210].std(), np.diff(moved, n=2, axis=0)[30:210].std()])
+    np.testing.assert_allclose(scatters[0], scatters[1], rtol=0.1)
+
+
 def test_limbs_are_identified_by_what_they_move() -> None:
     body = body_of("human34")
     of = dict(zip(body.v_names, limbs_of(body).tolist(), strict=True))
@@ -108,7 +124,8 @@ def test_limbs_are_identified_by_what_they_move() -> None:
     arms = {name for name in of if name.split("_", 1)[-1].split("_")[0] in ("clavicle", "shoulder", "elbow")}
     assert {of[name] for name in legs} == {1}
     assert {of[name] for name in arms} == {2}
-    assert {of[name] for name in set(of) - legs - arms} == {0}
+    assert of["root_vz"] == 3
+    assert {of[name] for name in set(of) - legs - arms - {"root_vz"}} == {0}
 
 
 def test_a_kick_makes_the_legs_quick_and_keeps_the_swing() -> None:

@@ -21,12 +21,12 @@ from benchmarks.accuracy.plates import Plates, plates_of
 from benchmarks.support.common import Data, Json, data_folder, save, tell
 from benchmarks.support.measured_people import measured_files
 from estimator.dynamics.contact_forces import GRAVITY, ForceSettings, InverseDynamics
-from estimator.dynamics.motion import motion_of
 from estimator.dynamics.uncertainty import UncertaintySettings, accelerating
 from estimator.runs.contact import contact_of_run
 from estimator.runs.events import SIDES
 from estimator.runs.forces import Forces
-from estimator.runs.inverse_dynamics import forces_of_run, inertias_of, mass_of, usual_cutoff
+from estimator.runs.inverse_dynamics import forces_of_run, inertias_of, mass_of
+from estimator.runs.run_motion import motion_of_run, usual_cutoff
 from estimator.runs.run_reader import Run
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
@@ -130,7 +130,7 @@ def _moments(trial: Trial) -> dict[str, list[float]]:
 
 def moments_with_plates(run: Run, forces: Forces, plates: Plates, weight: float) -> np.ndarray:
     """Moments (T, J) [N m/kg] of the run's motion with the forces of the plates under its feet."""
-    body, motion = run.body, motion_of(run.body, run.time, run.q)
+    body, motion = run.body, motion_of_run(run)
     dynamics = InverseDynamics(body, inertias_of(body, forces.mass), ForceSettings())
     scale, joints = forces.weight / weight, np.array([body.model.getJointId(f"{s}_ankle_dorsiflexion") for s in SIDES])
     moments = np.full((len(motion.q), body.nv - body.first_joint_dof), np.nan)
@@ -163,47 +163,58 @@ def weights_of(trials: list[tuple[str, str, Run, Forces, Plates]]) -> list[float
 
 
 class Learned(NamedTuple):
-    """pivot, aim: of `ForceSettings`; lost, leak: of `UncertaintySettings`, as root mean squares."""
+    """pivot_along, pivot_across, aim_along, aim_across: of `ForceSettings`; lost, leak: of `UncertaintySettings`, as
+    root mean squares."""
 
-    pivot: float
-    aim: float
+    pivot_along: float
+    pivot_across: float
+    aim_along: float
+    aim_across: float
     lost: float
     leak: float
 
 
 def learned_from(trials: list[Trial]) -> Learned:
-    """The constants by trials: pivot and aim of each person, lost and leak of each trial and direction with the same
-    weight."""
-    slopes, rows, squares = dict[str, list[np.ndarray]](), [], []
+    """The constants by trials: pivots and aims of each person with both feet on the ground, lost and leak of each trial
+    and direction with the same weight."""
+    feet_of, rows, squares = dict[str, list[np.ndarray]](), [], []
     for trial in trials:
         feet, (off, size) = _evidence(trial)
-        slopes.setdefault(trial.person, []).append(feet)
+        if len(feet):
+            feet_of.setdefault(trial.person, []).append(feet)
         whole = np.square(size).sum(axis=1)
         for k in range(3):
             weight = 1.0 / max(float(np.square(off[:, k]).sum()) * np.sqrt(len(off)), 1e-9)
             rows.append(weight * len(off) * np.stack([np.square(size[:, k]), whole * (k < 2)], axis=1))
             squares.append(weight * len(off) * np.square(off[:, k]))
-    people = [np.concatenate(parts, axis=1) for parts in slopes.values()]
-    pivot = float(np.mean([lean @ away / (away @ away) for lean, away, _ in people]))
-    aim = np.sqrt(np.mean([np.mean(np.square(share * (lean - pivot * away))) for lean, away, share in people]))
+    people = [np.concatenate(parts) for parts in feet_of.values()]
+    slopes = [(lean * away).sum(axis=0) / np.square(away).sum(axis=0) for lean, away in map(_apart, people)]
+    pivot = np.mean(slopes, axis=0)
+    square = [np.square(lean - pivot * away).mean(axis=0) for lean, away in map(_apart, people)]
     lost, leak = np.sqrt(nnls(np.vstack(rows), np.concatenate(squares))[0])
-    return Learned(pivot, float(aim), float(lost), float(leak))
+    return Learned(*map(float, (*pivot, *np.sqrt(np.mean(square, axis=0)), lost, leak)))
+
+
+def _apart(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The two parts (N, 2) of `_evidence`'s feet."""
+    return feet[:, 0], feet[:, 1]
 
 
 def _evidence(trial: Trial) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Of the plates' feet (3, N): level over vertical force, the level way to the centre of mass over its height, the
-    share of the weight. Of frames: errors of the sum, and sizes of the force that accelerates, (T, 3) in weights."""
+    """Of the plates' feet while both are on the ground (N, 2, 2): level force along and across in weights, and the
+    level way to the centre of mass over its height, times the share of the weight. Of frames: errors of the sum, and
+    sizes of the force that accelerates, (T, 3) in weights."""
     run, plates, rows = trial.run, trial.plates, trial.rows
-    motion = motion_of(run.body, run.time, run.q)
+    motion = motion_of_run(run)
     dynamics = InverseDynamics(run.body, inertias_of(run.body, trial.forces.mass), ForceSettings())
     centre = dynamics.centres(motion)[:, None]
-    firm = (plates.force[:, :, 2] > _FIRM) & rows[:, None]
-    arms = (centre - plates.pressure)[firm]
-    lean, away = plates.force[firm][:, :2] / plates.force[firm][:, 2:], arms[:, :2] / arms[:, 2:]
-    share = np.repeat(plates.force[firm][:, 2] / trial.weight, 2)
+    firm = rows & (plates.force[:, :, 2] > _FIRM).all(axis=1)
+    arms, force = trial.forces.in_facing(centre - plates.pressure), trial.forces.in_facing(plates.force) / trial.weight
+    away = arms[firm][..., :2] / arms[firm][..., 2:] * force[firm][..., 2:]
+    feet = np.stack([force[firm][..., :2], away], axis=2).reshape(-1, 2, 2)
     off = 0.01 * trial.percent(trial.forces.total, plates.total)[rows]
     size = accelerating(dynamics, motion, UncertaintySettings().burst)[rows]
-    return np.stack([lean.ravel(), away.ravel(), share]), (off, size)
+    return feet, (off, size)
 
 
 def main(
@@ -281,7 +292,7 @@ def _film(place: Path, trial: Trial) -> dict[str, float]:
 
 
 def _print_learned(trials: list[Trial]) -> None:
-    table = report.table("constants", "learned from", "pivot", "aim", "lost", "leak")
+    table = report.table("constants", "learned from", *Learned._fields)
     for without in ("", *sorted({trial.person for trial in trials})):
         own = learned_from([trial for trial in trials if trial.person != without])
         table.add_row(f"all but {without}" if without else "all", *(f"{value:.3f}" for value in own))

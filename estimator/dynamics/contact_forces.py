@@ -5,7 +5,8 @@ Newton-Euler algorithm on the floating base (Featherstone, Rigid Body Dynamics A
 carries how much is determined by it in single support, and only in part in double support. There a convex program
 chooses: forces at points of the soles that push and do not pull, within their friction cones, as evenly as they can be,
 that lead through a point above the centre of mass (the virtual pivot point of walking: Maus et al., Upright human gait
-did not provide a major mechanical challenge for our ancestors, Nature Communications 1, 2010).
+did not provide a major mechanical challenge for our ancestors, Nature Communications 1, 2010), nearer to it along the
+way the body faces than across.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.dynamics.motion import Motion, near_mean
+from estimator.dynamics.motion import Motion, facing, near_mean
 from estimator.dynamics.soles import SolePoints
+from estimator.dynamics.trunk import Trunk
 from estimator.numerics.quadratic_program import UNBOUNDED, QuadraticProgram, solve
 from humanoid.kinematics.body import ROOT_JOINT, ROOT_PLACE_V, ROOT_TURN_V, Body, PosedBody, points_in_world
 from humanoid.support.settings import CheckedSettings, setting
@@ -38,21 +40,34 @@ class ForceSettings(CheckedSettings):
     """How contact forces are chosen; forces in units of the body's weight, W.
 
     friction: of the ground. evenness: standard deviation of the force at a point of a sole that stands for certain [W],
-        which is multiplied by the probability that a point stands. pivot: height of the centre of mass over that of
-        the point through which a foot's force leads, both above the centre of pressure; aim: standard deviation of
-        the level force about it [W]. force, moment: standard deviations of the root's balance [W], [W m]. seat: cost
-        of what a seat carries, so much more than that of the feet that it carries only what these cannot.
+        which is multiplied by the probability that a point stands. pivot_along, pivot_across: height of the centre of
+        mass over that of the point through which a foot's force leads, both above the centre of pressure, along the way
+        the body faces and across; aim_along, aim_across: standard deviations of the level force about it [W]. force,
+        moment: standard deviations of the root's balance [W], [W m]. seat: cost of what a seat carries, so much more
+        than that of the feet that it carries only what these cannot.
 
-    pivot and aim are those of `python -m benchmarks forces --learn`.
+    pivots and aims are those of `python -m benchmarks forces --learn`.
     """
 
     friction: float = setting(0.8, above=0)
     evenness: float = setting(0.5, above=0)
-    pivot: float = setting(0.58, at_least=0)
-    aim: float = setting(0.043, above=0)
+    pivot_along: float = setting(0.84, at_least=0)
+    pivot_across: float = setting(0.46, at_least=0)
+    aim_along: float = setting(0.055, above=0)
+    aim_across: float = setting(0.032, above=0)
     force: float = setting(0.005, above=0)
     moment: float = setting(0.0025, above=0)
     seat: float = setting(2.0, at_least=0)
+
+    @property
+    def pivot(self) -> np.ndarray:
+        """Along and across (2,)."""
+        return np.array([self.pivot_along, self.pivot_across])
+
+    @property
+    def aim(self) -> np.ndarray:
+        """Along and across (2,) [W]."""
+        return np.array([self.aim_along, self.aim_across])
 
 
 class ContactLoads(NamedTuple):
@@ -87,7 +102,7 @@ class Support(NamedTuple):
 
 class Disturbance(NamedTuple):
     """What a sample of loads differs by, in units of the weight: force (T, 3), added to the sum of all forces; sway
-    (T, 2, 2): level force of each foot beside that which leads through its pivot."""
+    (T, 2, 2): force of each foot along and across beside that which leads through its pivot."""
 
     force: np.ndarray
     sway: np.ndarray
@@ -95,12 +110,13 @@ class Disturbance(NamedTuple):
 
 class _Pose(NamedTuple):
     """What carries a body in one pose: points (P, 3) [m]; foot (P,): 0, 1, -1 of a seat, or 2 and more of hands;
-    carries (P,): with which probability; centre (3,) [m]: of mass."""
+    carries (P,): with which probability; centre (3,) [m]: of mass; facing (2,): see `facing`."""
 
     points: np.ndarray
     foot: np.ndarray
     carries: np.ndarray
     centre: np.ndarray
+    facing: np.ndarray
 
 
 class InverseDynamics:
@@ -140,16 +156,28 @@ class InverseDynamics:
             np.full((count, 3), np.nan), np.full((count, len(self._hands), 3), np.nan),
             np.full((count, self.body.nv), np.nan),
         )  # fmt: skip
+        ahead = facing(self.body, motion)
         for t in np.flatnonzero(motion.known):
             loads.torque[t] = self.torque_without_contact(motion, int(t))
             if support is not None:
                 apart = None if disturbance is None else Disturbance(*(part[t] for part in disturbance))
-                self._carry(loads, int(t), self.body.at(motion.q[t]), support, apart)
+                self._carry(loads, int(t), self.body.at(motion.q[t]), support, ahead[t], apart)
         return loads
 
     def torque_without_contact(self, motion: Motion, t: int) -> np.ndarray:
         """Torque (nv,) that frame t needs where nothing but its own joints, a free root's too, drives the body."""
-        return np.array(pin.rnea(self._model, self._data, motion.q[t], motion.v[t], motion.a[t]))
+        torque = np.array(pin.rnea(self._model, self._data, motion.q[t], motion.v[t], motion.a[t]))
+        return torque if motion.lift is None else torque + self._lifting(self.body.at(motion.q[t]), motion.lift[t])
+
+    def _lifting(self, posed: PosedBody, lift: float) -> np.ndarray:
+        """Torque (nv,) that it takes to accelerate the trunk and what it carries by so much [m/s2] along its axis."""
+        trunk = Trunk.of(self.body)
+        assert trunk is not None
+        own = np.isin(self._mass_joint, trunk.above)
+        places = points_in_world(posed, self._mass_joint[own], self._mass_place[own])
+        J = self.body.point_jacobians(posed, self._mass_joint[own], places)
+        axis = posed.rotations[trunk.joint] @ trunk.axis
+        return np.asarray(lift * np.einsum("p,pij,i->j", self._masses[own], J, axis))
 
     def centres(self, motion: Motion) -> np.ndarray:
         """Centres of mass (T, 3) [m], NaN in frames without a pose."""
@@ -167,11 +195,17 @@ class InverseDynamics:
         return out
 
     def _carry(
-        self, loads: ContactLoads, t: int, posed: PosedBody, support: Support, apart: Disturbance | None
+        self,
+        loads: ContactLoads,
+        t: int,
+        posed: PosedBody,
+        support: Support,
+        ahead: np.ndarray,
+        apart: Disturbance | None,
     ) -> None:
         """Fill what carries the body in frame t, and take its part from the torque, which is that without contact.
-        apart: the disturbance of this frame, (3,) and (2, 2)."""
-        pose, joints = self._pose(posed, Support(*(part[t] for part in support)))
+        ahead (2,): the way it faces. apart: the disturbance of this frame, (3,) and (2, 2)."""
+        pose, joints = self._pose(posed, Support(*(part[t] for part in support)), ahead)
         torque, root = loads.torque[t], posed.placements[ROOT_JOINT]
         R_world_root = root[:9].reshape(3, 3).T
         wanted = R_world_root @ torque[ROOT_PLACE_V]
@@ -195,7 +229,7 @@ class InverseDynamics:
         for hand in range(len(self._hands)):
             loads.hands[t, hand] = pushes[pose.foot == _HAND + hand].sum(axis=0)
 
-    def _pose(self, posed: PosedBody, support: Support) -> tuple[_Pose, np.ndarray]:
+    def _pose(self, posed: PosedBody, support: Support, ahead: np.ndarray) -> tuple[_Pose, np.ndarray]:
         """What carries the body in a pose, by the support in its frame, and the joints (P,) of its points."""
         assert self._soles is not None
         joints, local, foot = self._soles.joint, self._soles.local, self._soles.foot
@@ -208,7 +242,7 @@ class InverseDynamics:
             local = np.vstack([local, self.body.landmark_local[hands]])
             foot = np.concatenate([foot, _HAND + np.arange(len(hands))])
             carries = np.concatenate([carries, support.hands])
-        return _Pose(points_in_world(posed, joints, local), foot, carries, self._centre(posed)), joints
+        return _Pose(points_in_world(posed, joints, local), foot, carries, self._centre(posed), ahead), joints
 
     def _centre(self, posed: PosedBody) -> np.ndarray:
         """The centre of mass (3,) [m]."""
@@ -227,10 +261,11 @@ class InverseDynamics:
         along = np.tile(edges, len(arms))  # (3, n): pushes by each edge of each point's cone
         turning = (_hats(arms) @ edges).transpose(1, 0, 2).reshape(3, -1)
         rows, aims = [along / s.force, turning / s.moment], [wanted / s.force, moment / s.moment]
-        towards = -s.pivot * arms[:, :2] / np.maximum(-arms[:, 2:], _LOW)  # level part of a unit of upward force
-        lean = along[:2] - np.repeat(towards, _SIDES, axis=0).T * along[2]
+        ways = _ways(pose.facing)
+        towards = -s.pivot * (arms[:, :2] @ ways.T) / np.maximum(-arms[:, 2:], _LOW)  # of a unit of upward force
+        lean = ways @ along[:2] - np.repeat(towards, _SIDES, axis=0).T * along[2]
         for k in range(2):
-            rows.append((foot == k) * lean / s.aim)
+            rows.append((foot == k) * lean / s.aim[:, None])
             aims.append(self.weight * sway[k] / s.aim)
         A, b = np.vstack(rows), np.concatenate(aims) / self.weight
         cost = np.square(1.0 / (s.evenness * np.repeat(pose.carries[carrying], _SIDES)))
@@ -249,6 +284,11 @@ def _cone(friction: float) -> np.ndarray:
     """Edges (3, 4) of a pyramid inside the friction cone of level ground, with upward parts of 1."""
     angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     return np.stack([friction * np.cos(angles), friction * np.sin(angles), np.ones(_SIDES)])
+
+
+def _ways(facing: np.ndarray) -> np.ndarray:
+    """Unit vectors in rows (2, 2): along the way a body faces (2,), and to its left."""
+    return np.array([facing, [-facing[1], facing[0]]])
 
 
 def _hats(arms: np.ndarray) -> np.ndarray:

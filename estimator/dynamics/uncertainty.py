@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.dynamics.contact_forces import ContactLoads, Disturbance, InverseDynamics, Support
 from estimator.dynamics.motion import Motion, near_mean
+from humanoid.kinematics.body import Body
 from humanoid.support.settings import CheckedSettings, setting
 
 _WAVES = 24
@@ -40,10 +41,11 @@ class UncertaintySettings(CheckedSettings):
     """What loads are uncertain by.
 
     samples: how many. correlation [s]: how much longer an error of a smoothed pose lasts than those of frames; its
-        covariance is the run's. lost: standard deviation of the force that a motion lacks, as smoothing flattens peaks
-        and flesh moves on its own, over the size of the force that accelerates the centre of mass in that direction;
-        leak: of a level force, over its size in all directions; burst [s]: how long that lasts. strike [s]: standard
-        deviation of when a foot begins and ceases to stand. sway [s]: how long a foot's force stays beside its pivot.
+        covariance is the run's. overconfidence: errors of movements over the deviations that smoothing gives them.
+        lost: standard deviation of the force that a motion lacks, as smoothing flattens peaks and flesh moves on its
+        own, over the size of the force that accelerates the centre of mass in that direction; leak: of a level force,
+        over its size in all directions; burst [s]: how long that lasts. strike [s]: standard deviation of when a foot
+        begins and ceases to stand. sway [s]: how long a foot's force stays beside its pivot.
 
     lost and leak are those of `python -m benchmarks forces --learn`, widened for the long tails of such errors until
     90 % intervals hold about that many.
@@ -51,38 +53,43 @@ class UncertaintySettings(CheckedSettings):
 
     samples: int = setting(16, at_least=2)
     correlation: float = setting(0.15, above=0)
-    lost: float = setting(0.3, at_least=0)
-    leak: float = setting(0.06, at_least=0)
+    overconfidence: float = setting(1.5, at_least=0)
+    lost: float = setting(0.22, at_least=0)
+    leak: float = setting(0.1, at_least=0)
     burst: float = setting(0.06, above=0)
     strike: float = setting(0.02, at_least=0)
     sway: float = setting(0.2, above=0)
+
+
+def poses_off(
+    rng: np.random.Generator, body: Body, time: np.ndarray, q: np.ndarray, covariance: np.ndarray, correlation: float
+) -> np.ndarray:
+    """Poses (T, nq) that are off q (T, nq) by smooth curves with covariances (T, nv, nv) of their tangents and a
+    correlation [s], at times (T,) [s]; those that are not known stay so."""
+    known = np.isfinite(q).all(axis=1)
+    factors = np.linalg.cholesky(np.nan_to_num(covariance[known]) + _JITTER * np.eye(body.nv))
+    noise = smooth_noise(rng, time, body.nv, correlation).value[known]
+    moved = q.copy()
+    moved[known] = body.integrated(q[known], np.einsum("tij,tj->ti", factors, noise))
+    return moved
 
 
 def samples_of(
     rng: np.random.Generator,
     dynamics: InverseDynamics,
     motion: Motion,
-    covariance: np.ndarray,
+    others: Iterable[Motion],
     support: Support | None,
     settings: UncertaintySettings,
-    lasting: float,
 ) -> Iterator[ContactLoads]:
-    """Loads that may be instead: by poses that are off by smooth curves with the covariances (T, nv, nv) of their
-    tangents, by feet that stand sooner and later, and by disturbances. lasting [s]: how long errors of frames last."""
-    body, known = dynamics.body, motion.known
-    factors = np.linalg.cholesky(np.nan_to_num(covariance) + _JITTER * np.eye(body.nv))
+    """Loads that may be instead of those of a motion: of other motions, by feet that stand sooner and later, and by
+    disturbances."""
     std = lacking(accelerating(dynamics, motion, settings.burst), settings)
-    for _ in range(settings.samples):
-        noise = smooth_noise(rng, motion.time, body.nv, settings.correlation + lasting)
-        off, rate, second = (np.einsum("tij,tj->ti", factors, part) for part in noise)
-        q = motion.q.copy()
-        q[known] = body.integrated(motion.q[known], off[known])
-        moved = motion._replace(q=q, v=motion.v + rate, a=motion.a + second)
+    for other in others:
         force = std * smooth_noise(rng, motion.time, 3, settings.burst).value
-        sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).value
-        apart = Disturbance(force, sway.reshape(-1, 2, 2))
+        sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).value.reshape(-1, 2, 2)
         shifted = None if support is None else _shifted(rng, motion.time, support, settings.strike)
-        yield dynamics.loads(moved, shifted, apart)
+        yield dynamics.loads(other, shifted, Disturbance(force, sway))
 
 
 def accelerating(dynamics: InverseDynamics, motion: Motion, span: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from humanoid.support.summary import Facts, Summarised
 
 _AXES = ("x", "y", "z")
 _LEVELS = (0.5, 0.9)
+_OF_FEET = ("force", "force_in_facing", "total")
 
 
 class BodyMass(NamedTuple):
@@ -100,6 +101,10 @@ class Forces(Summarised):
         off = np.where(enough, drawn, 0.0)
         mean = np.nanmean(off, axis=0)
         spread = np.sqrt(np.nanmean(np.square(off - mean), axis=0) * len(drawn) / max(len(drawn) - 1, 1))
+        if quantity in _OF_FEET:  # what the balance lacks may be theirs
+            residual = self.residual[:, None, :3]
+            lacking = np.abs(self.in_facing(residual) if quantity == "force_in_facing" else residual)
+            spread = np.hypot(spread, lacking[:, 0] if quantity == "total" else lacking)
         if quantity != "pressure":
             spread = np.hypot(spread, np.abs(getattr(self, quantity)) * self.mass.std / self.mass.kilograms)
         return np.where(enough, spread, np.nan)

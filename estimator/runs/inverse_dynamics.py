@@ -8,31 +8,30 @@ import pinocchio as pin
 from estimator.data.sequence import Progress
 from estimator.data.standing import HIP_SPAN
 from estimator.dynamics.contact_forces import ContactLoads, ForceSettings, InverseDynamics, Support
-from estimator.dynamics.motion import Motion, motion_of, near_mean
+from estimator.dynamics.motion import Motion, facing
 from estimator.dynamics.soles import SIDES, SolePoints
 from estimator.dynamics.uncertainty import UncertaintySettings, samples_of
 from estimator.energy.priors import up_is_assumed
-from estimator.inference.contacts import HandPoints
+from estimator.inference.contacts import FootPoints, HandPoints
 from estimator.runs.contact import contact_of_run
 from estimator.runs.coordinates import joint_entries
-from estimator.runs.filtering import frame_rate
 from estimator.runs.forces import BodyMass, Forces, ForceSamples
+from estimator.runs.run_motion import motion_of_run, other_motions
 from estimator.runs.run_reader import Run
-from estimator.tracking.smoothing import SmoothSettings
 from humanoid.kinematics.body import ROOT_JOINT, ROOT_V, Body
-from humanoid.shape.segment_masses import forward_of, has_own_masses, height_over_heels, is_person, person_inertias
+from humanoid.shape.segment_masses import has_own_masses, height_over_heels, is_person, person_inertias
 from humanoid.shape.solids import heights_above_soles
 from humanoid.support.errors import InputError
 
 _BY_STATURE = (-105.0, 101.8, 9.3)
 """Body mass by stature: constant [kg], slope [kg/m] and residual standard deviation [kg] of 507 adults (G. Heinz, L.
 Peterson, R. Johnson, C. Kerk, J. Stat. Educ. 11(2), 2003)."""
-_CUTOFF = 12.0  # Hz
-_FACES = 0.25  # s, over which the way a body faces is a mean
 _LEAST, _MOST = 2.0, 500.0  # kg
-_NEAR, _MAYBE = 0.06, 0.01
-"""[m] Points so near to the floor may carry, with this probability at least, where nothing else does: feet that take
+_NEAR, _MAYBE = 0.06, 0.05
+"""[m] Points so near to the ground may carry, with this probability at least, where something has to: feet that take
 off or land move as fast as others that swing."""
+_FALLS = 0.2  # weights that carry somebody, up to which they may be in flight
+_DOUBTED = 0.1  # weights that the balance of the root may lack
 _LOW_HIPS = 0.75  # of their usual height: hips up to there may rest on something
 _STILL, _MOST_OF_IT = 0.02, 0.8  # m: standard deviation of resting hips, which settle; share of a span that is there
 
@@ -57,24 +56,27 @@ def forces_of_run(
     """
     body, weighed = run.body, mass_of(run.body, mass)
     inertias = inertias_of(body, weighed)
-    motion = motion_of(body, run.time, run.q)
+    motion = motion_of_run(run)
     if not motion.known.any():
         raise InputError(run.file, "has no eight poses in a row", remedy="track a longer clip")
-    support, seat = _support(run) if body.has_free_root else (None, None)
+    support, heights, seat = _support(run) if body.has_free_root else (None, None, None)
     palms = None if support is None else HandPoints.of(body)
     dynamics = InverseDynamics(
         body, inertias, settings or ForceSettings(), seat, None if palms is None else palms.landmark
     )
+    if support is not None and heights is not None:
+        support = _with_near(support, heights, dynamics.force_of_acceleration(motion)[:, 2] / dynamics.weight + 1.0)
     chosen = uncertainty or UncertaintySettings()
     at_best = None if support is None else support.blurred(run.time, chosen.strike)
     loads = dynamics.loads(motion, at_best)
     drawn = []
     rng = np.random.default_rng(seed)
-    sampled = samples_of(rng, dynamics, motion, _covariance(run), support, chosen, _lasting(run))
+    sampled = samples_of(rng, dynamics, motion, other_motions(rng, run, chosen), support, chosen)
     for done, sample in enumerate(sampled, 1):
         drawn.append(_quantities(body, motion, sample))
         if progress is not None:
             progress(done, chosen.samples)
+    residual = _residual(body, motion, loads)
     samples = ForceSamples(*(np.array(part, dtype=np.float32) for part in zip(*drawn, strict=True)))
     return Forces(
         time=run.time,
@@ -84,22 +86,11 @@ def forces_of_run(
         names=tuple(body.v_names[body.first_joint_dof :]),
         units=_units(body),
         **_quantities(body, motion, loads)._asdict(),
-        residual=_residual(body, motion, loads),
-        facing=_facing(body, motion),
+        residual=residual,
+        facing=facing(body, motion),
         samples=samples,
-        remark=_remark(run, motion),
+        remark=_remark(run, motion, residual, dynamics.weight),
     )
-
-
-def usual_cutoff(time: np.ndarray) -> float:
-    """Cut-off [Hz] of the filter that poses at times (T,) [s] usually get before forces, 0 for none, where frames are
-    too few.
-
-    The errors of walks, squats and rising by markers are the same from 8 to 20 Hz and without a filter; of a drop jump,
-    whose smoothed trajectory has single accelerations of over a hundred m/s2, the peak is nearest to the plates' at 12
-    (docs/history/measures.md).
-    """
-    return _CUTOFF if len(time) > 1 and frame_rate(time) > 2.0 * _CUTOFF else 0.0
 
 
 def mass_of(body: Body, given: float | None) -> BodyMass:
@@ -132,8 +123,9 @@ def inertias_of(body: Body, mass: BodyMass) -> list[pin.Inertia]:
     return [pin.Inertia(scale * i.mass, i.lever, scale * i.inertia) for i in inertias]
 
 
-def _support(run: Run) -> tuple[Support, np.ndarray | None]:
-    """What may carry a run's body over time, and the place (3,) [m] of a seat in the root's frame."""
+def _support(run: Run) -> tuple[Support, np.ndarray, np.ndarray | None]:
+    """What may carry a run's body over time, how high (T, P) [m] the points of the feet are over the ground, and the
+    place (3,) [m] of a seat in the root's frame."""
     contact = contact_of_run(run, hands=True) if SolePoints.of(run.body) is not None else None
     if contact is None:
         remedy = "forces need a person with feet, such as human34, or a body with a fixed base"
@@ -143,10 +135,24 @@ def _support(run: Run) -> tuple[Support, np.ndarray | None]:
     if not (contact.standing > 0.5).any():
         raise InputError(run.file, "the feet never stand", remedy="check with kinemode contact; forces need contact")
     seat, seated = _seat(run)
-    near = np.nan_to_num(contact.heights, nan=np.inf) < _NEAR
-    standing = np.where(near, np.maximum(contact.standing, _MAYBE), contact.standing)
     hands = np.zeros((len(run.time), 0)) if contact.hands is None else contact.hands
-    return Support(standing, seated, hands), seat
+    return Support(contact.standing, seated, hands), _heights(run, contact.heights), seat
+
+
+def _heights(run: Run, over_floor: np.ndarray) -> np.ndarray:
+    """Heights (T, P) [m] of the points of the feet over the floor or, without one, over the lowest of them."""
+    feet = FootPoints.of(run.body)
+    if feet is None or not np.isnan(over_floor).all():
+        return np.nan_to_num(over_floor, nan=np.inf)
+    heights = run.landmarks[:, feet.landmark, 2] - feet.above[feet.kind]
+    return np.nan_to_num(heights - heights.min(axis=1, keepdims=True), nan=np.inf)
+
+
+def _with_near(support: Support, heights: np.ndarray, needed: np.ndarray) -> Support:
+    """The support in which points near the ground may carry, too, in frames in which something has to. heights (T, P)
+    [m]: see `_heights`. needed (T,): the force that the motion needs, in weights."""
+    near = (heights < _NEAR) & (needed > _FALLS)[:, None]
+    return support._replace(standing=np.where(near, np.maximum(support.standing, _MAYBE), support.standing))
 
 
 def _seat(run: Run) -> tuple[np.ndarray | None, np.ndarray]:
@@ -182,14 +188,6 @@ def _ground(run: Run) -> float:
     return float(np.nanmedian(run.landmarks[:, feet, 2].min(axis=1)))
 
 
-def _covariance(run: Run) -> np.ndarray:
-    """Covariances (T, nv, nv) of the drawn trajectory's poses."""
-    smoothed = run.smoothed
-    if smoothed is None or smoothed.covariance is None:
-        return run.covariance
-    return np.array([smoothed.covariance[t] for t in range(len(run.time))])
-
-
 def _units(body: Body) -> tuple[str, ...]:
     """The units of what drives each degree of freedom but a free root's."""
     units = np.full(body.nv, "N m", dtype="<U3")
@@ -197,12 +195,6 @@ def _units(body: Body) -> tuple[str, ...]:
         if entry.kind == "slide" and not entry.follows:
             units[body.place(entry.name).v] = "N"
     return tuple(str(unit) for unit in units[body.first_joint_dof :])
-
-
-def _lasting(run: Run) -> float:
-    """How long errors of the run's frames last [s], as its smoothing has it."""
-    smooth = run.header.settings.get("smooth", {})
-    return float(smooth.get("lasting", SmoothSettings().lasting))
 
 
 def _quantities(body: Body, motion: Motion, loads: ContactLoads) -> ForceSamples:
@@ -222,26 +214,20 @@ def _residual(body: Body, motion: Motion, loads: ContactLoads) -> np.ndarray:
     return residual
 
 
-def _facing(body: Body, motion: Motion) -> np.ndarray:
-    """Level unit vectors (T, 2) of the way the pelvis faces, over about half a second; NaN of a body without feet."""
-    forward = forward_of(body) if body.has_free_root else None
-    if forward is None:
-        return np.full((len(motion.time), 2), np.nan)
-    known = np.isfinite(motion.q).all(axis=1)
-    level = np.zeros((len(motion.time), 2))
-    R_world_root = body.placed(motion.q[known]).rotations_of(ROOT_JOINT)
-    level[known] = (R_world_root @ forward)[:, :2]
-    mean = near_mean(motion.time, level, _FACES)
-    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9))
-
-
-def _remark(run: Run, motion: Motion) -> str:
+def _remark(run: Run, motion: Motion, residual: np.ndarray, weight: float) -> str:
     """Reasons for doubt."""
     doubts = []
     if up_is_assumed(run.header.cameras):
         doubts.append("gravity is taken along the camera's own upright: 2 degrees off are 3.5 % of the weight sideways")
     if run.smoothed is None and run.filtering is None:
         doubts.append("the run was not smoothed: accelerations are rough; smooth it, or give a cut-off to filter it")
+    lacking = np.linalg.norm(residual[:, :3], axis=1) > _DOUBTED * weight
+    if lacking.any():
+        share = lacking.sum() / np.isfinite(residual[:, 0]).sum()
+        doubts.append(
+            f"in {share:.0%} of the frames the motion needs a tenth of the weight or more that nothing known can carry:"
+            " contact is doubtful there (see kinemode contact), or something else carries"
+        )
     if len(motion.parts) > 1 or not motion.known.all():
         spans = ", ".join(f"{run.time[a]:.2f} to {run.time[b - 1]:.2f} s" for a, b in motion.parts)
         doubts.append(f"forces are given from {spans} alone: they end at gaps")

@@ -165,6 +165,7 @@ _UNCERTAINTY = {
     "covariance": Field("f", ("T", "triangle"), finite=False),
     "mode": Field("i", ("T",)),
     "weight": Field("f", ("T", "K"), finite=False),
+    "draws": Field("f", ("T", "S", "nv"), finite=False),
 }
 _PART = 200  # frames
 _SUM = 1e-6  # by which weights may miss one
@@ -181,6 +182,8 @@ def smoothed_parts(smoothed: Smoothed) -> Iterator[dict[str, np.ndarray]]:
         arrays["covariance"] = _triangles(smoothed.covariance[:])
     if smoothed.mode is not None and smoothed.weight is not None:
         arrays |= {"mode": smoothed.mode.astype(np.int64), "weight": smoothed.weight}
+    if smoothed.draws is not None:
+        arrays["draws"] = smoothed.draws
     yield arrays
     if smoothed.covariance is not None and not short:
         for first in range(0, len(smoothed.covariance), _PART):
@@ -209,7 +212,8 @@ def joined(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
 def smoothed_in(arrays: Mapping[str, np.ndarray], body: Body) -> Smoothed:
     """The smoothed trajectory among checked arrays."""
     covariance = symmetric(arrays["covariance"], body.nv) if "covariance" in arrays else None
-    return Smoothed(arrays["q"], floor_in(arrays), covariance, arrays.get("mode"), arrays.get("weight"))
+    drawn = arrays.get("draws")
+    return Smoothed(arrays["q"], floor_in(arrays), covariance, arrays.get("mode"), arrays.get("weight"), drawn)
 
 
 def floor_in(arrays: Mapping[str, np.ndarray]) -> Ground | None:
@@ -235,7 +239,9 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
         check_configurations(body, q[known], "q")
     _check_floor(arrays, int(foot_parts(foot_landmarks(body.landmark_names)).max(initial=-1)) + 1)
     weight = arrays.get("weight", np.zeros((0, 0)))
+    drawn = arrays.get("draws", np.zeros((0, 0, 0)))
     sizes = {**sizes_of(body), "T": len(q), "K": weight.shape[-1] if weight.ndim else 0}
+    sizes["S"] = drawn.shape[1] if drawn.ndim > 1 else 0
     check_arrays(arrays, those_there(_UNCERTAINTY, arrays), sizes)
     if ("mode" in arrays) != ("weight" in arrays):
         raise DamageError("mode and weight are not both there")
@@ -243,6 +249,8 @@ def check_smoothed(arrays: Mapping[str, np.ndarray], body: Body) -> None:
         there, (rows, columns) = arrays["covariance"][known], triangle_of(body.nv)
         if not (np.abs(there) < LARGEST).all() or (there[:, rows == columns] < 0.0).any():
             raise DamageError("covariance has invalid numbers")
+    if "draws" in arrays and not (np.abs(drawn[known]) < LARGEST).all():
+        raise DamageError("draws has invalid numbers")
     if "weight" in arrays:
         _check_weight(arrays["mode"][known], weight[known])
 

@@ -349,7 +349,8 @@ def _forces(
     progress: Callable[[int, int], None] | None = None,
 ) -> Forces:
     """Forces of a run, with a warning where they are doubtful; cutoff [Hz]: None for the usual one."""
-    from estimator.runs.inverse_dynamics import forces_of_run, usual_cutoff
+    from estimator.runs.inverse_dynamics import forces_of_run
+    from estimator.runs.run_motion import usual_cutoff
     from kinemode.findings import upright_note
 
     if tilted := upright_note(run):

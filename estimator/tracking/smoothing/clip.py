@@ -35,7 +35,7 @@ from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold, reading_weights
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
-from estimator.tracking.smoothing.smoothed import Smoothed, smooth
+from estimator.tracking.smoothing.smoothed import Smoothed, drawn_movements, smooth
 from estimator.tracking.smoothing.stances import SUNK, Stances
 from estimator.tracking.smoothing.ties import Ties
 from estimator.vision.cues.learned import with_learned
@@ -213,12 +213,18 @@ class _Track:
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
         whole = MadeList(len(end.costs), lambda t: by_whole_error(without_filtered_modes(end.costs[t])))
         covariance = self._each(told.covariances(whole, end.before.ties, q[self.some]), len(q))
+        own = drawn_movements(
+            self._search.body, whole, end.before.ties, self._times, q[self.some], motion, self._settings
+        )
+        draws = None if own is None else np.full((len(q), *own.shape[1:]), np.nan, dtype=own.dtype)
+        if draws is not None:
+            draws[self.some] = own
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
         weights = told.weights(self._modes(), self._energies, self._plain)
         for t, *frame in zip(self.some, self._readings, self._energies, weights, strict=True):
             weight[t, : len(frame[0])] = reading_weights(*frame)
-        return Smoothed(q, end.floor, covariance, mode, weight)
+        return Smoothed(q, end.floor, covariance, mode, weight, draws)
 
     def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
         """Covariances of all frames, NaN for one without hypotheses; None where they are not determined."""

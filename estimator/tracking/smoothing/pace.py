@@ -11,7 +11,7 @@ from estimator.inference.motion import MotionPrior
 from estimator.tracking.smoothing.chain import FrameChain, windows
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
-from humanoid.kinematics.body import SHORTEST_STEP, Body
+from humanoid.kinematics.body import ROOT_PLACE_V, SHORTEST_STEP, Body
 
 _DRAWN = 24  # random movements, whose spread shows how much of an acceleration the frames determine
 _SEED = 0
@@ -19,7 +19,7 @@ _FEWEST = 4  # frames
 _LEAST_TOLD = 0.02
 _SLOWEST, _QUICKEST = 0.3, 5.0
 _FAR = 3.0  # standard deviations: frames farther away do not count
-_TRUNK, _LEGS, _ARMS = range(3)
+_TRUNK, _LEGS, _ARMS, _HEIGHT = range(4)
 _LEG = ("knee", "ankle", "heel", "toe")
 
 
@@ -33,7 +33,8 @@ def pace_of(
     *,
     ties: Sequence[Ties] | None = None,
 ) -> np.ndarray:
-    """The pace (T, nv) that explains a smoothed trajectory q (T, nq) best, of trunk, legs and arms each.
+    """The pace (T, nv) that explains a smoothed trajectory q (T, nq) best, of trunk, legs, arms and the root's height
+    each.
 
     The accelerations' variance is common to a limb's joints and to the frames within `pace_span`, and is inverse gamma
     beforehand with `pace_count` as many degrees of freedom. Smoothing shrinks accelerations, the more the less the
@@ -95,10 +96,13 @@ def _shared(
 
 def limbs_of(body: Body) -> np.ndarray:
     """Which limb each degree of freedom (nv,) belongs to: what moves landmarks of one side alone is of the legs or the
-    arms, the rest of the trunk."""
+    arms, the rest of the trunk; but how a root slides along its z is a limb of its own, as people who hardly turn
+    their trunks rise and fall with every step."""
     limbs = np.full(body.nv, _TRUNK)
     for d in range(body.nv):
         moved = [n for n, j in zip(body.landmark_names, body.landmark_joint, strict=True) if body.column_support[j, d]]
         if moved and any(all(name.startswith(side) for name in moved) for side in ("left_", "right_")):
             limbs[d] = _LEGS if any(name.endswith(_LEG) for name in moved) else _ARMS
+    if body.has_free_root:
+        limbs[ROOT_PLACE_V][-1:] = _HEIGHT
     return limbs
