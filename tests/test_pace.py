@@ -12,8 +12,8 @@ from estimator.inference.motion import MotionPrior
 from estimator.search.cost_model import CostModel
 from estimator.tracking.smoothing import SmoothSettings, smooth
 from estimator.tracking.smoothing.chain import REACH, FrameChain
+from estimator.tracking.smoothing.clip import TrajectoryUncertainty
 from estimator.tracking.smoothing.pace import limbs_of, pace_of
-from estimator.tracking.smoothing.smoothed import drawn_movements
 from humanoid.kinematics.body import Body
 
 FPS, NOISE = 30.0, 0.06
@@ -103,17 +103,18 @@ def test_what_is_drawn_has_the_covariance_of_the_hessian() -> None:
 
 
 def test_movements_that_are_drawn_window_by_window_scatter_as_those_of_one_window() -> None:
-    """In positions, and in their second differences across the seams."""
-    body = body_of("arm8")
-    times = np.arange(240) / FPS
-    q = np.tile(body.neutral, (240, 1))
+    """In positions, and in their second differences across the seams; the last window is a short one."""
+    body, count = body_of("arm8"), 250
+    times = np.arange(count) / FPS
+    q = np.tile(body.neutral, (count, 1))
     costs = [Cost(body, [Transition(body, x, np.full(body.nv, 0.1))]) for x in q]
     scatters = []
-    for window in (60, 240):
-        settings = SmoothSettings(window=window)
-        moved = drawn_movements(body, costs, [()] * 240, times, q, prior(body, 240), settings)
-        assert moved is not None
-        scatters.append([moved[30:210].std(), np.diff(moved, n=2, axis=0)[30:210].std()])
+    for window in (80, count):
+        told = TrajectoryUncertainty(Cost(body, []), times, prior(body, count), SmoothSettings(window=window))
+        moved = np.zeros((count, 16, body.nv), dtype=np.float32)
+        assert sum(len(part) for _, part in told.windows(costs, [()] * count, q, moved)) == count
+        seams = moved[50:110], moved[130:190], moved[210:245]
+        scatters.append([f(np.concatenate(seams)) for f in (np.std, lambda x: np.diff(x[:60], n=2, axis=0).std())])
     np.testing.assert_allclose(scatters[0], scatters[1], rtol=0.1)
 
 

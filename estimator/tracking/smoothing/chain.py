@@ -92,20 +92,23 @@ class FrameChain:
         newton = NewtonSettings(iterations, DAMPING, enough=self._tolerance)
         return minimise(_Poses(self, held), self._model(q), newton).model.q
 
-    def covariances(self, q: np.ndarray, lasting: float, prior: np.ndarray | None = None) -> np.ndarray:
+    def covariances(
+        self, q: np.ndarray, lasting: float, prior: np.ndarray | None = None, frames: ChainModel | None = None
+    ) -> np.ndarray:
         """Covariances (T, nv, nv) of poses q (T, nq), each given all frames, in its own tangent space: of the energy's
         Gauss-Newton Hessian, zero where a pose leans on a limit.
 
         lasting [s]: correlation time of a frame's evidence and of its errors. Frames nearer than that count as much
         less as they are nearer, as movements do by the prior's correlation. 0: each counts in full. prior (T, nv, nv):
         the part of each frame's Hessian that does not depend on observations. Successive poses are nearly the same and
-        it must count once: it is added to each pose alone, beside the others' likelihood.
+        it must count once: it is added to each pose alone, beside the others' likelihood. frames: what `of_frames` has
+        at q, where that is known; it is used up.
 
         Raises
         ------
         numpy.linalg.LinAlgError: a pose is not constrained.
         """
-        model = self._frames(q)
+        model = self.of_frames(q) if frames is None else frames
         share = frame_shares(self._dt, lasting)
         moving, blocks = np.zeros_like(model.gradient), model.blocks
         if prior is not None:
@@ -120,15 +123,21 @@ class FrameChain:
             told = np.linalg.solve(np.eye(self._body.nv) + told @ (prior * both), told)
         return 0.5 * (told + told.transpose(0, 2, 1))
 
-    def draw(self, q: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    def draw(self, q: np.ndarray, count: int, rng: np.random.Generator, frames: ChainModel | None = None) -> np.ndarray:
         """Movements (T, nv, count) away from q (T, nq), drawn from the normal density that has the energy's
-        Gauss-Newton Hessian there; none of variables that a limit stops.
+        Gauss-Newton Hessian there; none of variables that a limit stops. frames: what `of_frames` has at q, where that
+        is known.
 
         Raises
         ------
         numpy.linalg.LinAlgError: it is not positive definite.
         """
-        model = self._model(q)
+        model = (
+            self.of_frames(q)
+            if frames is None
+            else frames._replace(gradient=frames.gradient.copy(), blocks=frames.blocks.copy())
+        )
+        self._motion.add(q, model.gradient, model.blocks)
         free = free_mask(self._body, q, model.gradient)
         bands = _banded(model.blocks, free, added=_LEAST)
         del model
@@ -137,7 +146,7 @@ class FrameChain:
         return np.asarray(moved).reshape(*free.shape, count) * free[:, :, None]
 
     def _model(self, q: np.ndarray, exact: bool = False) -> ChainModel:
-        value, _, gradient, blocks = self._frames(q, exact)[:4]
+        value, _, gradient, blocks = self.of_frames(q, exact)[:4]
         value += self._motion.add(q, gradient, blocks, exact)
         return ChainModel(value, q, gradient, blocks, exact)
 
@@ -145,7 +154,7 @@ class FrameChain:
         """The Gauss-Newton model where an exact one is."""
         return self._model(model.q)
 
-    def _frames(self, q: np.ndarray, exact: bool = False) -> ChainModel:
+    def of_frames(self, q: np.ndarray, exact: bool = False) -> ChainModel:
         """The model of the frames and their ties, without the motion prior."""
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((1 + REACH, count, nv, nv))

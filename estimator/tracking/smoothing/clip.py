@@ -35,7 +35,7 @@ from estimator.tracking.smoothing.pace import pace_of
 from estimator.tracking.smoothing.readings import bridged, reading_bars, reading_hold, reading_weights
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
-from estimator.tracking.smoothing.smoothed import Smoothed, drawn_movements, smooth
+from estimator.tracking.smoothing.smoothed import Smoothed, smooth
 from estimator.tracking.smoothing.stances import SUNK, Stances
 from estimator.tracking.smoothing.ties import Ties
 from estimator.vision.cues.learned import with_learned
@@ -50,6 +50,7 @@ _SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 _MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
 _MARGIN = 30  # frames beyond some by which these are computed
+DRAWN, _SEED = 16, 0
 
 
 def smooth_track(
@@ -212,13 +213,7 @@ class _Track:
         prior, motion = self._search.model.cost(None), end.before.motion
         told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
         whole = MadeList(len(end.costs), lambda t: by_whole_error(without_filtered_modes(end.costs[t])))
-        covariance = self._each(told.covariances(whole, end.before.ties, q[self.some]), len(q))
-        own = drawn_movements(
-            self._search.body, whole, end.before.ties, self._times, q[self.some], motion, self._settings
-        )
-        draws = None if own is None else np.full((len(q), *own.shape[1:]), np.nan, dtype=own.dtype)
-        if draws is not None:
-            draws[self.some] = own
+        covariance, draws = self._uncertain(told, whole, end.before.ties, q)
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
         weights = told.weights(self._modes(), self._energies, self._plain)
@@ -226,16 +221,29 @@ class _Track:
             weight[t, : len(frame[0])] = reading_weights(*frame)
         return Smoothed(q, end.floor, covariance, mode, weight, draws)
 
-    def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
-        """Covariances of all frames, NaN for one without hypotheses; None where they are not determined."""
+    def _uncertain(
+        self, told: TrajectoryUncertainty, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray
+    ) -> tuple[SpilledList[np.ndarray] | None, np.ndarray | None]:
+        """Covariances and draws of the poses q (T, nq) of all frames, NaN for one without hypotheses; None where they
+        are not determined."""
         every: SpilledList[np.ndarray] = Spill(self._settings.window).list()
-        nothing, some = np.full((self._search.body.nv, self._search.body.nv), np.nan), set(self.some)
+        nv = self._search.body.nv
+        draws = np.full((len(q), DRAWN, nv), np.nan, dtype=np.float32)
+        moved = np.zeros((len(self.some), DRAWN, nv), dtype=np.float32)
+        nothing, after = np.full((nv, nv), np.nan), 0  # the frame that comes next
         try:
-            for t in range(count):
-                every.append(next(covariances).copy() if t in some else nothing)
+            for first, covariances in told.windows(costs, ties, q[self.some], moved):
+                for t, covariance in zip(self.some[first:], covariances, strict=False):
+                    for _ in range(after, t):
+                        every.append(nothing)
+                    every.append(covariance.copy())
+                    after = t + 1
         except np.linalg.LinAlgError:
-            return None
-        return every
+            return None, None
+        for _ in range(after, len(q)):
+            every.append(nothing)
+        draws[self.some] = moved
+        return every, draws
 
     def _modes(self) -> MadeList[np.ndarray]:
         """Modes (K, nq) of each frame."""
@@ -343,15 +351,21 @@ class TrajectoryUncertainty:
         self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
         self._motion = motion
 
-    def covariances(self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray) -> Iterator[np.ndarray]:
-        """(nv, nv) of each of the poses q (T, nq), see `FrameChain.covariances`. costs (T): energy of each frame. ties
-        (T): of each frame to the one before.
+    def windows(
+        self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray, moved: np.ndarray
+    ) -> Iterator[tuple[int, np.ndarray]]:
+        """Of each window of the poses q (T, nq), the first frame and covariances (n, nv, nv), see
+        `FrameChain.covariances`. costs (T): energy of each frame. ties (T): of each frame to the one before.
+
+        moved (T, S, nv), zeros: filled with movements away from q, draws from the normal density that the energy has
+        there, whose velocities and accelerations are as uncertain as the trajectory's. Where windows meet, two
+        independent draws are added by weights whose squares add up to one, so that their covariance is kept.
 
         Raises
         ------
         numpy.linalg.LinAlgError: a pose is not constrained.
         """
-        window, count = self._settings.window, len(q)
+        window, count, rng = self._settings.window, len(q), np.random.default_rng(_SEED)
         for first in range(0, count, window):
             last = min(count, first + window)
             low, high = max(0, first - _MARGIN), min(count, last + _MARGIN)
@@ -359,8 +373,12 @@ class TrajectoryUncertainty:
                 self._body, costs[low:high], self._times[low:high], self._motion.frames(low, high),
                 self._settings.tolerance, ties[low + 1 : high],
             )  # fmt: skip
+            frames = chain.of_frames(q[low:high])
+            own = chain.draw(q[low:high], moved.shape[1], rng, frames).transpose(0, 2, 1)
+            moved[low:high] += _faded(np.arange(low, high), first, last, window, count)[:, None, None] * own
             prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
-            yield from chain.covariances(q[low:high], self._settings.lasting, prior)[first - low : last - low]
+            covariances = chain.covariances(q[low:high], self._settings.lasting, prior, frames)
+            yield first, covariances[first - low : last - low]
 
     def weights(
         self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray], between: MotionPrior
@@ -371,3 +389,16 @@ class TrajectoryUncertainty:
         counted = [share * energy for share, energy in zip(shares, energies, strict=True)]
         between = between._replace(correlation=max(between.correlation, _MOVEMENT))
         return path_weights(self._body, q, counted, self._times, between)
+
+
+def _faded(frames: np.ndarray, first: int, last: int, window: int, count: int) -> np.ndarray:
+    """Weights of a window's draws in frames (n,) of `count`: 1 within the window, 0 far from it. About its ends they
+    rise and fall so that the squares of both windows' add up to one."""
+    half = min(_MARGIN, window // 2)
+    weight = ((frames >= first - half) & (frames < last + half)).astype(float)
+    for end, turned in ((first, np.sin), (last, np.cos)):
+        if 0 < end < count and half:
+            ramp = np.arange(end - half, min(end + half, count))
+            own = np.isin(frames, ramp)
+            weight[own] *= turned(0.5 * np.pi * (frames[own] - ramp[0] + 0.5) / len(ramp))
+    return weight

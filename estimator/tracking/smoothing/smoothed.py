@@ -20,15 +20,13 @@ from humanoid.support.spilled import SpilledList
 Matrices = np.ndarray | SpilledList[np.ndarray]
 """(T) of (nv, nv): an array, or those of a long clip, which are read on access."""
 
-_DRAWN, _SEED = 16, 0
-
 
 class Smoothed(NamedTuple):
     """q (T, nq): the trajectory, NaN where a frame has no hypothesis. floor: the one that it is above, given or found;
     None without one. covariance (T) of (nv, nv): of each pose given all frames, in the tangent space at it, NaN without
     one; None where it was not determined. mode (T,): which mode of each frame the trajectory goes through, -1 without
     one. weight (T, K): of the modes of each frame given all frames, NaN where there are fewer. draws (T, S, nv):
-    movements to trajectories that may be instead (`drawn_movements`), NaN without a pose; None where they are not
+    movements to trajectories that may be instead (`TrajectoryUncertainty`), NaN without a pose; None where they are not
     determined."""
 
     q: np.ndarray
@@ -73,39 +71,3 @@ def smooth(
         if progress is not None:
             progress(last, len(q))
     return q
-
-
-def drawn_movements(
-    body: Body,
-    costs: Sequence[Cost],
-    ties: Sequence[Ties],
-    times: np.ndarray,
-    q: np.ndarray,
-    motion: MotionPrior,
-    settings: SmoothSettings,
-) -> np.ndarray | None:
-    """Movements (T, S, nv) away from poses q (T, nq), in single precision: draws from the normal density that the
-    energy has there, whose velocities and accelerations are as uncertain as the trajectory's. None where it is not
-    determined.
-
-    costs (T), times (T,) [s], ties (T): see `smooth`. They are drawn window by window. Where windows overlap, two
-    independent draws are added by weights whose squares add up to one, so that their covariance is kept.
-    """
-    rng = np.random.default_rng(_SEED)
-    moved = np.zeros((len(q), _DRAWN, body.nv), dtype=np.float32)
-    covered = 0
-    for first, last, low, high in windows(len(q), settings.window):
-        chain = FrameChain(
-            body, costs[low:high], times[low:high], motion.frames(low, high), settings.tolerance, ties[low + 1 : high]
-        )
-        try:
-            own = chain.draw(q[low:high], _DRAWN, rng)[first - low : last - low].transpose(0, 2, 1)
-        except np.linalg.LinAlgError:
-            return None
-        both = max(0, covered - first)
-        angle = 0.5 * np.pi * (np.arange(both) + 0.5)[:, None, None] / max(both, 1)
-        moved[first:covered] *= np.cos(angle)
-        moved[first:covered] += np.sin(angle) * own[:both]
-        moved[first + both : last] = own[both:]
-        covered = last
-    return moved
