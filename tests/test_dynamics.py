@@ -177,11 +177,11 @@ def test_a_seat_carries_what_the_feet_cannot() -> None:
     assert np.abs(alone.torque[5, :6]).max() > np.abs(seated.torque[5, :6]).max()
 
 
-def balanced() -> np.ndarray:
-    """A pose whose centre of mass is over the middle of the left sole."""
+def balanced(feet: tuple[int, ...]) -> np.ndarray:
+    """A pose whose centre of mass is over the middle of these soles."""
     soles, d = SolePoints.of(BODY), dynamics()
     assert soles is not None
-    own = soles.foot == 0
+    own = np.isin(soles.foot, feet)
 
     def posed(turns: np.ndarray) -> np.ndarray:
         q = leaning(0.0)
@@ -218,25 +218,25 @@ class Simulated(NamedTuple):
     torque: np.ndarray
 
 
-def simulated(seconds: float) -> Simulated:
-    """A person on the left foot, moved by torques that change, by forward dynamics with the sole's points held."""
+def simulated(seconds: float, feet: tuple[int, ...]) -> Simulated:
+    """A person on these feet, moved by torques that change, by forward dynamics with points of the soles held."""
     model, soles = pin.Model(BODY.model), SolePoints.of(BODY)
     assert soles is not None
     for j, inertia in enumerate(person_inertias(BODY, MASS)):
         model.inertias[j] = inertia
-    data, q, v = model.createData(), balanced(), np.zeros(BODY.nv)
-    own = np.flatnonzero(soles.foot == 0)[:3]
-    resting = dynamics().loads(still(q), standing(LEFT)).torque[5]
+    data, q, v = model.createData(), balanced(feet), np.zeros(BODY.nv)
+    own = np.concatenate([np.flatnonzero(soles.foot == foot)[:3] for foot in feet])
+    resting = dynamics().loads(still(q), standing(LEFT if feet == (0,) else LEFT + RIGHT)).torque[5]
     rng, dt, rows = np.random.default_rng(1), 5e-4, []
     swing = np.r_[np.zeros(6), rng.uniform(-8.0, 8.0, BODY.nv - 6)]
     for k in range(int(seconds / dt)):
         tau = np.r_[np.zeros(6), resting[6:]] + swing * np.sin(9.0 * k * dt) - 4.0 * np.r_[np.zeros(6), v[6:]]
         posed = BODY.at(q)
         points = points_in_world(posed, soles.joint[own], soles.local[own])
-        J = BODY.point_jacobians(posed, soles.joint[own], points).reshape(9, -1)
+        J = BODY.point_jacobians(posed, soles.joint[own], points).reshape(3 * len(own), -1)
         after = BODY.point_jacobians(BODY.at(pin.integrate(model, q, 1e-6 * v)), soles.joint[own], points)
-        a = pin.forwardDynamics(model, data, q, v, tau, J, (after.reshape(9, -1) - J) @ v / 1e-6, 1e-12)
-        rows.append((q.copy(), data.lambda_c.reshape(3, 3).sum(axis=0), tau))
+        a = pin.forwardDynamics(model, data, q, v, tau, J, (after.reshape(len(J), -1) - J) @ v / 1e-6, 1e-9)
+        rows.append((q.copy(), data.lambda_c.reshape(-1, 3).sum(axis=0), tau))
         q = pin.integrate(model, q, dt * (v + 0.5 * dt * a))
         v = v + dt * a
     q_of, force, torque = (np.array(part)[::8] for part in zip(*rows, strict=True))
@@ -245,7 +245,7 @@ def simulated(seconds: float) -> Simulated:
 
 def test_forces_and_moments_of_forward_dynamics_are_recovered() -> None:
     """In single support to 0.5 % of the weight and 1 N m."""
-    truth = simulated(0.19)
+    truth = simulated(0.19, (0,))
     motion, count = motion_of(BODY, truth.time, truth.q), len(truth.time)
     loads = dynamics().loads(motion, standing(LEFT, count))
     inner = slice(8, -8)
@@ -253,6 +253,16 @@ def test_forces_and_moments_of_forward_dynamics_are_recovered() -> None:
     np.testing.assert_allclose(loads.force[inner, 0], truth.force[inner], atol=5e-3 * WEIGHT)
     np.testing.assert_allclose(loads.torque[inner, 6:], truth.torque[inner, 6:], atol=1.0)
     np.testing.assert_allclose(loads.force[inner, 1], 0.0, atol=1e-9)
+
+
+def test_with_both_feet_on_the_ground_their_sum_is_recovered() -> None:
+    """To 0.5 % of the weight."""
+    truth = simulated(0.19, (0, 1))
+    motion, count = motion_of(BODY, truth.time, truth.q), len(truth.time)
+    loads, inner = dynamics().loads(motion, standing(LEFT + RIGHT, count)), slice(8, -8)
+    assert np.ptp(truth.force[inner, 2]) > 0.02 * WEIGHT
+    np.testing.assert_allclose(loads.force[inner].sum(axis=1), truth.force[inner], atol=5e-3 * WEIGHT)
+    assert (loads.force[inner, :, 2] > 0.2 * WEIGHT).all()
 
 
 def test_noise_has_its_variance_and_its_own_derivatives() -> None:

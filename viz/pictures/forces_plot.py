@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 _WIDTH, _ROW = 9.0, 1.9  # inches
+_LETTERS = 100  # in a line of the title
 _AXES = ("forwards", "to the left", "upwards")
 _ORDER = (2, 0, 1)
 _SHADE = 0.2
@@ -58,8 +60,8 @@ def forces_drawing(forces: Forces) -> Drawing:
         for side, j in places:
             _curve(row, forces.time, per_kilogram[0][:, j], per_kilogram[1][:, :, j], side)
         row.set_ylabel(f"{joint.replace('_', ' ')}\n[{forces.units[places[0][1]]}/kg]")
-    doubt = f"\n{forces.remark}" if forces.remark else ""
-    rows[0].set_title(f"{forces.mass.kilograms:.0f} kg, {forces.mass.source}; shaded: 90 %{doubt}")
+    doubts = textwrap.wrap(forces.remark, _LETTERS)
+    rows[0].set_title("\n".join([f"{forces.mass.kilograms:.0f} kg, {forces.mass.source}; shaded: 90 %", *doubts]))
     rows[-1].set_xlabel("time [s]")
     return drawing
 

@@ -211,18 +211,18 @@ class _Track:
     def smoothed(self, end: _Held, q: np.ndarray) -> Smoothed:
         """Poses q (T, nq) of all frames, at which a trajectory ended, and their uncertainty."""
         prior, motion = self._search.model.cost(None), end.before.motion
-        told = TrajectoryUncertainty(prior, self._times, motion, self._settings)
+        uncertainty = TrajectoryUncertainty(prior, self._times, motion, self._settings)
         whole = MadeList(len(end.costs), lambda t: by_whole_error(without_filtered_modes(end.costs[t])))
-        covariance, draws = self._uncertain(told, whole, end.before.ties, q)
+        covariance, draws = self._uncertain(uncertainty, whole, end.before.ties, q)
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
-        weights = told.weights(self._modes(), self._energies, self._plain)
+        weights = uncertainty.weights(self._modes(), self._energies, self._plain)
         for t, *frame in zip(self.some, self._readings, self._energies, weights, strict=True):
             weight[t, : len(frame[0])] = reading_weights(*frame)
         return Smoothed(q, end.floor, covariance, mode, weight, draws)
 
     def _uncertain(
-        self, told: TrajectoryUncertainty, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray
+        self, uncertainty: TrajectoryUncertainty, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray
     ) -> tuple[SpilledList[np.ndarray] | None, np.ndarray | None]:
         """Covariances and draws of the poses q (T, nq) of all frames, NaN for one without hypotheses; None where they
         are not determined."""
@@ -232,7 +232,7 @@ class _Track:
         moved = np.zeros((len(self.some), DRAWN, nv), dtype=np.float32)
         nothing, after = np.full((nv, nv), np.nan), 0  # the frame that comes next
         try:
-            for first, covariances in told.windows(costs, ties, q[self.some], moved):
+            for first, covariances in uncertainty.windows(costs, ties, q[self.some], moved):
                 for t, covariance in zip(self.some[first:], covariances, strict=False):
                     for _ in range(after, t):
                         every.append(nothing)
