@@ -1,4 +1,4 @@
-"""Forces of captured people from rendered keypoints of one camera, against those of their true motion.
+"""Forces of captured people from rendered keypoints, against those of their true motion.
 
     python -m benchmarks captured_forces
 
@@ -27,7 +27,7 @@ from estimator.runs.filtering import filtered
 from estimator.runs.inverse_dynamics import forces_of_run, inertias_of, mass_of
 from estimator.runs.run_motion import usual_cutoff
 from estimator.synthesis.mocap import load_mocap
-from estimator.synthesis.settings import DetectorSettings
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -41,18 +41,19 @@ _TRUE_CUTOFF = 6.0  # Hz: above it captured motion has noise
 _EDGE = 5  # frames at either end
 _NINETY = float(ndtri(0.95))
 LEGEND = (
-    "sum of the forces on the feet, one camera, % of the weight: mean absolute error, that of nothing but the weight"
+    "sum of the forces on the feet, % of the weight: mean absolute error, that of nothing but the weight"
     " (none), and share of the true forces in the 90 % bands; along and across the way the pelvis faces"
 )
 
 
 @dataclass(frozen=True)
 class Task:
-    """A captured motion, of which so many seconds are rendered with a seed of the detector's errors. settings: changes
-    to those of the tracker."""
+    """A captured motion, of which so many seconds are rendered before so many cameras with a seed of the detector's
+    errors. settings: changes to those of the tracker."""
 
     motion: Path
     seconds: float
+    cameras: int
     seed: int
     folder: Path
     settings: dict[str, Any]
@@ -73,13 +74,14 @@ def main(
     data: Data = None,
     each: int = 2,
     seconds: float = 4.0,
+    cameras: int = 1,
     seed: int = 0,
     changes: Changes = (),
     jobs: int = 1,
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Track captured people from keypoints of one camera, and compare the sum of their forces with the true one.
+    """Track captured people from keypoints, and compare the sum of their forces with the true one.
 
     Parameters
     ----------
@@ -87,6 +89,8 @@ def main(
         Clips of each person.
     seconds
         Only so much of each.
+    cameras
+        Before how many.
     seed
         Of the detector's errors.
     changes
@@ -99,7 +103,7 @@ def main(
         print(NO_CAPTURED_FILES)
         return
     with work_folder(work) as folder:
-        tasks = [Task(file, seconds, seed, folder / file.stem, nested(changes)) for file in files]
+        tasks = [Task(file, seconds, cameras, seed, folder / file.stem, nested(changes)) for file in files]
         outcomes = in_processes(agreement_or_reason, tasks, jobs)
     by_clip = {file.stem: a for file, a in zip(files, outcomes, strict=True) if isinstance(a, Agreement)}
     show(by_clip)
@@ -107,14 +111,14 @@ def main(
     for name, why in refused.items():
         print(f"{name}: {why}")
     figures: dict[str, Any] = {name: vars(a) for name, a in by_clip.items()}
-    save(json, {"measure": "captured_forces", "seed": seed, "clips": figures, "refused": refused})
+    save(json, {"measure": "captured_forces", "cameras": cameras, "seed": seed, "clips": figures, "refused": refused})
 
 
 def agreement_or_reason(task: Task) -> Agreement | str:
     """How well forces agree, or why there are none, as of who never stands."""
     clip = km.render(
         task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
-        seconds=min(task.seconds, load_mocap(task.motion).seconds),
+        view=ViewSettings(count=task.cameras), seconds=min(task.seconds, load_mocap(task.motion).seconds),
     )  # fmt: skip
     try:
         agreement = measured(clip, task.folder / "clip.run", task.settings)
@@ -151,7 +155,7 @@ def measured(clip: RenderedClip, out: Path, settings: dict[str, Any]) -> Agreeme
 
 def show(by_clip: dict[str, Agreement]) -> None:
     """Print the agreement of each clip, and the means."""
-    table = report.table("captured people, one camera", "clip", "error", "none", "in 90 %")
+    table = report.table("captured people", "clip", "error", "none", "in 90 %")
     rows = np.array([[a.error, a.size, a.held] for a in by_clip.values()])
     for name, (error, size, held) in zip([*by_clip, "mean"], [*rows, rows.mean(axis=0)], strict=True):
         shares = " ".join(f"{100 * x:.0f}" for x in held)
