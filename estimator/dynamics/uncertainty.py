@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,23 +16,12 @@ _WAVES = 24
 _JITTER = 1e-12
 
 
-class SmoothNoise(NamedTuple):
-    """A random curve of N values over time with unit variance, and its first and second derivatives, (T, N)."""
-
-    value: np.ndarray
-    rate: np.ndarray
-    second: np.ndarray
-
-
-def smooth_noise(rng: np.random.Generator, time: np.ndarray, count: int, correlation: float) -> SmoothNoise:
-    """Curves with a correlation of exp(-1/2 (dt / correlation)^2), at times (T,) [s], as sums of waves (A. Rahimi,
-    B. Recht, Random features for large-scale kernel machines, NIPS 2007)."""
+def smooth_noise(rng: np.random.Generator, time: np.ndarray, count: int, correlation: float) -> np.ndarray:
+    """Random curves (T, count) of unit variance with a correlation of exp(-1/2 (dt / correlation)^2), at times (T,)
+    [s], as sums of waves (A. Rahimi, B. Recht, Random features for large-scale kernel machines, NIPS 2007)."""
     frequency = rng.normal(size=(count, _WAVES)) / correlation
     phase = rng.uniform(0.0, 2.0 * np.pi, (count, _WAVES))
-    angle = time[:, None, None] * frequency + phase
-    scale = np.sqrt(2.0 / _WAVES)
-    value, slope = scale * np.cos(angle), -scale * np.sin(angle)
-    return SmoothNoise(value.sum(axis=2), (slope * frequency).sum(axis=2), -(value * np.square(frequency)).sum(axis=2))
+    return np.asarray(np.sqrt(2.0 / _WAVES) * np.cos(time[:, None, None] * frequency + phase).sum(axis=2))
 
 
 @dataclass(frozen=True)
@@ -41,11 +29,12 @@ class UncertaintySettings(CheckedSettings):
     """What loads are uncertain by.
 
     samples: how many. correlation [s]: how much longer an error of a smoothed pose lasts than those of frames; its
-        covariance is the run's. overconfidence: errors of movements over the deviations that smoothing gives them.
-        lost: standard deviation of the force that a motion lacks, as smoothing flattens peaks and flesh moves on its
-        own, over the size of the force that accelerates the centre of mass in that direction; leak: of a level force,
-        over its size in all directions; burst [s]: how long that lasts. strike [s]: standard deviation of when a foot
-        begins and ceases to stand. sway [s]: how long a foot's force stays beside its pivot.
+        covariance is the run's. overconfidence: errors of movements by keypoints and pictures over the deviations that
+        smoothing gives them, by `python -m benchmarks captured_forces`. lost: standard deviation of the force that a
+        motion lacks, as smoothing flattens peaks and flesh moves on its own, over the size of the force that
+        accelerates the centre of mass in that direction; leak: of a level force, over its size in all directions; burst
+        [s]: how long that lasts. strike [s]: standard deviation of when a foot begins and ceases to stand. sway [s]:
+        how long a foot's force stays beside its pivot.
 
     lost and leak are those of `python -m benchmarks forces --learn`, widened for the long tails of such errors until
     90 % intervals hold about that many.
@@ -68,7 +57,7 @@ def poses_off(
     correlation [s], at times (T,) [s]; those that are not known stay so."""
     known = np.isfinite(q).all(axis=1)
     factors = np.linalg.cholesky(np.nan_to_num(covariance[known]) + _JITTER * np.eye(body.nv))
-    noise = smooth_noise(rng, time, body.nv, correlation).value[known]
+    noise = smooth_noise(rng, time, body.nv, correlation)[known]
     moved = q.copy()
     moved[known] = body.integrated(q[known], np.einsum("tij,tj->ti", factors, noise))
     return moved
@@ -86,8 +75,8 @@ def samples_of(
     disturbances."""
     std = lacking(accelerating(dynamics, motion, settings.burst), settings)
     for other in others:
-        force = std * smooth_noise(rng, motion.time, 3, settings.burst).value
-        sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).value.reshape(-1, 2, 2)
+        force = std * smooth_noise(rng, motion.time, 3, settings.burst)
+        sway = dynamics.settings.aim * smooth_noise(rng, motion.time, 4, settings.sway).reshape(-1, 2, 2)
         shifted = None if support is None else _shifted(rng, motion.time, support, settings.strike)
         yield dynamics.loads(other, shifted, Disturbance(force, sway))
 

@@ -20,9 +20,9 @@ from humanoid.kinematics.body import Body
 
 _CUTOFF = 12.0  # Hz
 _FEWEST = 2  # markers
-_SPAN = (
-    0.022  # s, standard deviation of the frames over which it is a mean: at 6 Hz skin slides faster than spines bend
-)
+_SPAN = 0.022
+"""[s] Standard deviation of the frames over which the trunk's markers are averaged, a low-pass at 6 Hz: skin slides
+faster than spines bend."""
 
 
 def motion_of_run(run: Run) -> Motion:
