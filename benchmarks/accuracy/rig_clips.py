@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from benchmarks.support.pose_prior_clips import subject_of
@@ -27,6 +28,7 @@ _ELEVATION, _ROLL, _APART = (-3.0, 20.0), 5.0, (20.0, 160.0)  # degrees
 _MARGIN = 0.04  # of the picture's sides
 _NEAREST, _FARTHEST, _SPREAD = 1.0, 30.0, 1.3  # m; up to how much farther than it has to be a camera stands
 _NOISE = 0.008  # of the person's height in the picture, as on beam4cam
+_SWAY, _SWAYING = 0.01, 0.5  # rad and m of who stands; s in which it forgets itself
 
 
 @dataclass(frozen=True)
@@ -58,18 +60,42 @@ def drawn_rig(files: Sequence[Path], seed: int, *, seconds: float = SECONDS, lat
     files, one after the other, any first, until they last so many seconds. Neighbouring cameras are 20 to 160 degrees
     apart. late [s]: clocks are off by at most so much."""
     rng = np.random.default_rng((seed, 37))
-    who, count = sorted({subject_of(file.stem) for file in files}), 2 + seed % 3
+    name, body, q = _person_of(files, seed, seconds, rng)
+    return _filmed(name, body, q, 2 + seed % 3, late, rng)
+
+
+def drawn_standing_rig(files: Sequence[Path], seed: int, *, seconds: float, late: float) -> RigClip:
+    """Two or three such cameras, by seed, before somebody who first stands, for up to as long as they move then. Clocks
+    are off by at most so much [s], and by so little that two clips have a tenth of the whole in common."""
+    rng = np.random.default_rng((seed, 53))
+    name, body, q = _person_of(files, seed, seconds, rng)
+    count = int(rng.uniform(0.0, len(q)))
+    sway = gaussian_filter1d(rng.normal(size=(count + 1, body.nv)), FPS * _SWAYING, axis=0)
+    sway *= _SWAY * np.sqrt(np.linspace(1.0, 0.0, count + 1))[:, None] / max(float(sway.std()), 1e-12)
+    q = np.concatenate([[body.integrate(q[0], step) for step in sway], q])
+    return _filmed(f"{name}, stands {count / FPS:.1f} s", body, q, 2 + seed % 2, min(late, 0.45 * len(q) / FPS), rng)
+
+
+def _person_of(
+    files: Sequence[Path], seed: int, seconds: float, rng: np.random.Generator
+) -> tuple[str, Body, np.ndarray]:
+    """A name for a captured person, the body, and poses (T, nq)."""
+    who = sorted({subject_of(file.stem) for file in files})
     own = [file for file in files if subject_of(file.stem) == who[seed % len(who)]]
     body = Body(person(rng))
-    q = _motion(body, [own[i] for i in rng.permutation(len(own))], seconds)
+    return f"person {who[seed % len(who)]}", body, _motion(body, [own[i] for i in rng.permutation(len(own))], seconds)
+
+
+def _filmed(name: str, body: Body, q: np.ndarray, count: int, late: float, rng: np.random.Generator) -> RigClip:
+    """The motion q (T, nq) before so many cameras."""
     points = np.array([body.landmarks(body.at(pose)) for pose in q])
     azimuths = _azimuths(count, rng)
     cameras = tuple(_camera(f"cam{i + 1}", points, a, rng) for i, a in enumerate(azimuths))
     errors = detector_errors(cameras, points)
     lags = np.concatenate([[0], np.round(FPS * rng.uniform(-late, late, count - 1)).astype(int)])
-    name = f"person {who[seed % len(who)]}, {len(q) / FPS:.1f} s, {count} cameras"
     tracks = tuple(detector.keypoints(body, q, cameras, rng, errors, fps=FPS))
-    return RigClip(name, cameras, tracks, body, q, np.zeros(count)).begun_later(lags)
+    whole = f"{name}, {len(q) / FPS:.1f} s, {count} cameras"
+    return RigClip(whole, cameras, tracks, body, q, np.zeros(count)).begun_later(lags)
 
 
 def detector_errors(cameras: Sequence[Camera], points: np.ndarray) -> DetectorSettings:

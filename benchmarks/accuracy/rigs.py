@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, drawn_rig
+from benchmarks.accuracy.rig_clips import FPS, SECONDS, RigClip, drawn_rig, drawn_standing_rig
 from benchmarks.support.common import Data, Json, beam_folder, in_processes, save, tell
 from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files
 from estimator.data.cameras.camera import Camera, guessed_camera
@@ -36,6 +36,7 @@ LIMITS = {"K given": (1.5, 4.0), "K guessed": (3.0, 8.0), "random": (2.0, 4.0)} 
 SHIFTS = (0.1, 1.5)  # [s]
 FRAME = 1.0 / 60.0  # of beam4cam [s]
 RIGS, TRIALS, LONG, LONG_SEED = 40, 10, 60.0, 9  # a seed of two cameras and a person of so many seconds
+STANDING_SECONDS, STANDING_LATE = 12.0, 10.0  # of movement; s, starts apart
 TARGETS = {
     "beam4cam": "5 of 6 pairs and all four",
     "clocks": "9 of 10",
@@ -169,6 +170,16 @@ def of_seed(files: Sequence[Path], late: float, seconds: float, seed: int) -> Ri
     return outcome
 
 
+def of_standing_seed(files: Sequence[Path], seed: int) -> RigOutcome:
+    """A random rig's before somebody who first stands; clocks unknown, lenses guessed."""
+    clip = drawn_standing_rig(files, seed, seconds=STANDING_SECONDS, late=STANDING_LATE)
+    trial = RigTrial.of(clip, f"{seed}: {clip.name}", clocks_known=False)
+    lenses = [guessed_camera(c.name, c.image_size, 1.0, PHONES, PHONES_STD) for c in clip.cameras]
+    outcome = replace(trial, lenses=lenses).outcome()
+    tell(f"{trial.name}: {outcome.seconds:.1f} s")
+    return outcome
+
+
 def beam_rigs(folder: Path) -> dict[str, Any]:
     """The six pairs of beam4cam and all four cameras, with K given and guessed."""
     rows = {}
@@ -211,18 +222,30 @@ def wrong_clocks(folder: Path) -> list[dict[str, Any]]:
 def random_rigs(files: Sequence[Path], count: int, late: float, jobs: int) -> list[dict[str, Any]]:
     """Random rigs of the seeds below `count`, K given, and whether wrong ones are reported as uncertain."""
     rows = in_processes(partial(of_seed, files, late, SECONDS), range(count), jobs)
-    limits = LIMITS["random"]
-    clocks = f"clocks off by up to {late:g} s" if late else "clocks known"
-    show(f"random rigs, K given, {clocks}: at most {limits[0]:g} degrees, {limits[1]:g} %", rows, limits)
+    return shown_rigs(f"K given, {f'clocks off by up to {late:g} s' if late else 'clocks known'}", rows, late > 0.0)
+
+
+def standing_rigs(files: Sequence[Path], count: int, first: int, jobs: int) -> list[dict[str, Any]]:
+    """As many of the seeds from `first` on, of people who first stand, lenses guessed."""
+    rows = in_processes(partial(of_standing_seed, files), range(first, first + count), jobs)
+    return shown_rigs(f"K guessed, standing first, clocks off by up to {STANDING_LATE:g} s", rows, True)
+
+
+def shown_rigs(title: str, rows: Sequence[RigOutcome], late: bool) -> list[dict[str, Any]]:
+    """Print random rigs, whether wrong ones are reported as uncertain and, where these were off, their clocks."""
+    limits, count = LIMITS["random"], len(rows)
+    show(f"random rigs, {title}: at most {limits[0]:g} degrees, {limits[1]:g} %", rows, limits)
     others = [outcome for outcome in rows if not outcome.within(limits)]
     unsure = sum(not outcome.sure for outcome in others)
     z = [t / max(std, 1e-3) for outcome in rows for t, std in zip(outcome.turns, outcome.turn_stds, strict=True)]
+    of_places = [p / max(s, 1e-3) for outcome in rows for p, s in zip(outcome.places, outcome.place_stds, strict=True)]
     doubts = sum(not outcome.sure and outcome.within(limits) for outcome in rows)
     lines = [
         f"{count - len(others)} of {count} within; of the {len(others)} others {unsure} are reported,"
         f" {sum(bool(outcome.refusal) for outcome in others)} of them refused; target {TARGETS['random']}",
         f"{doubts} of those within are reported as uncertain; RMS rotation error over predicted deviation:"
-        f" {np.sqrt(np.mean(np.square(z))) if z else np.nan:.2f}",
+        f" {np.sqrt(np.mean(np.square(z))) if z else np.nan:.2f}, of places"
+        f" {np.sqrt(np.mean(np.square(of_places))) if of_places else np.nan:.2f}",
     ]
     if late:
         off = [outcome.clock * FPS for outcome in rows if not outcome.refusal]
@@ -246,6 +269,8 @@ def main(
     clocks: bool = False,
     count: int = 0,
     late: bool = False,
+    standing: bool = False,
+    first: int = 0,
     time: bool = False,
     data: Data = None,
     jobs: int = 1,
@@ -260,9 +285,13 @@ def main(
     clocks
         Two to four cameras of beam4cam whose given times are wrong, except the first one's: ten trials.
     count
-        So many random rigs around captured people, K given; 40 with --late unless given.
+        So many random rigs around captured people, K given; 40 with --late or --standing unless given.
     late
         Of random rigs: their clocks are off by up to 1.5 s, unknown.
+    standing
+        Of random rigs: people stand first, clocks are off by up to 10 s, unknown, and lenses are guessed.
+    first
+        Of random rigs with --standing: the first seed.
     time
         Processor time of a clip of 60 s of two cameras.
     jobs
@@ -270,7 +299,7 @@ def main(
     """
     if count < 0:
         raise InputError("--count", f"is {count}", remedy=f"1 or more, {RIGS} for the target")
-    count = count or (RIGS if late else 0)
+    count = count or (RIGS if late or standing else 0)
     chosen = beam4cam or clocks or count > 0 or time
     files = captured_files(data) if count or time else []
     how = {"rigs": count, "trials": TRIALS, "seconds": SECONDS, "long": LONG}
@@ -281,7 +310,9 @@ def main(
         figures["clocks"] = wrong_clocks(beam_folder(data))
     if (count or time) and not files:
         print(NO_CAPTURED_FILES)
-    if count and files:
+    if count and files and standing:
+        figures["standing"] = standing_rigs(files, count, first, jobs)
+    elif count and files:
         figures["late" if late else "random"] = random_rigs(files, count, SHIFTS[1] if late else 0.0, jobs)
     if time and files:
         figures["time"] = long_clip(files)
