@@ -112,7 +112,7 @@ def test_movements_that_are_drawn_window_by_window_scatter_as_those_of_one_windo
     for window in (80, count):
         told = TrajectoryUncertainty(Cost(body, []), times, prior(body, count), SmoothSettings(window=window))
         moved = np.zeros((count, 16, body.nv), dtype=np.float32)
-        assert sum(len(part) for _, part in told.windows(costs, [()] * count, q, moved)) == count
+        assert len(list(told.covariances(costs, [()] * count, q, moved))) == count
         seams = moved[50:110], moved[130:190], moved[210:245]
         scatters.append([f(np.concatenate(seams)) for f in (np.std, lambda x: np.diff(x[:60], n=2, axis=0).std())])
     np.testing.assert_allclose(scatters[0], scatters[1], rtol=0.1)

@@ -13,12 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
-import kinemode as km
 from benchmarks.support.common import Changes, Data, Json, Work, in_processes, nested, save, tell, work_folder
-from benchmarks.support.mocap_person import person
-from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, spread_of
+from benchmarks.support.pose_prior_clips import NO_CAPTURED_FILES, captured_files, render_captured, spread_of
 from benchmarks.support.tracking import timed_track
 from benchmarks.training.calibration_clips import LASTING
 from estimator.dynamics.contact_forces import ForceSettings, InverseDynamics
@@ -26,8 +23,7 @@ from estimator.dynamics.motion import motion_of
 from estimator.runs.filtering import filtered
 from estimator.runs.inverse_dynamics import forces_of_run, inertias_of, mass_of
 from estimator.runs.run_motion import usual_cutoff
-from estimator.synthesis.mocap import load_mocap
-from estimator.synthesis.settings import DetectorSettings, ViewSettings
+from estimator.synthesis.settings import DetectorSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -39,7 +35,6 @@ MASS = 70.0  # kg
 DETECTOR = DetectorSettings(**LASTING)
 _TRUE_CUTOFF = 6.0  # Hz: above it captured motion has noise
 _EDGE = 5  # frames at either end
-_NINETY = float(ndtri(0.95))
 LEGEND = (
     "sum of the forces on the feet, % of the weight: mean absolute error, that of nothing but the weight"
     " (none), and share of the true forces in the 90 % bands; along and across the way the pelvis faces"
@@ -116,10 +111,9 @@ def main(
 
 def agreement_or_reason(task: Task) -> Agreement | str:
     """How well forces agree, or why there are none, as of who never stands."""
-    clip = km.render(
-        task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
-        view=ViewSettings(count=task.cameras), seconds=min(task.seconds, load_mocap(task.motion).seconds),
-    )  # fmt: skip
+    clip = render_captured(
+        task.motion, task.seconds, task.seed, task.folder, detector=DETECTOR, fps=FPS, cameras=task.cameras
+    )
     try:
         agreement = measured(clip, task.folder / "clip.run", task.settings)
     except InputError as error:
@@ -141,8 +135,8 @@ def measured(clip: RenderedClip, out: Path, settings: dict[str, Any]) -> Agreeme
     true = (dynamics.force_of_acceleration(motion) + np.array([0.0, 0.0, dynamics.weight]))[run.index, None]
     known = np.isfinite(forces.force).all(axis=(1, 2)) & np.isfinite(true).all(axis=(1, 2))
     rows = np.flatnonzero(known)[_EDGE:-_EDGE]
-    theirs, ours = forces.in_facing(true)[rows, 0], forces.force_in_facing.sum(axis=1)[rows]
-    half = _NINETY * forces.in_facing(forces.samples.force).sum(axis=2)[:, rows].std(axis=0, ddof=1)
+    theirs, ours = forces.in_facing(true)[rows, 0], forces.total_in_facing[rows]
+    half = forces.half_width("total_in_facing")[rows]
     return Agreement(*(
         [float(np.mean(part[:, k])) for k in (2, 0, 1)]
         for part in (

@@ -13,9 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.accuracy.mocap import DEFAULT, motion_files
-from benchmarks.support.common import NO_CAPTURE_HERE, Clips, Data, Every, Json, Work, save, tell, work_folder
-from benchmarks.support.pose_prior_clips import render_captured
+from benchmarks.accuracy.mocap import DEFAULT, rendered_motions
+from benchmarks.support.common import Clips, Data, Every, Json, Work, save, tell
 from estimator.data.formats.cameras import load_cameras
 from estimator.vision.cues.base import PastPose
 from estimator.vision.cues.flow import follow_points
@@ -51,19 +50,16 @@ def main(
     clip_seed
         Seed of the clips: room, clothes and noise.
     """
-    files = motion_files(data, clips, every)
-    if not files:
-        print(NO_CAPTURE_HERE)
+    measured: dict[str, np.ndarray] = {}
+    for name, clip in rendered_motions(data, clips, every, seconds, clip_seed, work):
+        measured[name] = errors(clip)
+        tell(f"{name}: {len(measured[name])} points")
+    if not measured:
         return
-    measured = []
-    with work_folder(work) as folder:
-        for file in files:
-            measured.append(errors(render_captured(file, seconds, clip_seed, folder / file.stem, videos=True)))
-            tell(f"{file.stem}: {len(measured[-1])} points")
-    points = np.concatenate(measured)
+    points = np.concatenate(list(measured.values()))
     show(points)
     rows = {f"{low:g} to {high:g}": scales(points, low, high) for low, high in pairwise(LENGTHS)}
-    save(json, {"measure": "followed_points", "clips": [f.stem for f in files], "errors": rows})
+    save(json, {"measure": "followed_points", "clips": list(measured), "errors": rows})
 
 
 def errors(clip: RenderedClip) -> np.ndarray:

@@ -180,28 +180,22 @@ def learned_from(trials: list[Trial]) -> Learned:
     feet_of, rows, squares = dict[str, list[np.ndarray]](), [], []
     for trial in trials:
         feet, (off, size) = _evidence(trial)
-        if len(feet):
+        if feet.size:
             feet_of.setdefault(trial.person, []).append(feet)
         whole = np.square(size).sum(axis=1)
         for k in range(3):
             weight = 1.0 / max(float(np.square(off[:, k]).sum()) * np.sqrt(len(off)), 1e-9)
             rows.append(weight * len(off) * np.stack([np.square(size[:, k]), whole * (k < 2)], axis=1))
             squares.append(weight * len(off) * np.square(off[:, k]))
-    people = [np.concatenate(parts) for parts in feet_of.values()]
-    slopes = [(lean * away).sum(axis=0) / np.square(away).sum(axis=0) for lean, away in map(_apart, people)]
-    pivot = np.mean(slopes, axis=0)
-    square = [np.square(lean - pivot * away).mean(axis=0) for lean, away in map(_apart, people)]
+    people = [np.concatenate(parts, axis=1) for parts in feet_of.values()]
+    pivot = np.mean([(lean * away).sum(axis=0) / np.square(away).sum(axis=0) for lean, away in people], axis=0)
+    square = [np.square(lean - pivot * away).mean(axis=0) for lean, away in people]
     lost, leak = np.sqrt(nnls(np.vstack(rows), np.concatenate(squares))[0])
     return Learned(*map(float, (*pivot, *np.sqrt(np.mean(square, axis=0)), lost, leak)))
 
 
-def _apart(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The two parts (N, 2) of `_evidence`'s feet."""
-    return feet[:, 0], feet[:, 1]
-
-
 def _evidence(trial: Trial) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Of the plates' feet while both are on the ground (N, 2, 2): level force along and across in weights, and the
+    """Of the plates' feet while both are on the ground (2, N, 2): level force along and across in weights, and the
     level way to the centre of mass over its height, times the share of the weight. Of frames: errors of the sum, and
     sizes of the force that accelerates, (T, 3) in weights."""
     run, plates, rows = trial.run, trial.plates, trial.rows
@@ -211,7 +205,7 @@ def _evidence(trial: Trial) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     firm = rows & (plates.force[:, :, 2] > _FIRM).all(axis=1)
     arms, force = trial.forces.in_facing(centre - plates.pressure), trial.forces.in_facing(plates.force) / trial.weight
     away = arms[firm][..., :2] / arms[firm][..., 2:] * force[firm][..., 2:]
-    feet = np.stack([force[firm][..., :2], away], axis=2).reshape(-1, 2, 2)
+    feet = np.stack([force[firm][..., :2], away]).reshape(2, -1, 2)
     off = 0.01 * trial.percent(trial.forces.total, plates.total)[rows]
     size = accelerating(dynamics, motion, UncertaintySettings().burst)[rows]
     return feet, (off, size)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -41,6 +41,7 @@ from benchmarks.support.tracking import timed_track
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
+from kinemode.shot import RenderedClip
 from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
@@ -169,6 +170,27 @@ def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[P
         problem = f"there is no {', '.join(absent)}" if present else "has no mocap folder with BVH files"
         raise InputError(folder or "mocap", problem, remedy=f"it has {', '.join(present)}" if present else "")
     return list(present.values()) if every else [present[name] for name in names]
+
+
+def rendered_motions(
+    data: Path | None,
+    names: Sequence[str],
+    every: bool,
+    seconds: float,
+    clip_seed: int,
+    work: Path | None,
+    *,
+    masks: bool = False,
+) -> Iterator[tuple[str, RenderedClip]]:
+    """The names of the motions, and clips of them, one after the other, in a folder that is there until the last one
+    was used; none, with a message, where no folder was given and the data is absent."""
+    files = motion_files(data, names, every)
+    if not files:
+        print(NO_CAPTURE_HERE)
+        return
+    with work_folder(work) as folder:
+        for file in files:
+            yield file.stem, render_captured(file, seconds, clip_seed, folder / file.stem, videos=True, masks=masks)
 
 
 def show(by_clip: dict[str, dict[str, Outcome]], background: str) -> None:

@@ -94,6 +94,11 @@ class RigTrial:
         times = [frame_times(track, FPS) for track in clip.tracks]
         return cls(name, clip.cameras, clip.cameras, clip.tracks, times, clip.points, clip.late, clocks_known)
 
+    def with_guessed_lenses(self) -> RigTrial:
+        """The same with the lens that most phones have in every camera."""
+        lenses = [guessed_camera(c.name, c.image_size, 1.0, PHONES, PHONES_STD) for c in self.cameras]
+        return replace(self, lenses=lenses)
+
     @property
     def by_camera(self) -> tuple[dict[str, KeypointTrack], dict[str, np.ndarray]]:
         """The keypoints and the times of their frames."""
@@ -105,6 +110,12 @@ class RigTrial:
         tracks, times = self.by_camera
         lenses = dict(zip(tracks, map(hidden, self.lenses), strict=True))
         return calibrate_by_person(body, tracks, lenses, times, clocks_known=self.clocks_known, size=1.0)
+
+    def reported(self) -> RigOutcome:
+        """The outcome, with a line of progress."""
+        outcome = self.outcome()
+        tell(f"{self.name}: {outcome.seconds:.1f} s")
+        return outcome
 
     def outcome(self) -> RigOutcome:
         """The outcome, for a person of the default body's proportions."""
@@ -157,27 +168,20 @@ def of_beam(folder: Path, names: Sequence[str], *, guess: bool = False, shifts: 
     tracks = [load_keypoints(folder / "keypoints" / f"{name}.json") for name in names]
     points, off = np.load(folder / "reference3d.npz")["points"], np.zeros(len(names)) if shifts is None else shifts
     times = [frame_times(track, 1.0 / FRAME) + by for track, by in zip(tracks, off, strict=True)]
-    lenses = [guessed_camera(c.name, c.image_size, 1.0, PHONES, PHONES_STD) if guess else c for c in cameras]
-    return RigTrial(" ".join(names), cameras, lenses, tracks, times, points, -off, clocks_known=shifts is None)
+    trial = RigTrial(" ".join(names), cameras, cameras, tracks, times, points, -off, clocks_known=shifts is None)
+    return trial.with_guessed_lenses() if guess else trial
 
 
 def of_seed(files: Sequence[Path], late: float, seconds: float, seed: int) -> RigOutcome:
     """A random rig's; its clocks are known unless they are `late` [s] at most."""
     clip = drawn_rig(files, seed, seconds=seconds, late=late)
-    name = f"{seed}: {clip.name}"
-    outcome = RigTrial.of(clip, name, clocks_known=late == 0.0).outcome()
-    tell(f"{name}: {outcome.seconds:.1f} s")
-    return outcome
+    return RigTrial.of(clip, f"{seed}: {clip.name}", clocks_known=late == 0.0).reported()
 
 
 def of_standing_seed(files: Sequence[Path], seed: int) -> RigOutcome:
     """A random rig's before somebody who first stands; clocks unknown, lenses guessed."""
     clip = drawn_standing_rig(files, seed, seconds=STANDING_SECONDS, late=STANDING_LATE)
-    trial = RigTrial.of(clip, f"{seed}: {clip.name}", clocks_known=False)
-    lenses = [guessed_camera(c.name, c.image_size, 1.0, PHONES, PHONES_STD) for c in clip.cameras]
-    outcome = replace(trial, lenses=lenses).outcome()
-    tell(f"{trial.name}: {outcome.seconds:.1f} s")
-    return outcome
+    return RigTrial.of(clip, f"{seed}: {clip.name}", clocks_known=False).with_guessed_lenses().reported()
 
 
 def beam_rigs(folder: Path) -> dict[str, Any]:
@@ -219,15 +223,15 @@ def wrong_clocks(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def random_rigs(files: Sequence[Path], count: int, late: float, jobs: int) -> list[dict[str, Any]]:
-    """Random rigs of the seeds below `count`, K given, and whether wrong ones are reported as uncertain."""
-    rows = in_processes(partial(of_seed, files, late, SECONDS), range(count), jobs)
+def random_rigs(files: Sequence[Path], seeds: range, late: float, jobs: int) -> list[dict[str, Any]]:
+    """Random rigs of these seeds, K given, and whether wrong ones are reported as uncertain."""
+    rows = in_processes(partial(of_seed, files, late, SECONDS), seeds, jobs)
     return shown_rigs(f"K given, {f'clocks off by up to {late:g} s' if late else 'clocks known'}", rows, late > 0.0)
 
 
-def standing_rigs(files: Sequence[Path], count: int, first: int, jobs: int) -> list[dict[str, Any]]:
-    """As many of the seeds from `first` on, of people who first stand, lenses guessed."""
-    rows = in_processes(partial(of_standing_seed, files), range(first, first + count), jobs)
+def standing_rigs(files: Sequence[Path], seeds: range, jobs: int) -> list[dict[str, Any]]:
+    """The same of people who first stand, lenses guessed."""
+    rows = in_processes(partial(of_standing_seed, files), seeds, jobs)
     return shown_rigs(f"K guessed, standing first, clocks off by up to {STANDING_LATE:g} s", rows, True)
 
 
@@ -291,7 +295,7 @@ def main(
     standing
         Of random rigs: people stand first, clocks are off by up to 10 s, unknown, and lenses are guessed.
     first
-        Of random rigs with --standing: the first seed.
+        Of random rigs: the first seed.
     time
         Processor time of a clip of 60 s of two cameras.
     jobs
@@ -310,10 +314,11 @@ def main(
         figures["clocks"] = wrong_clocks(beam_folder(data))
     if (count or time) and not files:
         print(NO_CAPTURED_FILES)
+    seeds = range(first, first + count)
     if count and files and standing:
-        figures["standing"] = standing_rigs(files, count, first, jobs)
+        figures["standing"] = standing_rigs(files, seeds, jobs)
     elif count and files:
-        figures["late" if late else "random"] = random_rigs(files, count, SHIFTS[1] if late else 0.0, jobs)
+        figures["late" if late else "random"] = random_rigs(files, seeds, SHIFTS[1] if late else 0.0, jobs)
     if time and files:
         figures["time"] = long_clip(files)
     save(json, figures)

@@ -13,9 +13,8 @@ from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 
-from benchmarks.accuracy.mocap import DEFAULT, motion_files
-from benchmarks.support.common import NO_CAPTURE_HERE, Clips, Data, Every, Json, Work, save, tell, work_folder
-from benchmarks.support.pose_prior_clips import render_captured
+from benchmarks.accuracy.mocap import DEFAULT, rendered_motions
+from benchmarks.support.common import Clips, Data, Every, Json, Work, save, tell
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.media.picture import read_picture
 from estimator.data.sequence import Cues
@@ -69,16 +68,12 @@ def main(
     clip_seed
         Seed of the clips: room, clothes and noise.
     """
-    files = motion_files(data, clips, every)
-    if not files:
-        print(NO_CAPTURE_HERE)
-        return
     by_clip: dict[str, dict[str, Wrong]] = {}
-    with work_folder(work) as folder:
-        for file in files:
-            clip = render_captured(file, seconds, clip_seed, folder / file.stem, videos=True, masks=True)
-            by_clip[file.stem] = {way: wrong(clip, way) for way in WAYS}
-            tell(f"{file.stem}: " + ", ".join(f"{w.extra:.0%} {w.missed:.0%}" for w in by_clip[file.stem].values()))
+    for name, clip in rendered_motions(data, clips, every, seconds, clip_seed, work, masks=True):
+        by_clip[name] = {way: wrong(clip, way) for way in WAYS}
+        tell(f"{name}: " + ", ".join(f"{w.extra:.0%} {w.missed:.0%}" for w in by_clip[name].values()))
+    if not by_clip:
+        return
     show(by_clip)
     save(
         json, {"measure": "silhouettes", "clips": {n: {w: asdict(e) for w, e in c.items()} for n, c in by_clip.items()}}

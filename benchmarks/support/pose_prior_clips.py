@@ -15,6 +15,7 @@ from benchmarks.support.scores import TrackErrors, trajectories
 from benchmarks.support.tracking import timed_track
 from estimator.runs.reference_motion import Reference
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.settings import DetectorSettings, ViewSettings
 from humanoid.support.errors import InputError
 from kinemode.shot import RenderedClip
 
@@ -101,13 +102,23 @@ def cut_motion(motion: Path, start: float, out: Path) -> Path:
 
 
 def render_captured(
-    motion: Path, seconds: float | None, seed: int, folder: Path, *, videos: bool = False, masks: bool = False
+    motion: Path,
+    seconds: float | None,
+    seed: int,
+    folder: Path,
+    *,
+    videos: bool = False,
+    masks: bool = False,
+    detector: DetectorSettings = DETECTOR,
+    fps: float = FPS,
+    cameras: int = 1,
 ) -> RenderedClip:
     """At most so many seconds of a captured motion, all of it for None, by the person in the pictures before one
-    camera: the files of the clip, whose keypoints have the errors of `DETECTOR`; no videos and masks unless they are
-    requested."""
+    camera or more: the files of the clip, whose keypoints have the detector's errors; no videos and masks unless they
+    are requested."""
     return km.render(
-        folder, motion, subject=person(), detector=DETECTOR, fps=FPS, seed=seed, videos=videos, masks=masks,
+        folder, motion, subject=person(), detector=detector, fps=fps, seed=seed, videos=videos, masks=masks,
+        view=ViewSettings(count=cameras),
         seconds=None if seconds is None else min(seconds, load_mocap(motion).seconds),
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ from humanoid.support.summary import Facts, Summarised
 
 _AXES = ("x", "y", "z")
 _LEVELS = (0.5, 0.9)
-_OF_FEET = ("force", "force_in_facing", "total")
+_OF_FEET = ("force", "force_in_facing", "total", "total_in_facing")
 
 
 class BodyMass(NamedTuple):
@@ -76,6 +76,11 @@ class Forces(Summarised):
         return np.asarray(self.force.sum(axis=1))
 
     @property
+    def total_in_facing(self) -> np.ndarray:
+        """The same (T, 3) [N] along the way the body faces, to its left, and upwards."""
+        return np.asarray(self.force_in_facing.sum(axis=1))
+
+    @property
     def force_in_facing(self) -> np.ndarray:
         """Forces (T, F, 3) [N] on the feet along the way the body faces, to its left, and upwards."""
         return self.in_facing(self.force)
@@ -88,26 +93,29 @@ class Forces(Summarised):
 
     def std(self, quantity: str) -> np.ndarray:
         """Standard deviation of "force", "force_in_facing", "pressure", "free_moment", "seat", "hands", "total",
-        "moment" or "power", shaped as it; raises InputError for another name."""
-        known = (*ForceSamples._fields, "force_in_facing", "total")
+        "total_in_facing", "moment" or "power", shaped as it; raises InputError for another name."""
+        known = (*ForceSamples._fields, *_OF_FEET[1:])
         if quantity not in known:
             raise InputError("quantity", f"there is no {quantity!r}", remedy=f"one of {', '.join(known)}")
-        s = self.samples
-        if quantity == "total":
-            drawn = s.force.sum(axis=2)
+        if quantity in _OF_FEET:  # what the balance lacks may be theirs
+            drawn = self._of_feet(quantity, self.samples.force)
+            lacking = self._of_feet(quantity, self.residual[:, None, :3])
         else:
-            drawn = self.in_facing(s.force) if quantity == "force_in_facing" else getattr(s, quantity)
+            drawn, lacking = getattr(self.samples, quantity), None
         enough = np.isfinite(drawn).sum(axis=0) > 1
         off = np.where(enough, drawn, 0.0)
         mean = np.nanmean(off, axis=0)
         spread = np.sqrt(np.nanmean(np.square(off - mean), axis=0) * len(drawn) / max(len(drawn) - 1, 1))
-        if quantity in _OF_FEET:  # what the balance lacks may be theirs
-            residual = self.residual[:, None, :3]
-            lacking = np.abs(self.in_facing(residual) if quantity == "force_in_facing" else residual)
-            spread = np.hypot(spread, lacking[:, 0] if quantity == "total" else lacking)
+        if lacking is not None:
+            spread = np.hypot(spread, np.abs(lacking))
         if quantity != "pressure":
             spread = np.hypot(spread, np.abs(getattr(self, quantity)) * self.mass.std / self.mass.kilograms)
         return np.where(enough, spread, np.nan)
+
+    def _of_feet(self, quantity: str, force: np.ndarray) -> np.ndarray:
+        """One of `_OF_FEET` of forces (..., T, F, 3) [N] on feet."""
+        turned = self.in_facing(force) if quantity.endswith("_in_facing") else force
+        return np.asarray(turned.sum(axis=-2) if quantity.startswith("total") else turned)
 
     def interval(self, quantity: str, level: float = 0.9) -> np.ndarray:
         """Ends (2, T, ...) of the interval that holds a quantity with probability `level`: `half_width` on either side.

@@ -146,10 +146,18 @@ class MarkerResiduals(NamedTuple):
 
 def marker_residuals(run: Run, noise: MarkerNoise) -> MarkerResiduals | None:
     """Residuals of a run by markers; None for any other. noise: that of its settings."""
+    offsets = marker_offsets(run)
+    if offsets is None:
+        return None
+    return MarkerResiduals(run.body.marker_names, np.linalg.norm(offsets, axis=2), noise.stds(run.body))
+
+
+def marker_offsets(run: Run) -> np.ndarray | None:
+    """Where markers were measured from their places on the body (T, M, 3) [m], in the world, NaN without one or without
+    a pose; None of a run without markers."""
     body, measured = run.body, run.markers
     if measured is None:
         return None
-    places = body.markers_of(body.placed(np.nan_to_num(run.q)))
-    apart = np.linalg.norm(measured[run.index] - places, axis=2)
-    apart[~np.isfinite(run.q).all(axis=1)] = np.nan
-    return MarkerResiduals(body.marker_names, apart, noise.stds(body))
+    offsets = measured[run.index] - body.markers_of(body.placed(np.nan_to_num(run.q)))
+    offsets[~np.isfinite(run.q).all(axis=1)] = np.nan
+    return np.asarray(offsets)

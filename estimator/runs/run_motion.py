@@ -14,9 +14,9 @@ from estimator.dynamics.motion import Motion, motion_of, near_mean
 from estimator.dynamics.trunk import Trunk
 from estimator.dynamics.uncertainty import UncertaintySettings, poses_off
 from estimator.runs.filtering import filtered, frame_rate
+from estimator.runs.keypoint_residuals import marker_offsets
 from estimator.runs.run_reader import Run
 from estimator.tracking.smoothing import SmoothSettings
-from humanoid.kinematics.body import Body
 
 _CUTOFF = 12.0  # Hz
 _FEWEST = 2  # markers
@@ -74,28 +74,15 @@ def _lasting(run: Run) -> float:
 def trunk_stretch(run: Run) -> np.ndarray | None:
     """How far (T,) [m] the markers on the trunk have moved along it, away from the pelvis, beside their usual places on
     it; None for a run or a body without such markers."""
-    body, measured = run.body, run.markers
-    trunk = Trunk.of(body)
-    if measured is None or trunk is None:
+    trunk, offsets = Trunk.of(run.body), marker_offsets(run)
+    if offsets is None or trunk is None:
         return None
-    own = np.flatnonzero(body.marker_joint == trunk.joint)
-    along = _along(body, trunk, run.q, measured[run.index][:, own], own)
-    seen = np.isfinite(along)
-    own_mean = np.nanmean(along[:, seen.any(axis=0)], axis=0)
-    if len(own_mean) < _FEWEST:
+    axis = run.body.placed(np.nan_to_num(run.q)).rotations_of(trunk.joint) @ trunk.axis
+    along = np.einsum("tni,ti->tn", offsets[:, run.body.marker_joint == trunk.joint], axis)
+    along = along[:, np.isfinite(along).any(axis=0)]
+    if along.shape[1] < _FEWEST:
         return None
-    apart = along[:, seen.any(axis=0)] - own_mean
-    count = np.isfinite(apart).sum(axis=1)
-    known = np.flatnonzero(count)
-    mean = np.nansum(apart[known], axis=1) / count[known]
-    return near_mean(run.time, np.interp(run.time, run.time[known], mean), _SPAN)
-
-
-def _along(body: Body, trunk: Trunk, q: np.ndarray, measured: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Distances (T, n) [m] of measured markers (T, n, 3), of numbers `own` (n,), from their places on bodies with poses
-    q (T, nq), along the trunk; NaN without a marker or a pose."""
-    placed = body.placed(np.nan_to_num(q))
-    apart = measured - body.markers_of(placed)[:, own]
-    axis = placed.rotations_of(trunk.joint) @ trunk.axis
-    along = np.einsum("tni,ti->tn", apart, axis)
-    return np.where(np.isfinite(q).all(axis=1)[:, None], along, np.nan)
+    apart = along - np.nanmean(along, axis=0)
+    known = np.isfinite(apart).any(axis=1)
+    mean = np.interp(run.time, run.time[known], np.nanmean(apart[known], axis=1))
+    return near_mean(run.time, mean, _SPAN)

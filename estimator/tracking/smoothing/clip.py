@@ -50,7 +50,7 @@ _SAME = 5e-3  # rad or m: how near descents end that have come to one minimum
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 _MOVEMENT = 0.06  # s for which a movement counts among modes: accelerations of captured motion hang together
 _MARGIN = 30  # frames beyond some by which these are computed
-DRAWN, _SEED = 16, 0
+_DRAWN, _SEED = 16, 0
 
 
 def smooth_track(
@@ -213,7 +213,11 @@ class _Track:
         prior, motion = self._search.model.cost(None), end.before.motion
         uncertainty = TrajectoryUncertainty(prior, self._times, motion, self._settings)
         whole = MadeList(len(end.costs), lambda t: by_whole_error(without_filtered_modes(end.costs[t])))
-        covariance, draws = self._uncertain(uncertainty, whole, end.before.ties, q)
+        moved = np.zeros((len(self.some), _DRAWN, self._search.body.nv), dtype=np.float32)
+        covariance = self._each(uncertainty.covariances(whole, end.before.ties, q[self.some], moved), len(q))
+        draws = None if covariance is None else np.full((len(q), *moved.shape[1:]), np.nan, dtype=moved.dtype)
+        if draws is not None:
+            draws[self.some] = moved
         mode, weight = np.full(len(q), -1), np.full((len(q), max(map(len, self._energies))), np.nan)
         mode[self.some] = end.modes
         weights = uncertainty.weights(self._modes(), self._energies, self._plain)
@@ -221,29 +225,16 @@ class _Track:
             weight[t, : len(frame[0])] = reading_weights(*frame)
         return Smoothed(q, end.floor, covariance, mode, weight, draws)
 
-    def _uncertain(
-        self, uncertainty: TrajectoryUncertainty, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray
-    ) -> tuple[SpilledList[np.ndarray] | None, np.ndarray | None]:
-        """Covariances and draws of the poses q (T, nq) of all frames, NaN for one without hypotheses; None where they
-        are not determined."""
+    def _each(self, covariances: Iterator[np.ndarray], count: int) -> SpilledList[np.ndarray] | None:
+        """Covariances of all frames, NaN for one without hypotheses; None where they are not determined."""
         every: SpilledList[np.ndarray] = Spill(self._settings.window).list()
-        nv = self._search.body.nv
-        draws = np.full((len(q), DRAWN, nv), np.nan, dtype=np.float32)
-        moved = np.zeros((len(self.some), DRAWN, nv), dtype=np.float32)
-        nothing, after = np.full((nv, nv), np.nan), 0  # the frame that comes next
+        nothing, some = np.full((self._search.body.nv, self._search.body.nv), np.nan), set(self.some)
         try:
-            for first, covariances in uncertainty.windows(costs, ties, q[self.some], moved):
-                for t, covariance in zip(self.some[first:], covariances, strict=False):
-                    for _ in range(after, t):
-                        every.append(nothing)
-                    every.append(covariance.copy())
-                    after = t + 1
+            for t in range(count):
+                every.append(next(covariances).copy() if t in some else nothing)
         except np.linalg.LinAlgError:
-            return None, None
-        for _ in range(after, len(q)):
-            every.append(nothing)
-        draws[self.some] = moved
-        return every, draws
+            return None
+        return every
 
     def _modes(self) -> MadeList[np.ndarray]:
         """Modes (K, nq) of each frame."""
@@ -351,15 +342,15 @@ class TrajectoryUncertainty:
         self._prior, self._body, self._times, self._settings = prior, prior.body, times, settings
         self._motion = motion
 
-    def windows(
+    def covariances(
         self, costs: Sequence[Cost], ties: Sequence[Ties], q: np.ndarray, moved: np.ndarray
-    ) -> Iterator[tuple[int, np.ndarray]]:
-        """Of each window of the poses q (T, nq), the first frame and covariances (n, nv, nv), see
-        `FrameChain.covariances`. costs (T): energy of each frame. ties (T): of each frame to the one before.
+    ) -> Iterator[np.ndarray]:
+        """(nv, nv) of each of the poses q (T, nq), see `FrameChain.covariances`. costs (T): energy of each frame. ties
+        (T): of each frame to the one before.
 
-        moved (T, S, nv), zeros: filled with movements away from q, draws from the normal density that the energy has
-        there, whose velocities and accelerations are as uncertain as the trajectory's. Where windows meet, two
-        independent draws are added by weights whose squares add up to one, so that their covariance is kept.
+        moved (T, S, nv), zeros: filled on the way with movements away from q, draws from the normal density that the
+        energy has there, whose velocities and accelerations are as uncertain as the trajectory's. Where windows meet,
+        two independent draws are added by weights whose squares add up to one, so that their covariance is kept.
 
         Raises
         ------
@@ -377,8 +368,7 @@ class TrajectoryUncertainty:
             own = chain.draw(q[low:high], moved.shape[1], rng, frames).transpose(0, 2, 1)
             moved[low:high] += _faded(np.arange(low, high), first, last, window, count)[:, None, None] * own
             prior = np.array([self._prior.at(pose).hessian for pose in q[low:high]])
-            covariances = chain.covariances(q[low:high], self._settings.lasting, prior, frames)
-            yield first, covariances[first - low : last - low]
+            yield from chain.covariances(q[low:high], self._settings.lasting, prior, frames)[first - low : last - low]
 
     def weights(
         self, q: Sequence[np.ndarray], energies: Sequence[np.ndarray], between: MotionPrior
